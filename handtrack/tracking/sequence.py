@@ -17,11 +17,8 @@ from handtrack.tracking.pursuit import Observe, Pursuit
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.evidence import Evidence, new_share
+from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, new_share
 from handtrack.tracking.whole.refined import refined, refined_near
-
-_MOSTLY_NEW = 0.5
-"""share of a frame from which it isn't worth another pass: its joints' errors are correlated by less than a third"""
 
 
 def track_recording(
@@ -75,7 +72,7 @@ def with_share(tracker: Tracker, share: float) -> Tracker:
     Hypotheses that each frame weighs as if it were the first are given up too surely: of a real person before one camera those
     with the right limbs were.
     """
-    if share > _MOSTLY_NEW:
+    if share > MOSTLY_NEW:
         return tracker
     settings = tracker.settings
     traits = replace(settings.traits, new_share=share)

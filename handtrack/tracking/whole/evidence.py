@@ -42,6 +42,9 @@ _LARGEST = 3.0
 _LONGEST = 0.9
 """correlation above which few frames can't tell it from 1"""
 
+MOSTLY_NEW = 0.5
+"""share of a frame that is new from which its errors hardly last: those of joints are correlated by less than a third"""
+
 Observe = Callable[[int, BonePoses | None], Observation]
 """what is seen of a frame; see tracking.pursuit.Observe"""
 

@@ -24,7 +24,7 @@ from handtrack.tracking.search.poor_cloud import poor_agreement
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.whole.evidence import Evidence, Observe, new_share
+from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, Observe, new_share
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_turn
@@ -142,7 +142,7 @@ def refined(
             if again is None or found.costs.mean() - again.costs.mean() > asked:
                 found = again
     several = list[Way]()
-    if found is not None and settings.tracker.hypotheses > 1:
+    if found is not None and settings.tracker.hypotheses > 1 and evidence.new <= MOSTLY_NEW:
         several = several_ways(
             Way(found, evidence, "followed"), numbers, settings.tracker.hypotheses, control
         )
