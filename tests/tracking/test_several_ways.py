@@ -14,7 +14,9 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking import sequence
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole import refined as whole
 from handtrack.tracking.whole.estimate import estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, new_share
 from handtrack.tracking.whole.motion import PLACE
@@ -131,3 +133,17 @@ def test_where_errors_come_again_hypotheses_are_tracked_once_more(monkeypatch, s
     found = list(sequence.track_recording(tracker, None, 0, None, range(1)))
     assert made == ([1.0, share] if again else [1.0])
     assert found == [first, other if again else first]
+
+
+@pytest.mark.parametrize(("share", "asked"), [(0.6, False), (0.4, True)])
+def test_ways_are_refined_where_errors_last(monkeypatch, share, asked):
+    """Else a limb may be wrong for some frames alone, which the lattice tells."""
+    poses, made = _reaching(), []
+    evidence = _evidence(poses, FRONT)
+    plain = replace(evidence.settings, tracker=replace(evidence.settings.tracker, hypotheses=1))
+    tracked = list(track_frames(Tracker(BODY, plain), evidence.observe, 0, poses[0], FRAMES))
+    monkeypatch.setattr(whole, "new_share", lambda *_: share)
+    monkeypatch.setattr(whole, "several_ways", lambda first, *_: made.append(first) or [first])
+    eight = replace(plain, tracker=replace(plain.tracker, hypotheses=8))
+    assert len(whole.refined(BODY, eight, evidence.observe, tracked)) == len(FRAMES)
+    assert bool(made) == asked
