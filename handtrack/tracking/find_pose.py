@@ -92,8 +92,8 @@ def find_first_pose(
             best = found[0]
     if best is None:
         raise HandtrackError(
-            f"no hand was found: {looked} of {len(seen)} frames that show anything were looked at. Is the mask the hand, and do "
-            "the cameras fit it? Else give a start: solver parameters (P,)."
+            f"no {model.kind} was found: {looked} of {len(seen)} frames that show anything were looked at. Is it what the masks or joints show, and "
+            "do the cameras fit? Else give a start: solver parameters (P,)."
         )
     return best
 

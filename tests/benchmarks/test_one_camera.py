@@ -5,7 +5,8 @@ import pytest
 
 from handtrack.bench.jumps.monocular_dance import NOISE_PX, SeenDance, framing_camera, summary
 from handtrack.bench.jumps.monocular_dance import tracked as dance_tracked
-from handtrack.bench.silhouettes.balancing import residuals_px, tracked, triangulated
+from handtrack.bench.silhouettes.balancing import tracked, triangulated
+from handtrack.bench.silhouettes.four_cameras import residuals_px
 from handtrack.bench.silhouettes.person_session import CAMERAS, DATA
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
@@ -78,5 +79,10 @@ def test_a_real_person_in_four_cameras(data_dir, tmp_path, monkeypatch):
     few = {"tracker.hypotheses": 2, "mixture.draws": 2, "mixture.carried": 2}
     found = tracked(tmp_path, CAMERAS, None, **few)
     assert [camera.size[1] for camera in found.run.session.rig] == [1920] * 4
-    off = np.concatenate([np.linalg.norm(d, axis=1) for d in residuals_px(found).values()])
+    off = np.concatenate(
+        [
+            np.linalg.norm(d, axis=1)
+            for d in residuals_px(found.run, found.run.model, found.results).values()
+        ]
+    )
     assert np.median(off) < 25.0

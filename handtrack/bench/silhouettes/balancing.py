@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Floats, J, N
+from handtrack.arrays import D3, Floats, J
 from handtrack.bench.silhouettes import four_cameras
 from handtrack.bench.silhouettes.person_session import CAMERAS, write_session
 from handtrack.geometry.triangulation import triangulated as lines_meet
@@ -75,18 +75,6 @@ def _fitted(run: TrackingRun) -> ArticulatedModel:
     points = [triangulated(run.observation(f).keypoints) for f in range(0, FRAMES, 4)]  # type: ignore[arg-type]
     places = np.stack([p for _, p in points])
     return fitted_model(lambda scale: load_model("body34", scale=scale), points[0][0], places)
-
-
-def residuals_px(what: Balancing) -> dict[str, Floats[N, D2]]:
-    """Return each camera's distances from model joints to detections [px], over all frames."""
-    found: dict[str, list[Floats]] = {}
-    for result in what.results:
-        for seen in what.run.observation(result.frame).keypoints:
-            assert isinstance(seen, ImageKeypoints)
-            index = [what.run.model.joint_names.index(name) for name in seen.names]
-            off = seen.camera.project(result.joint_positions[index]) - seen.pixels
-            found.setdefault(seen.camera.name, []).append(off[np.isfinite(off).all(axis=1)])
-    return {name: np.concatenate(parts) for name, parts in found.items()}
 
 
 def balancing() -> dict[str, Any]:
