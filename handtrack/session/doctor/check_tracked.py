@@ -72,7 +72,7 @@ def _words(found: Sequence[CameraDoubt], odd: str) -> str:
     share = f"{100 * worst.share:.0f} % of what is left unexplained would go"
     if worst.kind == "direction":
         found_in = (
-            f"turned by about {np.rad2deg(worst.turn_rad):.1f}°, {worst.off_px:.0f} px at the hand"
+            f"turned by about {np.rad2deg(worst.turn_rad):.1f}°, {worst.off_px:.0f} px where it looks"
         )
         asked = "Was it moved after the calibration, or are its rotation and translation another's?"
     else:
