@@ -71,9 +71,7 @@ def _words(found: Sequence[CameraDoubt], odd: str) -> str:
     or_others = f" (or {' or '.join(others)})" if others else ""
     share = f"{100 * worst.share:.0f} % of what is left unexplained would go"
     if worst.kind == "direction":
-        found_in = (
-            f"turned by about {np.rad2deg(worst.turn_rad):.1f}°, {worst.off_px:.0f} px where it looks"
-        )
+        found_in = f"turned by about {np.rad2deg(worst.turn_rad):.1f}°, {worst.off_px:.0f} px where it looks"
         asked = "Was it moved after the calibration, or are its rotation and translation another's?"
     else:
         found_in = f"with another lens, {worst.off_px:.1f} px different at the hand"
