@@ -19,6 +19,7 @@ from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 from handtrack.geometry.rotation import rotation_matrix
 
 _LEAST_DEPTH_M = 0.05
+_MOST_TANGENTIAL = 0.1  # a lens that is not centred on its sensor has 0.001 to 0.01; a fisheye's k3 and k4 stand in this place
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +220,13 @@ def _check(camera: Camera) -> None:
             raise HandtrackError(
                 f"{who}: {name} has values that are not finite numbers. Calibrate again."
             )
+    tangential = camera.distortions[2:4]
+    if np.abs(tangential).max() > _MOST_TANGENTIAL:
+        raise HandtrackError(
+            f"{who}: tangential distortion p1 = {tangential[0]:.4g}, p2 = {tangential[1]:.4g}; expected at most "
+            f"{_MOST_TANGENTIAL:g}. Is it a fisheye calibration (k1 k2 k3 k4)? These are not supported: undistort the images "
+            "first. Or are coefficients in another order than k1 k2 p1 p2 k3?"
+        )
     if min(camera.size) < 1:
         raise HandtrackError(f"{who}: size {camera.size}; expected width and height in pixels.")
     _check_matrix(camera.matrix, who)

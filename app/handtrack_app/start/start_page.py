@@ -37,6 +37,10 @@ _TRACKED: dict[str, tuple[str, ...]] = {
     "a left hand": ("--side", "left"),
     "a body": ("--model", "body34"),
 }
+_LENSES: dict[str, tuple[str, ...]] = {
+    "as the calibration says": (),
+    "four coefficients are k1 k2 p1 p2": ("--lens", "plain"),
+}
 """words → what `new` is told"""
 _LINES = 14
 """of a command are shown"""
@@ -162,6 +166,7 @@ class StartPage:
         args += _TRACKED[self.tracked.value]
         unit = self.unit.value.strip()
         args += [f"--world-unit-m={unit}"] if unit else []
+        args += _LENSES[self.lens.value]
         for option, box in (
             ("--scaled", self.scaled),
             ("--link", self.link),
@@ -202,6 +207,11 @@ class StartPage:
             "",
             hint="Of the calibration's lengths: 1 for metres, 0.001 for millimetres, the side of a square for a board "
             "counted in squares. Empty: as its form says, or as fits what is tracked.",
+        )
+        self.lens = gui.add_dropdown(
+            "Lens",
+            tuple(_LENSES),
+            hint="Four distortion coefficients may also be a fisheye's, which is not supported. Needed where the file does not say.",
         )
         self.masks = gui.add_dropdown(
             "Masks by",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,25 @@ def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
     (tmp_path / "out").mkdir()
     words = ["new", "--out", tmp_path / "out", *videos, "--calibration", path]
     refused(handtrack, tmp_path / "out", words, expected)
+
+
+def test_four_coefficients_are_taken_where_their_lens_is_said(
+    handtrack: CommandLine, videos: list[str], tmp_path: Path
+) -> None:
+    rig = rig_of_two()
+    path = WRITERS["json"](tmp_path, rig)
+    tables = json.loads(path.read_text())
+    for table in tables.values():
+        table["dist"] = table["dist"][:4]
+    path.write_text(json.dumps(tables))
+    words = ["new", *videos, "--calibration", path, "--out"]
+    for more in ([], ["--yes"], ["--lens", "fisheye"]):
+        assert handtrack(*words, tmp_path / "no", *more).code == 2
+        assert not (tmp_path / "no").exists()
+    assert handtrack(*words, tmp_path / "out", "--lens", "plain").code == 0
+    kept = Session.open(tmp_path / "out").rig
+    for camera in rig:
+        assert np.allclose(kept[camera.name].distortions, [*camera.distortions[:4], 0.0])
 
 
 def test_the_unit_is_asked_at_a_terminal(

@@ -98,6 +98,16 @@ def _colmap_fisheye(folder: Path) -> Path:
     return model
 
 
+def _opencv_fisheye(folder: Path) -> Path:
+    """As cv2.fisheye.stereoCalibrate's results are saved; read as k1 k2 p1 p2 the second of these is 400 px off."""
+    first, second = rig_of_two()
+    lenses = {"D1": [-0.02, 0.011, -0.004, 0.0006], "D2": [-0.21, 1.96, -17.2, 50.9]}
+    lenses = {name: np.array(bent).reshape(4, 1) for name, bent in lenses.items()}
+    pose = {"R": second.rotation, "T": second.translation.reshape(3, 1)}
+    np.savez(folder / "c.npz", K1=first.matrix, K2=second.matrix, **lenses, **pose)
+    return folder / "c.npz"
+
+
 def _far(unit: float) -> Callable[[dict], None]:
     def change(tables: dict) -> None:
         for table in tables.values():
@@ -130,6 +140,8 @@ HOSTILE: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
     "Kalibr's fisheye": (_kalibr_fisheye, ["lens model 'equidistant' cannot be written without loss", "undistort"]),
     "COLMAP's fisheye": (_colmap_fisheye, ["OPENCV_FISHEYE (COLMAP)", "cannot be written without loss"]),
     "COLMAP's unit": (lambda f: colmap_text(f, rig_of_two()), ["no unit of length", "--world-unit-m (1 would be usual"]),
+    "cv2.fisheye's stereo pair": (_opencv_fisheye, ["fisheye", "--lens"]),
+    "coefficients in disorder": (_changed(lambda t: t["cam0"].update(dist=[-0.2, 0.07, 0.3, 0.001, 0])), ["'cam0'", "0.3"]),
     "a fisheye flag": (_changed(lambda t: t["cam0"].update(fisheye=True)), ["'fisheye' cannot be written without loss"]),
     "no distortion": (_changed(lambda t: t["cam0"].pop("dist")), ["camera cam0: no distortion coefficients"]),
     "no pose": (_changed(lambda t: t["cam1"].pop("R")), ["camera cam1: no pose", "p_camera = R p_world + t"]),

@@ -6,9 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from handtrack.capture.calibration.formats.given_rig import GivenRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import (
     Unit,
+    check_lenses,
     named,
     sized,
     unit_of,
@@ -29,16 +31,18 @@ def given_rig(
     cameras: Sequence[str],
     subject: GivenSubject,
     unit_m: float | None,
+    lens: str | None,
     yes: bool,
 ) -> tuple[CameraRig, list[str]]:
     """Return all cameras of a calibration, with the recording's names, in metres; and what was assumed, in sentences.
 
     sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. unit_m: what the user
-    said. yes: take proposals without asking. Raises HandtrackError where something cannot be known.
+    said. lens: `plain` or `fisheye`, where the user says it. yes: take proposals without asking. Raises HandtrackError where something cannot be known.
     """
     where = " and ".join(map(str, paths))
     try:
         given, assumed = named(read_calibration(paths), cameras, where)
+        _check_lenses(given, lens, where)
         given = sized(given, sizes, where)
         in_units = given.rig(1.0)
         length = _length(in_units, subject)
@@ -72,6 +76,21 @@ def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
     pixels = {name: joints.pixels(rig[name].size) for name, joints in seen.items()}
     layouts = {name: LAYOUTS[joints.layout(USUAL)] for name, joints in seen.items()}
     return subject_length(rig, pixels, layouts, subject.kind)
+
+
+def _check_lenses(given: GivenRig, lens: str | None, where: str) -> None:
+    """Ask for the lens model where the calibration leaves it open; no proposal is made, so nothing is taken unasked."""
+    try:
+        check_lenses(given, lens, where)
+    except HandtrackError as error:
+        if lens is not None:
+            raise
+        if not can_ask():
+            raise HandtrackError(
+                f"{error} Say which with --lens plain or --lens fisheye. Nothing was written."
+            ) from None
+        say(str(error))
+        check_lenses(given, question("Which lens, plain or fisheye?", ""), where)
 
 
 def _asked(found: Unit, where: str, yes: bool, what: str) -> float:

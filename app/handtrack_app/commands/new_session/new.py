@@ -70,7 +70,9 @@ def run(args: argparse.Namespace) -> int:
     missing = check_detector(args.detector)
     seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
-    rig, notes = given_rig(args.calibration, sizes, list(recorded), subject, unit_m, args.yes)
+    rig, notes = given_rig(
+        args.calibration, sizes, list(recorded), subject, unit_m, args.lens, args.yes
+    )
     rig, padded = without_padding(rig, recorded)
     _check_cameras(recorded, rig, args)
     fps, own = _frame_rates(args.fps, recorded)

@@ -41,6 +41,7 @@ _MEANS = {name: field for field, names in _NAMES.items() for name in names.split
 _GIVEN_BY_CENTRE = {"c2w", "cameratoworld", "camtoworld", "tworldcamera", "tworldcam", "twc"}
 _STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
 _LIMIT = 64  # cameras
+_FISHEYE_COUNT = 4  # coefficients of cv2.fisheye; `k1 k2 p1 p2` of the standard model are as many
 UNITS_M = {
     "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3,
     "millimetre": 1e-3, "millimetres": 1e-3, "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "in": 0.0254,
@@ -204,8 +205,11 @@ def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: boo
             "where the images have none."
         )
     rotation, translation = _pose(table, known, where, posed)
+    said = [known[field] for field in ("model", "fisheye") if known.get(field) not in (None, "")]
+    lens_open = len(distortions) == _FISHEYE_COUNT and bool(distortions.any()) and not said
+    matrix = _matrix(table, known, where)
     return GivenCamera(
-        name, _size(known, where), _matrix(table, known, where), distortions, rotation, translation
+        name, _size(known, where), matrix, distortions, rotation, translation, lens_open
     )
 
 

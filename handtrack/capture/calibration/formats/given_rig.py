@@ -36,6 +36,8 @@ class GivenCamera:
     rotation: Floats[D3, D3]
     translation: Floats[D3]
     """in the file's unit."""
+    lens_open: bool = False
+    """whether its four coefficients may be k1 k2 p1 p2 or a fisheye's k1 k2 k3 k4: the file does not say which."""
 
 
 @dataclass(frozen=True)

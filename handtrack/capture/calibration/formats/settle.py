@@ -91,6 +91,22 @@ def sized(rig: GivenRig, sizes: Mapping[str, tuple[int, int]], where: str) -> Gi
     return replace(rig, cameras=cameras)
 
 
+def check_lenses(rig: GivenRig, lens: str | None, where: str) -> None:
+    """Raise HandtrackError where a camera's lens model is open and not said to be `plain`; always for `fisheye`."""
+    if lens == "fisheye":
+        raise HandtrackError(
+            f"{where}: fisheye lenses are not supported. Undistort the images (cv2.fisheye.undistortImage) and give their new "
+            "matrix with zeros for the distortion, or calibrate with the standard model (8 coefficients for wide lenses)."
+        )
+    cameras = enumerate(rig.cameras)
+    names = [f"camera '{camera.name or i}'" for i, camera in cameras if camera.lens_open]
+    if names and lens != "plain":
+        raise HandtrackError(
+            f"{where}: four distortion coefficients of {', '.join(names)}, and the file does not say of which lens model. Of the "
+            "standard model they are k1 k2 p1 p2; `cv2.fisheye` writes k1 k2 k3 k4 in the same place."
+        )
+
+
 def unit_of(rig: GivenRig, length: float | None = None, subject: Subject = HAND) -> Unit:
     """Return the unit of a calibration whose cameras have names and sizes.
 
