@@ -89,6 +89,7 @@ class ResultsTable:
             keypoints21=None if track.keypoints21 is None else track.keypoints21[held],
             parameter_std=np.where(new[:, None], np.inf, track.parameter_std[held]),
             joint_covariance=track.joint_covariance[held],
+            views=None if track.views is None else np.where(new, 0, track.views[held]),
             p_off_25mm=_held(track.p_off_25mm, held, new),
             p_off_10mm=_held(track.p_off_10mm, held, new),
             reason=None if track.reason is None else np.where(new, "", track.reason[held]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 import zipfile
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 
 import numpy as np
 import pytest
@@ -14,8 +14,10 @@ from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version, versions
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
+from handtrack.store.record import Record
+from handtrack.store.step_record import read_result, result_content
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Alternative, FrameResult, Status, TrackResult
+from handtrack.tracking.frame.result import PARTS, Alternative, FrameResult, Status, TrackResult
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked
 
@@ -108,6 +110,30 @@ def test_a_frame_read_back_is_the_frame(rng, tmp_path):
                 np.testing.assert_array_equal(getattr(pose, field.name), getattr(known, field.name))
     part = track.between(range(4, 6))
     assert [frame.note for frame in part.frames()] == [frame.note for frame in frames[1:3]]
+
+
+def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
+    """Each field that may be left out is given, whatever there will be."""
+    poses = rng.normal(size=(1, len(PARAMETERS)))
+    whole = replace(
+        sample_frame(rng, 7, Status.DOUBTFUL),
+        energies={"cloud": 1.5},
+        reason=Reason("overlap", "", "cam0", 0.5, 0.25),
+        p_off_25mm=0.4,
+        p_off_10mm=rng.uniform(size=len(PARTS)),
+        views=3,
+        alternatives=(Alternative(poses[0], 3.0, 1.0, -1, "start"),),
+    )
+    write_npz(tmp_path / "poses.npz", stacked([sample_frame(rng, 6), whole]))
+    record = Record(1, "frame", *result_content(whole))
+    for back in (read_npz(tmp_path / "poses.npz").at(7), read_result(record)):
+        for field in fields(FrameResult):
+            value, read = getattr(whole, field.name), getattr(back, field.name)
+            assert field.default is MISSING or repr(value) != repr(field.default), field.name
+            if field.name == "alternatives":
+                assert list(map(repr, read)) == list(map(repr, value))
+            else:
+                np.testing.assert_array_equal(read, value)
 
 
 def test_reasons_are_whole_and_known(rng, tmp_path):

@@ -24,7 +24,7 @@ FORMAT = 2
 
 _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names", "part_names")
 _TEXTS = ("model", "side", "scale", "session", "settings", "version")
-_WHOLE = ("frame", "status", "iterations", "hypothesis_parent", "take")
+_WHOLE = ("frame", "status", "iterations", "views", "hypothesis_parent", "take")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
 _JSON = ("refinement", "definition", "cameras", "pins")
 _SCALARS = ("start_confidence", "hand_length_mm", "hand_length_std_mm", "fps")
@@ -41,6 +41,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "status": ("F",),
     "energy": ("F",),
     "iterations": ("F",),
+    "views": ("F",),
     "parameter_std": ("F", "S"),
     "joint_covariance": ("F", "J", 3, 3),
     "energy_names": ("T",),
@@ -63,7 +64,7 @@ _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
 _OFF = ("p_off_10mm", "part_names")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
 _OPTIONAL = (
-    "keypoints21", "energy_names", "energies", "take", "p_off_25mm", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
+    "keypoints21", "views", "energy_names", "energies", "take", "p_off_25mm", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
 )  # fmt: skip
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""

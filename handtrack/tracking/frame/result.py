@@ -24,7 +24,7 @@ PARTS = ("palm", *FINGERS)
 
 _STACKED = (
     "frame", "time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21", "status",
-    "energy", "iterations", "parameter_std", "joint_covariance", "energies", "reason",
+    "energy", "iterations", "views", "parameter_std", "joint_covariance", "energies", "reason",
     "reason_kind", "reason_where", "reason_numbers", "p_off_25mm", "p_off_10mm",
     "hypothesis_parameters", "hypothesis_energy", "hypothesis_weight", "hypothesis_parent",
     "hypothesis_origin",
@@ -190,6 +190,8 @@ class TrackResult(NamedTrack):
     settings: str
     """JSON: every setting by its dotted name"""
     version: str
+    views: Ints[F] | None = None
+    """silhouettes, clouds and images that each energy is of, 0 where not known; None where no frame's are"""
     energy_names: tuple[str, ...] | None = None
     """(T,) terms of the energy; None where they were not kept"""
     energies: Floats[F, L] | None = None
@@ -270,6 +272,7 @@ class TrackResult(NamedTrack):
         terms = tuple(dict.fromkeys(name for f in frames for name in f.energies))
         parts = [[f.energies.get(name, np.nan) for name in terms] for f in frames]
         keypoints = [f.keypoints21 for f in frames if f.keypoints21 is not None]
+        views = np.array([f.views for f in frames], dtype=np.int64)
         assert len(keypoints) in (0, len(frames)), "keypoints21 of some frames only"
         return cls(
             frame=numbers,
@@ -299,6 +302,7 @@ class TrackResult(NamedTrack):
             definition=definition,
             fps=fps,
             cameras=cameras,
+            views=views if views.any() else None,
             energy_names=terms or None,
             energies=np.array(parts, dtype=float) if terms else None,
             **stacked_reasons(frames),
@@ -358,6 +362,7 @@ class TrackResult(NamedTrack):
             reason=self._reason(row),
             p_off_25mm=np.nan if self.p_off_25mm is None else float(self.p_off_25mm[row]),
             p_off_10mm=self._parts_off(row),
+            views=0 if self.views is None else int(self.views[row]),
             alternatives=self._alternatives(row),
         )
 
