@@ -47,6 +47,21 @@ def test_the_distribution_is_not_somebody_elses():
     assert project["scripts"] == {"handtrack": "handtrack_app.cli:main"}
 
 
+def test_what_users_are_told_to_install_is_ours_and_there_is_such_an_extra():
+    project = tomllib.loads(PROJECT)["project"]
+    found = 0
+    for folder in ("docs", "sessions", "handtrack", "app"):
+        for path in sorted((REPOSITORY / folder).rglob("*")):
+            if path.suffix not in (".md", ".ipynb", ".py"):
+                continue
+            text = path.read_text(encoding="utf-8")
+            for name, extra in re.findall(r"\binstall '?(handtrack\w*)(?:\[(\w+)\])?", text):
+                found += 1
+                assert name == project["name"], path
+                assert not extra or extra in project["optional-dependencies"], path
+    assert found > 3
+
+
 def test_the_site_has_a_page_of_every_public_name():
     assert set(public_names()) == set(handtrack.__all__)
     assert api_page().count(":::") == len(handtrack.__all__)

@@ -15,8 +15,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.formats.anatomy import model_of
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.frame.result import Status, TrackResult
-
-_USUAL_FPS = 30.0  # of a single frame, which says nothing of the rate
+from handtrack.tracking.frame.tables.labelled import frame_rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +47,7 @@ class ResultsTable:
     @property
     def fps(self) -> float:
         """Frames a second of the recording; of its times where it was not kept."""
-        if self.track.fps is not None:
-            return self.track.fps
-        steps = np.diff(self.track.time_s) / np.diff(self.track.frame)
-        return float(1.0 / np.median(steps)) if len(steps) else _USUAL_FPS
+        return frame_rate(self.track)
 
     @property
     def is_lost(self) -> Array[F]:
@@ -110,30 +106,6 @@ class ResultsTable:
             for values in self.track.parameters
         ]
         return float(np.linalg.norm(np.stack(posed) - self.track.joint_positions, axis=2).max())
-
-    def confidence(self) -> Floats[F, J]:
-        """Return how far each joint can be trusted, 0 to 1: 0 in lost frames; else 1 − P (its finger is more than 10 mm off), 1 −
-        P (some joint is more than 25 mm off) where that alone is known, 1 where nothing is.
-        """
-        track = self.track
-        sure = np.ones((len(track), len(track.joint_names)))
-        if track.p_off_25mm is not None:
-            sure[:] = 1.0 - np.nan_to_num(track.p_off_25mm)[:, None]
-        if track.p_off_10mm is not None and track.part_names is not None:
-            for column, part in zip(track.p_off_10mm.T, track.part_names, strict=True):
-                own = np.array(
-                    [_part(name, track.part_names) == part for name in track.joint_names]
-                )
-                known = np.isfinite(column)
-                sure[np.ix_(known, own)] = 1.0 - column[known, None]
-        sure[self.is_lost] = 0.0
-        return sure
-
-
-def _part(joint: str, parts: tuple[str, ...]) -> str:
-    """Return the part of a hand that a joint belongs to: its finger, else the palm, which comes first."""
-    finger = joint.split("_", maxsplit=1)[0]
-    return finger if finger in parts else parts[0]
 
 
 def _held(values: Floats | None, held: Array, new: Array) -> Floats | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,12 @@ class Silhouette:
 
     def __post_init__(self) -> None:
         """Read the mask's numbers, and undistort it where the lens distorts."""
+        check_kind(self.camera, Camera, "camera of a Silhouette", "Silhouette(camera, mask)")
+        if isinstance(self.mask, str | Path):
+            raise HandtrackError(
+                f"mask of camera '{self.camera.name}': a file name, {self.mask!s}; expected the image. Read it first: "
+                "cv2.imread(name, cv2.IMREAD_GRAYSCALE)."
+            )
         mask = coverage_of(self.mask, self.camera.size, f"mask of camera '{self.camera.name}'")
         object.__setattr__(self, "mask", mask)
         if len(self.valid) and not self.camera.is_distorted:
@@ -123,11 +130,43 @@ class Observation:
     priors: tuple[Any, ...] = ()
     """the caller's own costs of joint parameters (`terms.term.ParameterTerm`)"""
 
+    def __post_init__(self) -> None:
+        """Take lists, and one for several. Raises HandtrackError for what is of another kind."""
+        for name, (kinds, how) in _PARTS.items():
+            value = getattr(self, name)
+            several = tuple(value) if isinstance(value, list | tuple) else (value,)
+            for one in several:
+                check_kind(one, kinds, f"{name} of frame {self.frame}", how)
+            object.__setattr__(self, name, several)
+        if self.cloud is not None:
+            how = "PointCloud(points), of shape (N, 3) [m]"
+            check_kind(self.cloud, PointCloud, f"cloud of frame {self.frame}", how)
+
     @property
     def is_empty(self) -> bool:
         """Whether nothing was seen of the frame; the caller's own terms do not count as seen."""
         seen = (self.silhouettes, self.keypoints, self.images, self.pins)
         return self.cloud is None and not any(seen)
+
+
+_PARTS: dict[str, tuple[type | tuple[type, ...], str]] = {
+    "silhouettes": (Silhouette, "Silhouette(camera, mask)"),
+    "keypoints": (
+        (Keypoints, ImageKeypoints),
+        "Keypoints(names, positions, sigma_m) or ImageKeypoints(camera, names, pixels, sigma_px)",
+    ),
+    "images": (ImageView, "ImageView(camera, pixels)"),
+    "pins": (ImagePins, "ImagePins"),
+}
+"""of what kind an observation's parts are, and how one is made"""
+
+
+def check_kind(value: object, kinds: type | tuple[type, ...], where: str, how: str) -> None:
+    """Raise HandtrackError unless a value is of one of the kinds. how: what to give, for the error."""
+    if not isinstance(value, kinds):
+        shape = getattr(value, "shape", None)
+        found = type(value).__name__ + ("" if shape is None else f" of shape {shape}")
+        raise HandtrackError(f"{where}: {found}; expected {how}.")
 
 
 def _check_points(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, check_kind
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
@@ -46,6 +46,7 @@ def find_pose(
     open or half-open hand (some seconds); last the joints of one image, which leave several poses open. A body is found by points
     and joints only. Raises HandtrackError for a simpler hand, where there are no points in space, and for a body without joints.
     """
+    check_kind(observation, Observation, "observation", "one Observation(frame, time_s, …)")
     points = _points(model, observation, settings)
     if points is not None:
         return [FoundPose(observation.frame, fit_keypoints(model, points), 1.0, "points")]

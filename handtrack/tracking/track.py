@@ -11,7 +11,7 @@ from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import Observation, check_kind
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import find_first_pose
 from handtrack.tracking.frame.control import Control
@@ -20,6 +20,8 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
 from handtrack.version import VERSION
+
+_HOW = "Observation(frame, time_s, silhouettes=[Silhouette(camera, mask), …]), one a frame"
 
 
 def track(
@@ -38,7 +40,10 @@ def track(
     poses and of joint parameters (docs/adding_a_term.md). Raises HandtrackError where there is nothing to track, or no first
     pose is found.
     """
-    given = [observations] if isinstance(observations, Observation) else list(observations)
+    single = isinstance(observations, Observation)
+    given = [observations] if single else list(observations)  # pyright: ignore[reportArgumentType]
+    for seen in given:
+        check_kind(seen, Observation, "observations", _HOW)
     by_frame = {seen.frame: seen for seen in given}
     if len(by_frame) < len(given) or not by_frame:
         raise HandtrackError(

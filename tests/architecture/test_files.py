@@ -1,4 +1,4 @@
-"""Every file is short, and nothing that is committed names a machine or a registry."""
+"""Nothing that is committed names a machine or a registry."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 
 from tests.conftest import REPOSITORY
 
-MOST_LINES = 400
 # Put together here, so that this file does not hold what it looks for.
 REGISTRIES = re.compile(
     "|".join([r"pypi" + r"\.org", "files" + r"\.pythonhosted", "registry" + r"\.npmjs"])
@@ -34,18 +33,6 @@ def committed() -> list[Path]:
         paths = [path for folder in folders for path in (REPOSITORY / folder).rglob("*")]
         paths = [path for path in paths if "__pycache__" not in path.parts]
     return [path for path in paths if path.is_file()]
-
-
-def test_python_files_are_short():
-    long = []
-    for path in committed():
-        if path.suffix == ".py":
-            count = len(path.read_text(encoding="utf-8").splitlines())
-            if count >= MOST_LINES:
-                long.append(
-                    f"{path.relative_to(REPOSITORY)}: {count} lines, {MOST_LINES} are too many"
-                )
-    assert not long, "\n".join(long)
 
 
 @pytest.mark.parametrize("pattern", [REGISTRIES, INDEX_URL, MACHINE_PATH])

@@ -15,6 +15,7 @@ from handtrack.export.table import ResultsTable
 from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.formats.truth import read_truth
 from handtrack.tracking.frame.result import TrackResult
+from handtrack.tracking.frame.tables.labelled import joint_confidence
 from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 from tests.sample_track import sample_track
 
@@ -143,7 +144,7 @@ def test_frames_that_were_not_tracked_are_lost_ones_where_a_format_has_a_rate(tm
     np.testing.assert_allclose(whole.track.time_s, np.arange(3, 8) / 50)
     np.testing.assert_array_equal(whole.track.parameters[3], track.parameters[1])
     assert np.isinf(whole.track.parameter_std[2]).all()
-    assert (whole.confidence()[2:4] == 0).all()
+    assert (joint_confidence(whole.track)[2:4] == 0).all()
     (path,) = written("bvh", part, tmp_path)
     assert "Frames: 5" in path.read_text()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -26,9 +27,12 @@ from handtrack import (
     read_cameras,
     track,
 )
+from handtrack.export.registry import export_format
+from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.find_pose import find_first_pose
+from handtrack.tracking.frame.result import Status
 from tests.conftest import REPOSITORY
 from tests.derivatives import check_observation_term
 from tests.sample_track import hand_track
@@ -197,6 +201,26 @@ def test_observations_may_be_one_or_come_one_by_one():
     assert len(track(HAND, iter(seen), posed())) == 2
 
 
+def test_arrays_in_the_place_of_observations_are_refused_in_words():
+    camera = CAMERAS[CAMERAS.names[0]]
+    mask = np.zeros(camera.size[::-1], bool)
+    for wrong in (
+        lambda: Silhouette(mask, camera),  # pyright: ignore[reportArgumentType]
+        lambda: Silhouette(camera, "x.png"),  # pyright: ignore[reportArgumentType]
+        lambda: Observation(0, 0.0, silhouettes=(mask,)),  # pyright: ignore[reportArgumentType]
+        lambda: Observation(0, 0.0, keypoints=(mask,)),  # pyright: ignore[reportArgumentType]
+        lambda: Observation(0, 0.0, cloud=np.zeros((5, 3))),  # pyright: ignore[reportArgumentType]
+        lambda: track(HAND, [mask]),  # pyright: ignore[reportArgumentType]
+        lambda: track(HAND, mask),  # pyright: ignore[reportArgumentType]
+        lambda: find_pose(HAND, [mask]),  # pyright: ignore[reportArgumentType]
+    ):
+        with pytest.raises(HandtrackError, match="expected"):
+            wrong()
+    one = Silhouette(camera, mask)
+    assert Observation(0, 0.0, silhouettes=one).silhouettes == (one,)  # pyright: ignore[reportArgumentType]
+    assert Observation(0, 0.0, silhouettes=[one]).silhouettes == (one,)  # pyright: ignore[reportArgumentType]
+
+
 def test_numbers_by_name():
     result = hand_track()
     name = "index_pip_flex"
@@ -219,8 +243,42 @@ def test_tables_for_pandas_and_xarray():
     np.testing.assert_allclose(table["index_pip_flex_deg"], result.angle("index_pip_flex"))
     np.testing.assert_allclose(table["index_tip_x_m"], result.joint("index_tip")[:, 0])
     assert {"root_tx_m", "root_rx_deg", "root_tx_std_m", "status"} <= set(table.columns)
-    np.testing.assert_allclose(data.position.sel(joint="wrist"), result.joint("wrist"))
-    assert dict(data.sizes) == {"frame": 5, "parameter": 26, "joint": 21, "space": 3, "space2": 3}
+    wrist = data.position.sel(keypoints="wrist", individuals="right")
+    np.testing.assert_allclose(wrist, result.joint("wrist"))
+    assert {"time", "space", "keypoints", "individuals"} == set(
+        data.position.dims
+    )  # as movement asks
+    assert (data.attrs["ds_type"], data.attrs["fps"]) == ("poses", 25.0)
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_xarray_and_netcdf_are_one(lost, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    frames = hand_track().frames()
+    if lost:
+        frames[2] = replace(frames[2], status=Status.LOST)
+    result = replace(hand_track().labels.track(frames), fps=None)
+    own = result.to_xarray()
+    assert bool(own.position.isnull().any()) == lost
+    export_format("netcdf").write(tmp_path / "poses.nc", ResultsTable(result))
+    with xarray.open_dataset(tmp_path / "poses.nc") as written:
+        for name, array in own.variables.items():
+            assert array.dims == written[name].dims, name
+            assert array.attrs.get("units", "") in (written[name].attrs.get("units", ""), ""), name
+            np.testing.assert_array_equal(
+                array.values.astype(str), written[name].values.astype(str)
+            )
+        assert {n for n in written.variables if not n.startswith("isb")} == set(own.variables)
+        assert own.attrs.items() <= written.attrs.items()
+
+
+def test_a_result_shows_itself_in_a_few_words_and_counts_like_a_list():
+    result = hand_track(100)
+    assert len(repr(result)) < 200
+    assert len(repr(result.frames())) < 100 * 80
+    assert [result[0].frame, result[-1].frame, *(f.frame for f in result)][:3] == [0, 99, 0]
+    with pytest.raises(IndexError):
+        result[100]
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch):

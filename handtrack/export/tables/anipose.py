@@ -8,6 +8,7 @@ import numpy as np
 
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import number, write_rows
+from handtrack.tracking.frame.tables.labelled import joint_confidence
 
 _MM = 1e3
 
@@ -36,6 +37,8 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
             *turned,
             int(frame),
         ]
-        for frame, points, score in zip(track.frame, places, table.confidence(), strict=True)
+        for frame, points, score in zip(
+            track.frame, places, joint_confidence(table.track), strict=True
+        )
     )
     return [write_rows(path, [*header, "fnum"], rows)]

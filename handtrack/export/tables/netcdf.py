@@ -1,8 +1,9 @@
-"""NetCDF (classic, by SciPy): labelled arrays with units, as xarray, MATLAB and R read them, and as `movement` names them."""
+"""NetCDF (classic, by SciPy): labelled arrays with units, as xarray, MATLAB and R read them."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,58 +14,32 @@ from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.sidecar import about
 from handtrack.files.atomic import replacing
+from handtrack.tracking.frame.tables.labelled import labelled
 
 if TYPE_CHECKING:
     from scipy.io import netcdf_file
 
 
 def write(path: Path, table: ResultsTable) -> list[Path]:
-    """Write arrays with these axes: `time` [s], `space`, `keypoints`, `individuals` (one), `parameter`, `bone`.
-
-    `position` and `position_std` (time, space, keypoints, individuals) [m], `confidence` (time, keypoints, individuals); `angle` and
-    `angle_std` (time, parameter) [m, rad]; `isb_angle` and `isb_angle_std` (time, isb) [rad]; `T_world_bone` (time, bone, row, column) [m]; `status`,
-    `frame`, `p_off_25mm`, `p_off_10mm`, `reason`. Positions of lost frames are NaN. What is known beside is attributes.
-    """
+    """Write the arrays of `labelled`, and `isb_angle` and `isb_angle_std` (time, isb) [rad]. What is known beside is attributes."""
     from scipy.io import netcdf_file
 
-    track, lost = table.track, table.is_lost[:, None, None]
     with replacing(path) as part, netcdf_file(part, "w", version=2) as file:
-        told = about(table)
-        file.source_software, file.ds_type = "handtrack", "poses"
-        file.fps, file.time_unit = float(table.fps), "seconds"
-        for name in ("session", "model", "side", "axes"):
-            setattr(file, name, _ascii(told[name]) or "-")
-        file.description = _ascii(json.dumps(told))
-        _add(file, "time", ("time",), track.time_s, "s")
-        _labels(file, "space", ("x", "y", "z"))
-        _labels(file, "keypoints", track.joint_names)
-        _labels(
-            file, "individuals", (track.side if track.keypoints21 is not None else track.model,)
-        )
-        _labels(file, "parameter", track.parameter_names)
-        _labels(file, "bone", track.bone_names)
-        axes = ("time", "space", "keypoints", "individuals")
-        for name, values in (
-            ("position", track.joint_positions),
-            ("position_std", table.joint_std),
-        ):
-            shown = np.where(lost, np.nan, values).transpose(0, 2, 1)[..., None]
-            _add(file, name, axes, shown, "m")
-        sure = table.confidence()[..., None]
-        _add(file, "confidence", ("time", "keypoints", "individuals"), sure, "1")
-        for name, values in (("angle", track.parameters), ("angle_std", track.parameter_std)):
-            _add(file, name, ("time", "parameter"), values, "rad; m for root_tx, root_ty, root_tz")
+        known, told = labelled(table.track), about(table)
+        words = {"axes": told["axes"], "description": json.dumps(told)}
+        for name, value in {**known.attributes, **words}.items():
+            setattr(file, name, (_ascii(value) or "-") if isinstance(value, str) else value)
+        for name, values in known.coordinates.items():
+            if isinstance(values, np.ndarray):
+                _add(file, name, (name,), values, "s")
+            else:
+                _labels(file, name, values)
+        for name, array in known.arrays.items():
+            if array.values.dtype.kind == "U":
+                _labels(file, name, [str(text) for text in array.values], *array.axes)
+            else:
+                _add(file, name, array.axes, array.values, array.unit)
         _isb(file, table)
-        _add(file, "T_world_bone", ("time", "bone", "row", "column"), track.T_world_bone, "m")
-        _add(file, "frame", ("time",), track.frame.astype(np.int32), "1")
-        _add(file, "status", ("time",), track.status.astype(np.int32), "1")
-        if track.p_off_25mm is not None:
-            _add(file, "p_off_25mm", ("time",), track.p_off_25mm, "1")
-        if track.p_off_10mm is not None and track.part_names is not None:
-            _labels(file, "part", track.part_names)
-            _add(file, "p_off_10mm", ("time", "part"), track.p_off_10mm, "1")
-        if track.reason is not None:
-            _labels(file, "reason", [str(text) for text in track.reason], "time")
     return [path]
 
 
@@ -86,13 +61,11 @@ def _add(
         if axis not in file.dimensions:
             file.createDimension(axis, length)
     variable = file.createVariable(name, "i4" if values.dtype.kind == "i" else "f8", axes)
-    variable[:] = values
+    variable[:] = values.astype(variable[:].dtype)
     variable.units = unit
 
 
-def _labels(
-    file: netcdf_file, name: str, texts: tuple[str, ...] | list[str], axis: str = ""
-) -> None:
+def _labels(file: netcdf_file, name: str, texts: Sequence[str], axis: str = "") -> None:
     """Add words: rows of bytes, which the classic format has in the place of text."""
     axis = axis or name
     data = [text.encode() for text in texts]

@@ -13,6 +13,7 @@ from handtrack.export.shown.links import joint_links
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.session.formats.anatomy import AXES
+from handtrack.tracking.frame.tables.labelled import joint_confidence
 
 _BEGUN = datetime(1970, 1, 1, tzinfo=UTC)
 """NWB wants a date: a recording has none, and one that is made up should look so"""
@@ -28,7 +29,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     made: Any = ndx_pose  # its classes are made of a specification when it is imported: no type checker knows them
     whole: Any = pynwb
 
-    track, sure = table.track, table.confidence()
+    track, sure = table.track, joint_confidence(table.track)
     places = np.where(table.is_lost[:, None, None], np.nan, track.joint_positions)
     series = [
         made.PoseEstimationSeries(

@@ -13,6 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
 from handtrack.model.articulated import keypoint_names
+from handtrack.tracking.frame.tables.labelled import joint_confidence
 
 BODY_25 = (
     "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
@@ -48,7 +49,7 @@ def ordered_points(
     table: ResultsTable, names: tuple[str, ...]
 ) -> tuple[Floats[F, K, D3], Floats[F, K]]:
     """Return joints by names in another order [m], and confidences; zeros, with confidence 0, where there is no such joint."""
-    track, sure = table.track, table.confidence()
+    track, sure = table.track, joint_confidence(table.track)
     points, known = np.zeros((len(track), len(names), 3)), np.zeros((len(track), len(names)))
     for k, name in enumerate(names):
         if name in track.joint_names:

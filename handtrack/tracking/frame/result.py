@@ -57,7 +57,7 @@ class Alternative:
     """how it was found: followed, or by which jump"""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FrameResult:
     """The pose of one frame, all of which is saved. A lost frame holds the last estimate, with infinite parameter_std."""
 
@@ -91,6 +91,10 @@ class FrameResult:
     """silhouettes, clouds and images that the energy is of; 0: not known."""
     alternatives: tuple[Alternative, ...] = ()
     """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
+
+    def __repr__(self) -> str:
+        note = f": {self.note}" if self.note else ""
+        return f"<FrameResult: frame {self.frame}, {self.status.name.lower()}{note}>"
 
     @property
     def note(self) -> str:
@@ -156,7 +160,7 @@ class TrackLabels:
         return TrackResult.from_frames(frames, **named)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrackResult(NamedTrack):
     """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5)."""
 
@@ -312,6 +316,19 @@ class TrackResult(NamedTrack):
 
     def __len__(self) -> int:
         return len(self.frame)
+
+    def __getitem__(self, row: int) -> FrameResult:
+        """Return the frame in a row, from 0 or from the end; `at` takes frame numbers."""
+        return self._row(range(len(self))[row])
+
+    def __repr__(self) -> str:
+        counts = [(int((self.status == s).sum()), s.name.lower()) for s in Status]
+        found = ", ".join(f"{count} {name}" for count, name in counts if count)
+        what = " ".join(filter(None, (self.side, self.model)))
+        return (
+            f"<TrackResult: {len(self)} frames of {what or 'a model'}, {self.frame[0]} to {self.frame[-1]} ({found}); "
+            f"{len(self.parameter_names)} parameters, {len(self.joint_names)} joints>"
+        )
 
     @property
     def labels(self) -> TrackLabels:

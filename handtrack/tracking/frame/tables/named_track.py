@@ -72,24 +72,19 @@ class NamedTrack:
         return _library("pandas").DataFrame(columns, index=index)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return a dataset with axes frame, parameter, joint and space: what poses.npz has, in radians and metres.
+        """Return a dataset with the axes time, space, keypoints, individuals and parameter, as `movement` takes it and
+        `handtrack export --to netcdf` writes it, in radians and metres; positions of lost frames are NaN.
 
         Raises HandtrackError where xarray is not installed.
         """
-        axes, other = list("xyz"), list("xyz")
-        values = {
-            "parameters": (("frame", "parameter"), self.parameters, {"unit": "rad; m for root_tx, root_ty, root_tz"}),
-            "parameter_std": (("frame", "parameter"), self.parameter_std, {"unit": "as parameters"}),
-            "position": (("frame", "joint", "space"), self.joint_positions, {"unit": "m", "frame": "world"}),
-            "covariance": (("frame", "joint", "space", "space2"), self.joint_covariance, {"unit": "m²"}),
-            "status": (("frame",), self.status, {"values": "0 tracked, 1 doubtful, 2 lost, 3 keyframe, 4 interpolated"}),
-            "energy": (("frame",), self.energy, {}),
-        }  # fmt: skip
-        places = {
-            "frame": self.frame, "time_s": ("frame", self.time_s), "parameter": list(self.parameter_names),
-            "joint": list(self.joint_names), "space": axes, "space2": other,
-        }  # fmt: skip
-        return _library("xarray").Dataset(values, places)
+        from handtrack.tracking.frame.tables.labelled import (
+            labelled,  # which needs the result itself
+        )
+
+        known = labelled(self)  # pyright: ignore[reportArgumentType]
+        arrays = {name: (a.axes, a.values, {"units": a.unit}) for name, a in known.arrays.items()}
+        words = {name: (name, np.asarray(values)) for name, values in known.coordinates.items()}
+        return _library("xarray").Dataset(arrays, words, dict(known.attributes))
 
 
 def _library(name: str) -> ModuleType:

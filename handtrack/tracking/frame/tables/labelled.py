@@ -1,0 +1,114 @@
+"""A track as arrays with named axes, as `movement` names them: what `to_xarray` returns and NetCDF files hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from handtrack.arrays import Array, Axes, F, Floats, J
+from handtrack.tracking.frame.result import Status, TrackResult
+
+_USUAL_FPS = 30.0  # of a single frame, which says nothing of the rate
+_XYZ = ("x", "y", "z")
+
+
+class Labelled(NamedTuple):
+    """An array with named axes."""
+
+    axes: tuple[str, ...]
+    values: Array[*Axes]
+    unit: str
+
+
+class LabelledTrack(NamedTuple):
+    """A track of F frames as arrays by name."""
+
+    coordinates: Mapping[str, Sequence[str] | Array[F]]
+    """what stands along an axis: `time` [s], else words"""
+    arrays: Mapping[str, Labelled]
+    """positions of lost frames are NaN"""
+    attributes: Mapping[str, str | float]
+
+
+def labelled(track: TrackResult) -> LabelledTrack:
+    """Return a track's arrays: `position`, `position_std`, `position_covariance` and `confidence` by keypoint, `angle` and
+    `angle_std` by parameter, `T_world_bone` by bone, `frame`, `status`, `energy`, and where they are known `views`, `p_off_25mm`,
+    `p_off_10mm` by part, `reason`.
+    """
+    time, points = ("time",), ("time", "space", "keypoints", "individuals")
+    covariance = track.joint_covariance
+    std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=2, axis2=3), 0.0))
+    lost = track.status == Status.LOST
+
+    def shown(values: Array[*Axes]) -> Array:
+        """(F, J, …) → (F, …, J, 1)."""
+        hidden = lost.reshape(-1, *[1] * (values.ndim - 1))
+        return np.moveaxis(np.where(hidden, np.nan, values), 1, -1)[..., None]
+
+    coordinates: dict[str, Sequence[str] | Array[F]] = {
+        "time": track.time_s,
+        "space": _XYZ,
+        "space_2": _XYZ,
+        "keypoints": track.joint_names,
+        "individuals": (track.side if track.keypoints21 is not None else track.model,),
+        "parameter": track.parameter_names,
+        "bone": track.bone_names,
+    }
+    angles, mixed = ("time", "parameter"), "rad; m for root_tx, root_ty, root_tz"
+    arrays = {
+        "position": Labelled(points, shown(track.joint_positions), "m"),
+        "position_std": Labelled(points, shown(std), "m"),
+        "position_covariance": Labelled((*points[:2], "space_2", *points[2:]), shown(covariance), "m2"),
+        "confidence": Labelled(("time", *points[2:]), joint_confidence(track)[..., None], "1"),
+        "angle": Labelled(angles, track.parameters, mixed),
+        "angle_std": Labelled(angles, track.parameter_std, mixed),
+        "T_world_bone": Labelled(("time", "bone", "row", "column"), track.T_world_bone, "m"),
+        "frame": Labelled(time, track.frame, "1"),
+        "status": Labelled(time, track.status, "1"),
+        "energy": Labelled(time, track.energy, "1"),
+    }  # fmt: skip
+    for name in ("views", "p_off_25mm", "reason"):
+        values = getattr(track, name)
+        if values is not None:
+            arrays[name] = Labelled(time, values, "1")
+    if track.p_off_10mm is not None and track.part_names is not None:
+        coordinates["part"] = track.part_names
+        arrays["p_off_10mm"] = Labelled(("time", "part"), track.p_off_10mm, "1")
+    attributes = {
+        "source_software": "handtrack", "ds_type": "poses", "fps": frame_rate(track), "time_unit": "seconds",
+        "session": track.session, "model": track.model, "side": track.side,
+    }  # fmt: skip
+    return LabelledTrack(coordinates, arrays, attributes)
+
+
+def frame_rate(track: TrackResult) -> float:
+    """Return the frames a second of the recording; of its times where it was not kept."""
+    if track.fps is not None:
+        return track.fps
+    steps = np.diff(track.time_s) / np.diff(track.frame)
+    return float(1.0 / np.median(steps)) if len(steps) else _USUAL_FPS
+
+
+def joint_confidence(track: TrackResult) -> Floats[F, J]:
+    """Return how far each joint can be trusted, 0 to 1: 0 in lost frames; else 1 − P (its finger is more than 10 mm off), 1 −
+    P (some joint is more than 25 mm off) where that alone is known, 1 where nothing is.
+    """
+    sure = np.ones((len(track), len(track.joint_names)))
+    if track.p_off_25mm is not None:
+        sure[:] = 1.0 - np.nan_to_num(track.p_off_25mm)[:, None]
+    if track.p_off_10mm is not None and track.part_names is not None:
+        parts = track.part_names
+        for column, part in zip(track.p_off_10mm.T, parts, strict=True):
+            own = np.array([_part(name, parts) == part for name in track.joint_names])
+            known = np.isfinite(column)
+            sure[np.ix_(known, own)] = 1.0 - column[known, None]
+    sure[track.status == Status.LOST] = 0.0
+    return sure
+
+
+def _part(joint: str, parts: tuple[str, ...]) -> str:
+    """Return the part of a hand that a joint belongs to: its finger, else the palm, which comes first."""
+    finger = joint.split("_", maxsplit=1)[0]
+    return finger if finger in parts else parts[0]
