@@ -167,10 +167,8 @@ class TrackingRun:
         """Return the run with a forearm in its model, if that is left to the program and the silhouettes of a
         frame show one beyond the hand's pose; without a first pose nothing else can tell.
         """
-        chosen = self.settings.model.forearm
-        if chosen == "auto":
-            chosen = str(self.session.file.hand.forearm).lower()
-        if self.forearm or chosen != "auto" or self.model.kind == "body":
+        open_ = _asked_forearm(self.session, self.settings) == "auto"
+        if self.forearm or not open_ or self.model.kind == "body":
             return self
         if not forearm_in_view(self.model, params, _seen(self.session, self.settings, frame)):
             return self
@@ -180,11 +178,18 @@ class TrackingRun:
         """Return the run with or without a forearm in its model, where that is left to the program."""
         return replace(self, forearm=on).with_scale(self.scale)
 
+    def with_parameters(self, names: Sequence[str]) -> TrackingRun:
+        """Return the run whose model has these joint parameters, as a take was tracked with, where a forearm makes the
+        difference; else this one.
+        """
+        if self.model.parameter_names == tuple(names) or self.model.kind == "body":
+            return self
+        other = self.with_forearm(not self.forearm)
+        return other if other.model.parameter_names == tuple(names) else self
+
     def whole_hands(self) -> list[ArticulatedModel]:
         """Return the hands with all joints that may be in view: without and with a forearm, if that is left open."""
-        chosen = self.settings.model.forearm
-        if chosen == "auto":
-            chosen = str(self.session.file.hand.forearm).lower()
+        chosen = _asked_forearm(self.session, self.settings)
         arms = (False, True) if chosen == "auto" else (chosen == "true",)
         if self.model.kind != "hand" or self.model.has_keypoints21:
             return [_model(self.session, self.settings, self.scale, arm) for arm in arms]
@@ -376,12 +381,16 @@ def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | 
     return fit_scale(lambda scale: _whole(_model(session, settings, scale, False)), seen)[0]
 
 
+def _asked_forearm(session: Session, settings: TrackerSettings) -> str:
+    """Return whether settings or session.toml ask for a forearm: `true`, `false`, or `auto`, which leaves it to the program."""
+    chosen = settings.model.forearm
+    return str(session.file.hand.forearm).lower() if chosen == "auto" else chosen
+
+
 def _forearm(
     session: Session, settings: TrackerSettings, scale: HandScale, first: FirstPose | None
 ) -> bool:
-    wanted = settings.model.forearm
-    if wanted == "auto":
-        wanted = str(session.file.hand.forearm).lower()
+    wanted = _asked_forearm(session, settings)
     if wanted != "auto":
         return wanted == "true"
     if first is None:

@@ -24,6 +24,8 @@ class TakeFrames(Mapping[int, FrameResult]):
     heads: dict[int, Head] = field(default_factory=dict)
     refinement: str | None = None
     """what its frames share, where they were refined together: `TrackResult.refinement`"""
+    settings: Mapping[str, object] = field(default_factory=dict)
+    """those it was tracked with, by their dotted names"""
     puts: list[int] = field(default_factory=list)
     """frames that were taken since it was read or begun, in this order: whoever follows it looks at these alone"""
     _held: OrderedDict[int, FrameResult] = field(default_factory=OrderedDict)

@@ -183,8 +183,15 @@ class FakeRun:
 
     def with_values(self, overrides: Mapping[str, object]) -> FakeRun:
         settings = self.settings.with_values(overrides)
-        model = load_model(settings.model.name or "hand26", coupling=settings.model.coupling)
-        return replace(self, settings=settings, model=model)
+        wanted = settings.model.forearm
+        forearm = self.forearm if wanted == "auto" else wanted == "true"
+        name, coupling = settings.model.name or "hand26", settings.model.coupling
+        model = load_model(name, coupling=coupling, forearm=forearm)
+        return replace(self, settings=settings, model=model, forearm=forearm)
+
+    def with_parameters(self, names: Sequence[str]) -> FakeRun:
+        other = self.with_forearm(not self.forearm)
+        return other if other.model.parameter_names == tuple(names) else self
 
     def observation(self, frame: int, bones: BonePoses | None = None) -> Observation:
         return self.session.observation(frame)

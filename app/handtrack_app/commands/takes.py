@@ -94,8 +94,7 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
     try:
         run = TrackingRun.open(session, values, use_init=False)
         run = run.with_scale(scale_from(json.loads(labels.scale), take.folder))
-        if run.model.parameter_names != labels.parameter_names:
-            run = run.with_forearm(not run.forearm)
+        run = run.with_parameters(labels.parameter_names)
         if run.model.parameter_names != labels.parameter_names:
             return None
         return mean_overlap(

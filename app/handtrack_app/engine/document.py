@@ -19,6 +19,7 @@ from handtrack.session.seen.views import MaskChoice
 from handtrack.simulation.body_motion import BODY_POSES
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.history import Value
+from handtrack.store.spans import Span
 from handtrack.store.store import spans_of
 from handtrack_app.engine.masks import mask_state
 from handtrack_app.engine.posing import pin_state
@@ -51,6 +52,10 @@ class Document:
             int, Floats
         ] = {}  # what was seen at a frame before it was posed, where undo went back
         self.results = CurrentTrack()
+        self.laid: tuple[Span, ...] = ()
+        """what it is composed of, the uppermost last"""
+        self.hidden: tuple[Span, ...] = ()
+        """likewise, of takes with another model than the one in force, which cannot show"""
         self.rows = TrackedRows(self.frames)
         """what the timeline knows of them"""
         self.accepted: frozenset[int] = frozenset()
@@ -83,6 +88,12 @@ class Document:
     @property
     def model(self) -> ArticulatedModel:
         return self.run.model
+
+    @property
+    def leaves_forearm_open(self) -> bool:
+        """Whether neither settings nor session.toml say if the model has a forearm."""
+        asked = self.run.settings.model.forearm, self.run.session.file.hand.forearm
+        return asked == ("auto", "auto")
 
     # ---- what was decided
 
@@ -238,12 +249,18 @@ class Document:
         self.shown = self.model.joint_params(params_of(self.model, self.shown))
 
     def _lay(self) -> None:
-        """Compose the current track; takes of another model do not show."""
-        names, laid = self.model.parameter_names, list[tuple[range, TakeFrames]]()
+        """Compose the current track; takes of another model do not show (`hidden`)."""
+        laid = list[tuple[range, TakeFrames]]()
+        self.laid, self.hidden = (), ()
         for span in spans_of(self.state.get(keys.SPANS)):
             take = self.takes.get(span.take)
-            if take is not None and take.parameter_names == names:
+            if take is None:
+                continue
+            if take.parameter_names == self.model.parameter_names:
+                self.laid += (span,)
                 laid.append((range(span.first, span.stop), take))
+            else:
+                self.hidden += (span,)
         self.results = CurrentTrack(laid)
 
     def _derive_poses(self) -> None:

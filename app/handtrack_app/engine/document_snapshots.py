@@ -18,7 +18,7 @@ from handtrack_app.engine.pictures.pose_pictures import pose_titles
 from handtrack_app.engine.posing.inverse_kinematics import stem_bones
 from handtrack_app.engine.posing.page_values import drivers, params_of
 from handtrack_app.engine.posing.pin_cards import pin_cards
-from handtrack_app.engine.review.glance import numbers_of, queue, take_spans
+from handtrack_app.engine.review.glance import hidden_spans, numbers_of, queue, take_spans
 from handtrack_app.engine.run import RunSession
 from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.snapshots import (
@@ -190,6 +190,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
         document.accepted, queue(document), take_spans(document),
+        hidden_spans(document),
     )  # fmt: skip
 
 

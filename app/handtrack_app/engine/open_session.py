@@ -122,7 +122,7 @@ class OpenSession:
             say("warning", "Nothing to track by yet", blind)
         elif self._live is not None:
             say("info", "Live", _LIVE)
-        elif document.run.first is None:
+        elif not document.is_posed:
             say("info", "No first pose yet", NO_POSE[document.model.kind])
         self._say_warnings(self.store.warning)
         self._tuning.say_notes(document.run.session.warnings)
@@ -171,9 +171,16 @@ class OpenSession:
                 self.jobs.require_idle()
                 frames = request.span and range(request.span[0], request.span[1] + 1)
                 if self.store.restore_take(request.number, frames):
+                    self._show_session()  # it may be of another model
                     document.show(document.frame)
                     self._show_all()
                     self._say("done", f"Take {request.number} is the track again", "")
+            case commands.ShowTake():
+                self.jobs.require_idle()
+                if self.store.show_take(request.number):
+                    self._show_session()
+                    document.show(document.frame)
+                    self._show_all()
             case commands.WantPictures():
                 self.painter.want(request)
                 self._masks.want(request)

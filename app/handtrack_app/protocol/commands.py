@@ -64,6 +64,13 @@ class RestoreTake:
 
 
 @dataclass(frozen=True)
+class ShowTake:
+    """Use the model that a take was tracked with, so that its frames show; the track stays composed as it is."""
+
+    number: int
+
+
+@dataclass(frozen=True)
 class SavePose:
     """Write the pose shown to init.json."""
 
@@ -259,7 +266,7 @@ Command = (
     ShowFrame | SetPose | TakePose | PullPlace | SetPin | DropPins | CopyPins | ForgetPose | LookBefore | WantLibrary | RefitWhileTuning | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
     | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | WantMasks | SetMasks | MarkMaskBox | SaveMasks | RestoreMasks | PaintMask | DropCorrection | CarryMasks
-    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | CompareTake | WantCurves | Accept | StartAgain
+    | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | ShowTake | CompareTake | WantCurves | Accept | StartAgain
 )  # fmt: skip
 
 _LATEST_WINS = (

@@ -64,6 +64,8 @@ class TimelineSnapshot:
     """worth a look, the worst first"""
     takes: tuple[TakeSpan, ...] = ()
     """what the track is composed of, ascending"""
+    hidden: tuple[TakeSpan, ...] = ()
+    """likewise, of takes that cannot show: they were tracked with another model than the one in force"""
 
 
 @dataclass(frozen=True)

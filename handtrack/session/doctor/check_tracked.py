@@ -37,8 +37,7 @@ def check_tracked_cameras(session: Session) -> Iterator[Finding]:
     values = {"model.fit_size": "false"}
     run = TrackingRun.open(session, values, use_init=False)
     run = run.with_scale(scale_from(json.loads(track.scale), path))
-    if run.model.parameter_names != track.parameter_names:
-        run = run.with_forearm(not run.forearm)
+    run = run.with_parameters(track.parameter_names)
     if run.model.parameter_names != track.parameter_names:
         return
     kept = [frame for frame in track.frames() if frame.frame in session.frame_range]

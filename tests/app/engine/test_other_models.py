@@ -9,10 +9,13 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.posing.page_values import renamed
-from handtrack_app.engine.store import edits
+from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
-from tests.app.fake_run import FRAMES
+from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import commands, snapshots
+from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, tracked
+from tests.app.waiting import eventually
 
 
 def _use(store: Persistence, model: str) -> None:
@@ -60,8 +63,62 @@ def test_parameters_go_by_name() -> None:
     np.testing.assert_array_equal(found, [2.0, 9.0])
 
 
-def test_a_take_of_another_model_is_not_brought_back_unseen(tmp_path: Path) -> None:
+def test_a_take_of_another_model_is_brought_back_with_its_model(tmp_path: Path) -> None:
     store = tracked(opened(tmp_path))
     _use(store, "ball6")
-    with pytest.raises(HandtrackError, match="Take 1 was tracked with another model"):
+    assert [(span.take, span.first, span.stop) for span in store.document.hidden] == [
+        (1, 0, FRAMES)
+    ]
+    store.restore_take(1)
+    assert sorted(store.document.results) == list(range(FRAMES)) and not store.document.hidden
+    store.undo()
+    assert len(store.document.model.parameter_names) == 6 and store.document.hidden
+
+
+def _arm_decided_while_tracking(folder: Path) -> None:
+    """Track as `handtrack track --init auto` does that finds a forearm: only the take knows of it."""
+    store = opened(folder)
+    store.document.apply({keys.FOREARM: True})  # nothing is written of it
+    tracked(store).close()
+
+
+@pytest.mark.parametrize("held_by_another", [False, True])
+def test_a_session_opens_with_the_arm_that_its_track_has(
+    tmp_path: Path, held_by_another: bool
+) -> None:
+    _arm_decided_while_tracking(tmp_path)
+    other = opened(tmp_path) if held_by_another else None
+    document = opened(tmp_path).document
+    assert document.model.has_forearm and not document.hidden
+    assert sorted(document.results) == list(range(FRAMES))
+    if other is not None:
+        other.close()
+
+
+def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path: Path) -> None:
+    _arm_decided_while_tracking(tmp_path)
+    store = opened(tmp_path)
+    did(store, edits.setting("model.forearm", "false"))
+    store.close()
+    worker = Worker(tmp_path, (seen := []).append, lambda f, o: fake_document(f, o, step_s=0.0))
+    worker.start()
+    try:
+        assert worker.wait_opened(60.0) is None
+        assert not worker.document.results, "a setting says that there is no forearm"
+        hidden = [s.hidden for s in seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
+        assert [(span.take, span.first, span.last) for span in hidden] == [(1, 0, FRAMES - 1)]
+        worker.send(commands.ShowTake(1))
+        eventually(lambda: len(worker.document.results) == FRAMES, "its frames show")
+    finally:
+        worker.stop()
+    strip = [s for s in seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
+    assert not strip.hidden and (strip.status >= 0).all()
+
+
+def test_a_model_that_no_setting_makes_is_told(tmp_path: Path) -> None:
+    store = tracked(opened(tmp_path))
+    take = store.document.takes.get(1)
+    assert take is not None
+    take.parameter_names = ("root_tx", "unheard_of")
+    with pytest.raises(HandtrackError, match="unheard_of|rigid"):
         store.restore_take(1)

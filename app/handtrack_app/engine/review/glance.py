@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from handtrack.diagnostics.review import worth_a_look
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.store.spans import resolved
-from handtrack.store.store import spans_of
+from handtrack.store.spans import Span, resolved
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store import keys
 from handtrack_app.protocol.timeline import APART, AT_LIMITS, MOVED, StretchCard, TakeSpan
 
 _MOST = 500  # of the queue: nobody looks at more in one go, and what is told does not grow with the recording
@@ -28,8 +28,16 @@ def queue(document: Document) -> tuple[StretchCard, ...]:
 
 def take_spans(document: Document) -> tuple[TakeSpan, ...]:
     """Return of which takes the current track is composed."""
-    spans = spans_of(document.state.get(keys.SPANS))
-    shown = resolved(spans, document.takes.frames_of)
+    return _showing(document, document.laid)
+
+
+def hidden_spans(document: Document) -> tuple[TakeSpan, ...]:
+    """Return the frames that do not show, since they were tracked with another model than the one in force."""
+    return _showing(document, document.hidden)
+
+
+def _showing(document: Document, laid: Sequence[Span]) -> tuple[TakeSpan, ...]:
+    shown = resolved(laid, document.takes.frames_of)
     return tuple(TakeSpan(s.take, s.first, s.stop - 1) for s in shown)
 
 

@@ -62,8 +62,8 @@ class ReviewService:
             raise HandtrackError(f"Take {number} has no frames that could be compared.")
         if take is not None and take.parameter_names != document.model.parameter_names:
             raise HandtrackError(
-                f"Take {number} is of another model than the one in force: their joints cannot be compared. Choose its model in "
-                "the tab Settings first."
+                f"Take {number} is of another model than the one in force: their joints cannot be compared. Bring it back first, "
+                "which brings its model."
             )
         self.number = number
         document.rows.compare(take)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -60,7 +61,9 @@ def takes_to_look_at(folder: Path) -> Iterator[TakeFrames]:
         if (folder / name).is_file():
             try:
                 track = read_npz(folder / name)
-                yield TakeFrames(track.parameter_names, {r.frame: r for r in track.frames()})
+                settings = json.loads(track.settings or "{}")
+                frames = {r.frame: r for r in track.frames()}
+                yield TakeFrames(track.parameter_names, dict(frames), settings=settings)
             except HandtrackError as error:
                 log.warning("%s cannot be shown: %s", name, error)
 

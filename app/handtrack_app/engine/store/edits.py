@@ -88,11 +88,7 @@ def restored(document: Document, number: int, frames: range | None) -> Values:
     take, state, frames_of = document.takes.get(number), document.state, document.takes.frames_of
     if take is None or not len(take):
         raise HandtrackError(f"Take {number} has no frames that could be shown.")
-    if take.parameter_names != document.model.parameter_names:
-        raise HandtrackError(
-            f"Take {number} was tracked with another model than the one in force, {document.run.labels.model} with "
-            f"coupling {document.model.coupling}. Choose its model in the tab Settings first."
-        )
+    model = model_of_take(document, number)
     first, stop = min(take), max(take) + 1
     shown = resolved(spans_of(state.get(keys.SPANS)), frames_of)
     laid = resolved([Span(number, first, stop)], frames_of)
@@ -103,7 +99,32 @@ def restored(document: Document, number: int, frames: range | None) -> Values:
                 f"Take {number} has the frames {first} to {stop - 1}, none of {frames.start} to {frames.stop - 1}."
             )
         laid = resolved([*shown, Span(number, some.start, some.stop)], frames_of)
-    return keys.spans(beside_accepted(laid, shown, state.get(keys.ACCEPTED) or ()))
+    return model | keys.spans(beside_accepted(laid, shown, state.get(keys.ACCEPTED) or ()))
+
+
+def model_of_take(document: Document, number: int) -> Values:
+    """Use the model that a take was tracked with, so that its frames can show; nothing where it is in force. Raises
+    HandtrackError where no setting makes it.
+    """
+    take, run = document.takes.get(number), document.run
+    if take is None or take.parameter_names == run.model.parameter_names:
+        return {}
+    name, values = "model.name", dict[str, Value]()
+    if (wanted := take.settings.get(name, "")) != run.settings.flat()[name]:
+        values[keys.setting(name)] = wanted
+        run = run.with_values({name: wanted})
+    if take.parameter_names != run.model.parameter_names:
+        run = run.with_parameters(take.parameter_names)
+        if document.leaves_forearm_open:
+            values[keys.FOREARM] = run.forearm
+        else:
+            values[keys.setting("model.forearm")] = str(run.forearm).lower()
+    if take.parameter_names != run.model.parameter_names:
+        raise HandtrackError(
+            f"Take {number} cannot be shown: it was tracked with the parameters {', '.join(take.parameter_names[6:]) or 'of a rigid body'}, "
+            f"and no setting gives the {run.model.kind} of this session these."
+        )
+    return values
 
 
 def setting(name: str, value: object) -> Values:

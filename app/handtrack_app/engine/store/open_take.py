@@ -57,7 +57,8 @@ class OpenTake:
         run, scale = document.run, None if shared is None else shared.scale
         labels = (run if scale is None else run.with_scale(scale)).labels
         labels = replace(labels, refinement=None if shared is None else shared.text)
-        shelf = TakeFrames(run.model.parameter_names, refinement=labels.refinement)
+        settings = run.settings.flat()
+        shelf = TakeFrames(run.model.parameter_names, {}, labels.refinement, settings)
         about = TakeAbout(
             by=refined_by(PROGRAM) if is_refined else PROGRAM,
             begun=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -300,6 +300,10 @@ class Persistence:
         """Make a take, or some of its frames, current again; return whether that changed anything. Raises HandtrackError."""
         return self.do(f"Take {number} restored", edits.restored(self.document, number, frames))
 
+    def show_take(self, number: int) -> bool:
+        """Use the model of a take, so that it shows; return whether that changed anything. Raises HandtrackError."""
+        return self.do(f"Model of take {number}", edits.model_of_take(self.document, number))
+
     # ---- bringing back
 
     def restore(self) -> str:
@@ -316,6 +320,7 @@ class Persistence:
         for key, value in (changed | changed_elsewhere(pins, session.pins)).items():
             self.do("As the session's files have it", {key: value}, kind=NOTE)
         self._take_earlier_work()
+        self._take_model_of_track()
         self._take_size_of_track()
         return brought_back(document)
 
@@ -364,6 +369,15 @@ class Persistence:
             self.end_take(finished=False)
         if self.store is not None:
             EarlierWork.put_away(self.folder)
+
+    def _take_model_of_track(self) -> None:
+        """A forearm that is left to the program was decided while tracking: the current take says how."""
+        document, spans = self.document, spans_of(self.document.state.get(keys.SPANS))
+        if spans and document.leaves_forearm_open:
+            with suppress(HandtrackError):  # it stays hidden, which the timeline tells
+                values = edits.model_of_take(document, spans[-1].take)
+                if [*values] == [keys.FOREARM]:
+                    self.do("Forearm as tracked", values, kind=NOTE)
 
     def _take_size_of_track(self) -> None:
         """The hand's size that the current track was made with counts, where none was decided since."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -79,7 +80,10 @@ class TakeShelf:
             take = store.take(number)
             labels = take.about.labels
             return TakeFrames(
-                labels.parameter_names, dict(take.frame_heads(damage)), refinement=labels.refinement
+                labels.parameter_names,
+                dict(take.frame_heads(damage)),
+                labels.refinement,
+                json.loads(labels.settings or "{}"),
             )
         except HandtrackError as error:
             damage.append(str(error))
