@@ -155,13 +155,13 @@ class History:
         if not self.past:
             return None
         back = [Change(c.key, c.after, c.before) for c in merged(self.past.top)]
-        return self.next(self.past.top[-1].words, back, UNDO)
+        return self.next(self.past.top[0].words, back, UNDO)
 
     def redoing(self) -> Action | None:
         """Return the action that makes the step undone last again; None where there is none."""
         if not self.future:
             return None
-        return self.next(self.future.top[-1].words, merged(self.future.top), REDO)
+        return self.next(self.future.top[0].words, merged(self.future.top), REDO)
 
     def amend(self, changes: Sequence[Change]) -> Action:
         """Let the latest action have done this instead: a drag goes on. Return it as it is now."""

@@ -227,7 +227,7 @@ class OpenSession:
                 jobs.find(request.frame)
             case commands.TakeGuess():
                 taken = jobs.guesses.take(request.frame, request.index)
-                self._edit(request.frame, taken)
+                self._edit(request.frame, taken, "Detected pose")
                 if keys.FOREARM in taken or keys.SIZE in taken:
                     self._show_session()
                     self._show_all()
@@ -249,8 +249,9 @@ class OpenSession:
         kinds = {keys.parts(change.key) for change in action.changes}
         frames = [int(name) for kind, name in kinds if kind == keys.POSE]
         self.document.show(min(frames, default=self.document.frame))
+        done = f"{action.words[:1].lower()}{action.words[1:]}"
+        self._say("info", f"{'Undone' if back else 'Redone'}: {done}", "")
         if len(frames) < len(kinds):
-            self._say("info", f"{'Undone' if back else 'Redone'}: {action.words}", "")
             self._show_session()
             self._clouds.tell()
             self._masks.tell()
@@ -284,12 +285,18 @@ class OpenSession:
     # ---- edits
 
     def _edit(
-        self, frame: int, values: edits.Values, tag: str = "", is_stroke: bool = False
+        self,
+        frame: int,
+        values: edits.Values,
+        words: str,
+        tag: str = "",
+        is_stroke: bool = False,
     ) -> None:
-        """Change a pose, and show it. It is written when edits rest."""
+        """Change a pose, and show it. It is written when edits rest. words: what is done, for undo."""
         frame = self.document.clamped(frame)
         try:
-            self.store.do(f"Pose of frame {frame}", values, tag, waits=True, is_stroke=is_stroke)
+            done = f"{words}, frame {frame}"
+            self.store.do(done, values, tag, waits=True, is_stroke=is_stroke)
         finally:
             self.document.show(frame)
             self._show_pose()

@@ -22,7 +22,7 @@ from handtrack_app.page.posing.copy_panel import CopyPanel
 from handtrack_app.page.posing.library import Library
 from handtrack_app.page.posing.refit_switch import RefitSwitch
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.page.style import STYLE_SHEET
+from handtrack_app.page.style import dress
 from handtrack_app.page.time.compared_hand import ComparedHand
 from handtrack_app.page.time.plots import PlotsPanel
 from handtrack_app.page.time.review import ReviewPanel
@@ -59,10 +59,10 @@ class PageLayout:
         self.page, self.names = page, stage.names
         gui = page.gui
         colours(gui)
+        dress(page.server)
         self.progress = ProgressSnapshot("opening", "Opening …")
         self.snapshot: SessionSnapshot | None = None
         self.saved = ""
-        gui.add_html(STYLE_SHEET)
         self.head = gui.add_html(head(None, self.progress))
         self.aside = gui.add_html(_ASIDE, visible=False)
         self.failure = gui.add_markdown("", visible=False)

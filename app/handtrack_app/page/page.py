@@ -59,6 +59,23 @@ class Page:
     everyones: set[str] = field(default_factory=set)
     """ids of commands that also a page may give that looks on"""
     words: Worded = field(default_factory=Worded)
+    _dialogs: dict[int, viser.GuiModalHandle] = field(default_factory=dict)
+    """by client, those that are open"""
+
+    def dialog(self, client: viser.ClientHandle, title: str) -> viser.GuiModalHandle:
+        """Open a dialog of one page, in the place of another. Whoever opens it adds a button that closes it."""
+        self.close_dialog(client)
+        self._dialogs[client.client_id] = opened = client.gui.add_modal(title)
+        return opened
+
+    def close_dialog(self, client: viser.ClientHandle) -> None:
+        """Close a page's dialog, if there is one."""
+        here = self.server.get_clients()
+        opened = self._dialogs.pop(client.client_id, None)
+        for gone in [one for one in self._dialogs if one not in here]:
+            del self._dialogs[gone]
+        if opened is not None:
+            opened.close()
 
     def play(self, on: bool) -> None:
         """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
@@ -76,13 +93,16 @@ class Page:
     def gui(self) -> viser.GuiApi:
         return self.server.gui
 
-    def edit_pose(self, changes: dict[str, float], tag: str, is_stroke: bool = False) -> None:
-        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back. tag: of the control; is_stroke: of one
-        drag of it, which is one step however long it takes.
+    def edit_pose(
+        self, changes: dict[str, float], words: str, tag: str = "", is_stroke: bool = False
+    ) -> None:
+        """Change joint parameters [m, rad] of the frame shown by name; undo takes it back. words: what is done; tag: of the
+        control; is_stroke: of one drag of it, which is one step however long it takes.
         """
         edit = self.state.edit(changes)
         if edit is not None:
-            self.send(SetPose(edit.frame, edit.values, edit.version, tag, is_stroke))
+            at = f"{tag} {edit.frame}" if tag else ""  # a drag is of one frame
+            self.send(SetPose(edit.frame, edit.values, edit.version, at, is_stroke, words))
 
     def flip(self) -> None:
         """Show the frame's pose as it was before the last step that changed it, or again as it is: a look, no edit."""
@@ -196,6 +216,7 @@ _KEY_WORDS = {
     "home": "Home",
     "end": "End",
     "space": "Space",
+    "escape": "Esc",
 }
 
 

@@ -1,6 +1,13 @@
-"""What is changed of how viser draws its widgets."""
+"""What is changed of viser's page: how it draws its widgets, and who hears keys while a dialog is open."""
 
-STYLE_SHEET = """<style>
+from __future__ import annotations
+
+import json
+
+import viser
+from viser._messages import RunJavascriptMessage
+
+_STYLE_SHEET = """
 p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spacing: 0 !important; }
 .mantine-Paper-root[data-with-border="true"]:has(> .mantine-Paper-root) {
   border-width: 1px 0 0 0 !important; border-color: rgba(128, 128, 128, .3) !important; border-radius: 0 !important;
@@ -56,4 +63,22 @@ div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; t
   background-color: #c3c9d2 !important; }
 .handtrack-warning { color: #f0e442; }
 [data-mantine-color-scheme="light"] .handtrack-warning { color: #a14a00; }
-</style>"""
+"""
+_SCRIPT = """
+if (document.getElementById("handtrack-style") === null) {
+  const sheet = document.createElement("style");
+  sheet.id = "handtrack-style";
+  sheet.textContent = %s;
+  document.head.append(sheet);
+  // keys are heard by the document's root: a dialog's end before it, all but Escape, which closes it
+  document.body.addEventListener("keydown", (event) => {
+    if (event.key !== "Escape" && document.querySelector('[role="dialog"]') !== null) event.stopPropagation();
+  });
+}
+"""
+
+
+def dress(server: viser.ViserServer) -> None:
+    """Give all pages of a server the workbench's style, which no folded panel takes along, and its dialogs their keys."""
+    source = _SCRIPT % json.dumps(_STYLE_SHEET)
+    server._websock_server.queue_message(RunJavascriptMessage(source))

@@ -18,6 +18,8 @@ class SetPose:
     """the control that is moved: what follows soon with the same is one step of undo"""
     is_stroke: bool = False
     """the tag is of this one drag: one step, however long it takes"""
+    words: str = "Pose"
+    """what is done, for undo"""
 
 
 @dataclass(frozen=True)

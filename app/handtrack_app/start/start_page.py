@@ -15,7 +15,7 @@ import viser
 from handtrack.errors import HandtrackError
 from handtrack.session.layout import SESSION_FILE
 from handtrack_app.door.door import open_door
-from handtrack_app.page.style import STYLE_SHEET
+from handtrack_app.page.style import dress
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.start.found_files import FoundFiles, find_files
 from handtrack_app.start.program import Program
@@ -64,7 +64,7 @@ class StartPage:
             control_width="large",
             brand_color=BRAND,
         )
-        gui.add_html(STYLE_SHEET)
+        dress(self.door.server)
         gui.add_html(_head("Recordings", "Open one, or make one from videos and a calibration."))
         with gui.add_folder("Open"):
             self._add_recent(gui)

@@ -9,7 +9,7 @@ import pytest
 
 from handtrack.bench.workbench.chromium import PROJECT
 from handtrack_app.page.scene.hand_place import hand_balls
-from handtrack_app.page.views.room import LIGHT, POSE, Taste
+from handtrack_app.page.views.room import LARGE, LIGHT, POSE, REST, Taste
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, eventually
@@ -18,6 +18,14 @@ from tests.app.page.test_browser_zoom import CANVAS
 NOTICE = """() => {
   const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();
   return r ? [r.left, r.top, r.right, r.bottom] : null;
+}"""
+LAYOUT = """() => {
+  const below = [...document.querySelectorAll('.mantine-Paper-root')].find((one) =>
+    one.style.position === 'absolute' && one.querySelector('.handtrack-timeline'));
+  const r = below.getBoundingClientRect(), slider = below.querySelector('.mantine-Slider-thumb').getBoundingClientRect();
+  return {below: [r.left, r.right, innerHeight - r.bottom], thumb: slider.width,
+          scale: getComputedStyle(document.documentElement).getPropertyValue('--mantine-scale').trim(),
+          ground: getComputedStyle(document.querySelector('canvas').closest('div[style*="background-color"]')).backgroundColor};
 }"""
 KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))"
 
@@ -49,6 +57,21 @@ def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path: Path) -> No
             lambda: Taste((POSE,), LIGHT) in [room.tastes.get(one) for one in bench.server.get_clients()],
             "remembered", timeout=40.0,
         )  # fmt: skip
+
+
+@pytest.mark.browser
+def test_the_page_keeps_its_style_whatever_is_folded(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    with browsing(bench, size=(1280, 800)) as view:
+        (client,) = bench.server.get_clients().values()
+        bench.layout.room.change(client, colours=LIGHT, text=LARGE)
+        view.page.wait_for_timeout(2000)
+        before = view.page.evaluate(LAYOUT)
+        for panel in (POSE, REST):
+            bench.layout.room.fold(client, panel, folded=True)
+        view.page.wait_for_timeout(2000)
+        assert view.page.evaluate(LAYOUT) == before
+        assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"
 
 
 def share(view: PageUnderTest) -> float:

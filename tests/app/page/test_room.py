@@ -51,7 +51,9 @@ def test_a_page_gets_what_its_browser_remembers(bench: Workbench) -> None:
         eventually(
             lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False, "light"
         )
-        eventually(lambda: "--mantine-scale" in str(said(wire, "GuiHtmlMessage")), "large")
+        eventually(
+            lambda: "--mantine-scale" in str(said(wire, "RunJavascriptMessage")[1:]), "large"
+        )
 
 
 def test_a_small_window_folds_the_pose_panel_unless_the_user_chose(bench: Workbench) -> None:

@@ -12,7 +12,7 @@ from handtrack_app.engine.masks import mask_edits
 from handtrack_app.engine.masks.carrying_job import CarryingJob
 from handtrack_app.engine.masks.mask_renderer import MaskMoment, MaskRenderer
 from handtrack_app.engine.pictures.render_thread import RenderThread
-from handtrack_app.engine.store import keys, saving
+from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.mask_commands import FILES, NO_MASKS
@@ -110,7 +110,10 @@ class MaskService:
                 case commands.SetMasks():
                     names = ", ".join(name for name, _ in change.values)
                     values = mask_edits.masks(document, change)
-                    store.do(f"Masks: {names}", values, tag=f"{change.camera} {names}")
+                    slid = edits.is_slid(*(value for _, value in change.values))
+                    store.do(
+                        f"Masks: {names}", values, tag=f"{change.camera} {names}", is_stroke=slid
+                    )
                 case commands.MarkMaskBox():
                     store.do("Masks: box", mask_edits.marked_box(document, change))
                 case commands.RestoreMasks():

@@ -111,7 +111,9 @@ class CloudService:
                 case commands.SetClouds():
                     names = ", ".join(name for name, _ in change.values)
                     settings = self.with_values(dict(change.values))
-                    store.do(f"Clouds: {names}", edits.clouds(settings), tag=names)
+                    slid = edits.is_slid(*(value for _, value in change.values))
+                    clouds = edits.clouds(settings)
+                    store.do(f"Clouds: {names}", clouds, tag=names, is_stroke=slid)
                 case commands.SampleSkin():
                     settings, words = skin_in_force(self._document, change)
                     store.do("Colour of skin", edits.clouds(settings), tag="skin")

@@ -9,6 +9,7 @@ from handtrack.store.history import History
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.pose_pictures import pose_picture, pose_titles
 from handtrack_app.engine.posing.before import pose_before
+from handtrack_app.engine.posing.pin_cards import words_of
 from handtrack_app.engine.posing.pin_service import PinService
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.edits import Values
@@ -20,8 +21,9 @@ Request = (
     posing.SetPose | posing.TakePose | posing.PullPlace | posing.ForgetPose | posing.LookBefore
     | posing.WantLibrary    | posing.SetPin | posing.DropPins | posing.CopyPins
 )  # fmt: skip
-Edit = Callable[[int, Values, str, bool], None]
-"""changes a frame's pose, and shows it; at last the control's tag, and whether that is of one drag"""
+Edit = Callable[[int, Values, str, str, bool], None]
+"""changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
+_SOURCES = {"previous": "Pose of the frame before", "start": "First-frame pose"}
 _NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
 
 
@@ -47,16 +49,24 @@ class PoseService:
                 if request.version >= document.version:
                     document.version = request.version
                     pose = edits.pose(document, request.frame, request.values)
-                    self.edit(request.frame, pose, request.tag, request.is_stroke)
+                    self.edit(request.frame, pose, request.words, request.tag, request.is_stroke)
             case posing.TakePose():
                 taken = edits.taken_pose(document, request.frame, request.source)
-                self.edit(request.frame, taken, "", False)
+                self.edit(
+                    request.frame,
+                    taken,
+                    _SOURCES.get(request.source, f"Pose {request.source!r}"),
+                    "",
+                    False,
+                )
             case posing.PullPlace():
-                self.edit(request.frame, edits.pulled_place(document, request), request.tag, True)
+                pulled = edits.pulled_place(document, request)
+                what = f"Pull of {words_of(request.joint or request.bone)}"
+                self.edit(request.frame, pulled, what, request.tag, True)
             case posing.ForgetPose():
                 known = document.clamped(request.frame) in document.by_hand
                 forgotten = edits.forgotten_pose(request.frame) if known else {}
-                self.edit(request.frame, forgotten, "", False)
+                self.edit(request.frame, forgotten, "Pose dropped", "", False)
             case posing.LookBefore():
                 self._look(request.on)
             case posing.WantLibrary():

@@ -27,6 +27,11 @@ from handtrack_app.protocol.posing import PullPlace
 Values = dict[str, Value]
 
 
+def is_slid(*values: object) -> bool:
+    """Return whether values are numbers, of which a drag of a slider gives many: a click gives one, and is a step of its own."""
+    return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
+
+
 def pose(document: Document, frame: int, values: Sequence[float], found: bool = False) -> Values:
     """Set a frame's pose, moved into the limits in force. found: a search gave it."""
     model, given = document.model, np.asarray(values, dtype=float)

@@ -51,7 +51,8 @@ class TuningService:
             case Refitted():
                 found = None if self.jobs.busy else self._refits.take(request)
                 if found is not None:
-                    self.edit(*found, True)
+                    frame, values, tag = found
+                    self.edit(frame, values, "Fit", tag, True)
             case _:
                 self._change(request)
 
@@ -64,9 +65,11 @@ class TuningService:
             self.jobs.require_idle()
             if isinstance(change, commands.SetLimits):
                 values = edits.limits(document, change.name, change.interval)
+                slid = change.interval is not None
                 words = f"Limits of {change.name}"
             else:
                 name, value = change.name, change.value
+                slid = edits.is_slid(value)
                 values = (
                     edits.method(document, value)
                     if name == "method"
@@ -74,7 +77,7 @@ class TuningService:
                 )
                 words = name
             known, words = document.run.notes, change.tag or words
-            self.store.do(words, values, tag=words)
+            self.store.do(words, values, tag=words, is_stroke=slid)
             self.say_notes(known)
         finally:
             self.publish(session_snapshot(document))  # the page shows what holds

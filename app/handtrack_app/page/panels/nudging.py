@@ -133,4 +133,4 @@ class NudgePanel:
         root = np.array(state.values[:6])
         step_rad = float(np.deg2rad(step_deg))
         edit = nudged(root, nudge, np.asarray(view), pivot, step_m, step_rad)
-        self.page.edit_pose(edit, f"nudge {name}")
+        self.page.edit_pose(edit, f"Nudge {name}", f"nudge {name}")

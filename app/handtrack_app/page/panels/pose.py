@@ -14,6 +14,7 @@ from handtrack_app.page.panels.guesses import GuessesPanel
 from handtrack_app.page.panels.nudging import NudgePanel
 from handtrack_app.page.panels.pose_card import pose_card
 from handtrack_app.page.panels.pose_words import (
+    group_of,
     groups_of,
     label_of,
     length_unit,
@@ -200,7 +201,9 @@ class PosePanel:
         if value is None:
             slider.value = round(self.page.state.value_of(name) / self._unit(name), 1)
             return
-        self.page.edit_pose({name: value * self._unit(name)}, f"slider {name}")
+        words = f"{group_of(name)} {label_of(name, '').removesuffix('°').strip()}"
+        # nobody tells when a slider is let go: moves of it, and nothing else between, are one drag
+        self.page.edit_pose({name: value * self._unit(name)}, words, f"slider {name}", True)
 
     def show(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Say where a pose comes from, and move the sliders to it.

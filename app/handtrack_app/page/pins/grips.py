@@ -220,7 +220,7 @@ class Grips:
         if isinstance(hold, WholeDrag):
             edit = hold.to(end)
             if edit is not None:
-                page.edit_pose(edit, drag.tag, is_stroke=True)
+                page.edit_pose(edit, "Turn" if hold.turns else "Move", drag.tag, is_stroke=True)
         elif drag.card is None:
             x, y, z = (float(v) for v in drag.place + end - drag.start)
             version = state.begin_edit()

@@ -101,7 +101,7 @@ class CopyPanel:
         copied, state = read_copied(), self.page.state
         changes = {} if copied is None else copied.pasted(state.names, part, with_place)
         if changes:
-            self.page.edit_pose(changes, "")
+            self.page.edit_pose(changes, "Paste")
         else:
             self.page.notify("info", "Nothing to paste", _NOTHING)
         self._say()
@@ -112,7 +112,7 @@ class CopyPanel:
         if axes is None or pose is None or not state.values:
             return
         values = np.array(state.values)
-        self.page.edit_pose(mirrored(state.names, values, axes[:, 0], pose.middle), "")
+        self.page.edit_pose(mirrored(state.names, values, axes[:, 0], pose.middle), "Mirror")
 
     def _say(self) -> None:
         """Say what was copied."""

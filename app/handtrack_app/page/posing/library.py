@@ -43,10 +43,10 @@ class Library:
         rows: list[str | PosePicture] = []
         for group in dict.fromkeys(pose.group for pose in library.poses):
             rows += [group, *(pose for pose in library.poses if pose.group == group)]
-        modal = client.gui.add_modal("Choose a pose")
+        modal = self.page.dialog(client, "Choose a pose")
 
         def choose(name: str) -> None:
-            modal.close()
+            self.page.close_dialog(client)
             if self.page.state.editor in (None, client.client_id):
                 self.take(name)
 
@@ -66,4 +66,4 @@ class Library:
                 else:
                     client.gui.add_html(_GROUP.format(html.escape(row)))
             close = client.gui.add_button("Close", color="gray")
-        close.on_click(lambda _: modal.close())
+        close.on_click(lambda _: self.page.close_dialog(client))

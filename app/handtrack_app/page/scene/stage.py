@@ -106,7 +106,9 @@ class Stage:
         if self.cameras is None:
             self.cameras = add_cameras(self.page.server, "/cameras", session, session.scene_centre)
             self.looking.fit(self.cameras.cards)
-            self.root = add_root_handle(self.page.server, "/root", self._root_moved, self._larger)
+            self.root = add_root_handle(
+                self.page.server, "/root", self.page.edit_pose, self._larger
+            )
         known = before is not None and before.bone_names == session.bone_names
         if before is None or not known or before.model != session.model:
             if self.hand is not None:
@@ -114,9 +116,6 @@ class Stage:
             self.hand = add_hand(self.page.server, "/hand", session)
             self.grips.offer((*self.hand.nodes, self.surface))
         self.grips.fit(session)
-
-    def _root_moved(self, edit: dict[str, float]) -> None:
-        self.page.edit_pose(edit, "root handle")
 
     # ---- options
 

@@ -53,11 +53,13 @@ class Help:
         for words, key, act in (
             ("Help: all keys", "H", self.show),
             ("Tour: five steps through the page", None, self.tour),
+            ("Close the dialog", "escape", self.page.close_dialog),
         ):
             from_user = self.page.from_user(
                 lambda event, act=act: act(event.client) if event.client else None
             )
-            self.page.everyones.add(self.keys.add(words, key, from_user, "shift" if key else None))
+            modifier = "shift" if key == "H" else None
+            self.page.everyones.add(self.keys.add(words, key, from_user, modifier))
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Offer the tour to a page whose browser knows of none."""
@@ -68,7 +70,7 @@ class Help:
 
     def show(self, client: viser.ClientHandle) -> None:
         """Show all keys."""
-        modal, say = client.gui.add_modal("Keys and gestures"), self.page.words.of
+        modal, say = self.page.dialog(client, "Keys and gestures"), self.page.words.of
         with modal:
             rows = "".join(
                 f"<tr><td style='white-space:nowrap;padding-right:1em'><b>{html.escape(say(how))}</b></td><td>{html.escape(say(what))}</td></tr>"
@@ -79,7 +81,7 @@ class Help:
                 f"<table style='font-size:.8em;line-height:1.6;align-self:flex-start'>{rows}</table>{self.keys.table()}</div>"
             )
             close = client.gui.add_button("Close")
-        close.on_click(lambda _: modal.close())
+        close.on_click(lambda _: self.page.close_dialog(client))
 
     def tour(self, client: viser.ClientHandle) -> None:
         """Begin the tour."""

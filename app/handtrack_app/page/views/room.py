@@ -9,7 +9,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 
 import viser
-from viser._messages import GuiSetPanelCollapsedMessage, GuiSetPanelWidthMessage
+from viser._messages import (
+    GuiSetPanelCollapsedMessage,
+    GuiSetPanelWidthMessage,
+    RunJavascriptMessage,
+)
 
 from handtrack_app.page.page import Keys, Page
 from handtrack_app.protocol.palette import BRAND
@@ -21,7 +25,7 @@ _KEPT_AS, _ASKED_S = (
 _NARROW_PX = 800  # a scene that is narrower beside both panels: the pose panel is folded at first
 _SETTLES_S = 15.0  # a page is laid out within this
 _LARGER = 1.25
-_LARGE = f"<style>:root{{--mantine-scale:{_LARGER} !important}}</style>"
+_LARGE = "document.documentElement.style.setProperty('--mantine-scale', '{}', 'important')"
 DARK, LIGHT, USUAL, LARGE = "dark", "light", "usual", "large"
 POSE, REST = "Pose", "Views and tools"
 WIDTHS = {POSE: 310, REST: 298}
@@ -67,7 +71,6 @@ class Room:
     keys: Keys
     panels: dict[str, viser.PanelHandle | viser.MainPanelHandle] = field(default_factory=dict)
     tastes: dict[int, Taste] = field(default_factory=dict)
-    _large: dict[int, viser.GuiHtmlHandle] = field(default_factory=dict)
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
     def build(self) -> None:
@@ -161,8 +164,4 @@ class Room:
                     self.page.tell(
                         client, GuiSetPanelWidthMessage(panel._placement_uuid, width, *stamp)
                     )
-                style = self._large.pop(client.client_id, None)
-                if taste.text == LARGE:
-                    self._large[client.client_id] = client.gui.add_html(_LARGE, order=0.1)
-                elif style is not None:
-                    style.remove()
+                self.page.tell(client, RunJavascriptMessage(_LARGE.format(factor)))

@@ -30,7 +30,7 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
     def keyframe() -> None:
         if state.values:
             values = state.values
-            page.send(SetPose(state.frame, values, state.begin_edit(), "keyframe"))
+            page.send(SetPose(state.frame, values, state.begin_edit(), words="Keyframe"))
 
     entries: list[_Entry] = [
         ("Undo", "Z", "cmd/ctrl", lambda _: page.travel(back=True)),

@@ -1,0 +1,118 @@
+"""What a gesture edits in a real browser: a click nothing, a drag one step that undo names, a key behind a dialog nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from handtrack.bench.workbench.chromium import PROJECT
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import fake_document
+from tests.app.page.test_browser import PageUnderTest, browsing, eventually
+
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
+    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    with browsing(bench) as view:
+        yield bench, view
+
+
+def _arrow(view: PageUnderTest) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return where the arrow's middle is, and a place beyond its tip."""
+    centre, arrow = (view.page.evaluate(PROJECT, ["/root", p]) for p in ((0, 0, 0), (0, 0.08, 0)))
+    along = [b - a for a, b in zip(centre, arrow, strict=True)]
+    return tuple(arrow), (arrow[0] + 0.5 * along[0], arrow[1] + 0.5 * along[1])
+
+
+@pytest.mark.browser
+def test_keys_behind_a_dialog_do_nothing_and_escape_closes_it(
+    opened: tuple[Workbench, PageUnderTest],
+) -> None:
+    bench, view = opened
+    before, keys = bench.state.values, view.page.keyboard
+    dialog = view.page.get_by_role("dialog")
+    keys.press("Shift+H")
+    dialog.wait_for()
+    for key in ("k", "k", "Shift+K", "n"):
+        keys.press(key)
+    keys.press("Escape")
+    dialog.wait_for(state="detached")
+    assert (bench.state.values, bench.state.version) == (before, 0)
+    keys.press("Control+k")  # the palette: what is typed before it takes the letters
+    keys.type("track", delay=5)
+    view.page.wait_for_timeout(1000)
+    keys.press("Escape")
+    dialog.wait_for(state="detached")
+    assert (bench.state.values, bench.state.version) == (before, 0)
+    keys.press("k")
+    eventually(lambda: bench.state.version == 1, "keys count again")
+    assert bench.state.values != before
+
+
+@pytest.mark.browser
+def test_a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(
+    opened: tuple[Workbench, PageUnderTest],
+) -> None:
+    bench, view = opened
+    bench.page.edit_pose({"root_rx": 0.2, "root_ry": -0.4, "root_rz": 0.3}, "Turn")
+    eventually(lambda: bench.stage.pose.version == 1, "the hand stands askew")
+    before, mouse, phases = bench.state.values, view.page.mouse, list[str]()
+    bench.stage.root.control.on_update(lambda event: phases.append(event.phase))
+    for _ in range(4):  # a loaded machine may draw the arrow too late for the pointer
+        on, beyond = _arrow(view)
+        mouse.move(*on)
+        view.page.wait_for_timeout(800)
+        mouse.down()
+        view.page.wait_for_timeout(300)
+        mouse.up()
+        view.page.wait_for_timeout(500)
+        if phases:
+            break
+    assert {"start", "end"} <= {*phases}, "the click met the arrow"
+    assert (bench.state.values, bench.state.version) == (before, 1)
+    for _ in range(4):
+        on, beyond = _arrow(view)
+        _drag_with_rests(view, on, beyond)
+        if bench.state.version > 1:
+            break
+    assert bench.state.version > 2, "several poses came of the drag"
+    view.page.keyboard.press("Control+z")
+    view.page.get_by_text("Undone: move, frame 3").first.wait_for()
+    eventually(lambda: bench.state.values == before, "one step took all of it back")
+
+
+@pytest.mark.browser
+def test_moves_of_a_slider_with_rests_are_one_step(
+    opened: tuple[Workbench, PageUnderTest],
+) -> None:
+    bench, view = opened
+    view.press("Index")
+    before = bench.state.values
+    box = view.row("PIP flex °").locator(".mantine-Slider-track").bounding_box()
+    middle = box["y"] + box["height"] / 2
+    at = lambda share: (box["x"] + share * box["width"], middle)  # noqa: E731
+    _drag_with_rests(view, at(0.3), at(0.8))
+    eventually(lambda: bench.state.version > 1, "several poses came of the drag")
+    eventually(lambda: bench.layout.pose.pose.version == bench.state.version, "all are shown")
+    view.page.keyboard.press("Control+z")
+    view.page.get_by_text("Undone: index PIP flex, frame 3").first.wait_for()
+    eventually(lambda: bench.state.values == before, "one step took all of it back")
+
+
+def _drag_with_rests(
+    view: PageUnderTest, start: tuple[float, float], stop: tuple[float, float]
+) -> None:
+    mouse = view.page.mouse
+    mouse.move(*start)
+    view.page.wait_for_timeout(600)
+    mouse.down()
+    for i in range(1, 4):
+        mouse.move(*(a + i / 3 * (b - a) for a, b in zip(start, stop, strict=True)), steps=3)
+        view.page.wait_for_timeout(1200)  # longer than any pause between edits
+    mouse.up()
+    view.page.wait_for_timeout(200)
