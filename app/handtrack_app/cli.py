@@ -116,6 +116,10 @@ class _Command(NamedTuple):
 
 _SESSION = _option("session", type=Path, help="session folder")
 _POSES = _option("poses", type=Path, metavar="POSES.npz")
+_LANDMARKS = _option(
+    "--landmarks", metavar="DEFINITION",
+    help="points: joints (the model's joint centres), or as a detector means them, such as mediapipe21 (default: joints; to evaluate, as the truth says)",
+)  # fmt: skip
 _FRAMES = _option("--frames", metavar="A:B", help="frames A to B−1 (default: all)")
 _JSON = _option("--json", action="store_true", help="print JSON")
 _SET = _option(
@@ -257,10 +261,11 @@ COMMANDS: dict[str, _Command] = {
         _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
         _option("--up", metavar="AXIS", help="which of the world's axes points up: x, y, z, or --up=-y where y points down; bvh, glb, trc, mot, c3d, urdf and mcap then stand upright (default: nothing is turned)"),
+        _LANDMARKS,
         _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"), _JSON,
     )),
     "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
-        _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _JSON,
+        _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _LANDMARKS, _JSON,
     )),
     "spread": _Command("person.spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
     "skin": _Command("person.skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (

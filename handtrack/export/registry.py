@@ -48,11 +48,14 @@ class ExportFormat:
         """The file's suffix, whatever it is called."""
         return Path(f"poses{self.ending}").suffix
 
-    def write(self, path: Path, table: ResultsTable, up: str = "") -> list[Path]:
+    def write(
+        self, path: Path, table: ResultsTable, up: str = "", landmarks: str = ""
+    ) -> list[Path]:
         """Write the file and what belongs to it; return them. Raises HandtrackError.
 
         up: which axis of the recording's world points up, one of AXES: the world is turned so that it does for those who
-        read the file. Empty: nothing is turned.
+        read the file. Empty: nothing is turned. landmarks: the definition in which joints and keypoints are written, as
+        `TrackResult.in_landmarks` takes it. Empty: as the table has them.
         """
         missing = [name for name in self.needs if find_spec(name.replace("-", "_")) is None]
         if missing:
@@ -60,10 +63,23 @@ class ExportFormat:
                 f"--to {self.name}: needs {' and '.join(missing)}, which is not installed. Install with `pip install "
                 f"{' '.join(missing)}`, or choose another format."
             )
+        if landmarks:
+            table = self._in_landmarks(table, landmarks)
         if up:
             table = self._standing(table, up)
         write: Write = import_module(f"handtrack.export.{self.module}").write
         return write(path, table)
+
+    def _in_landmarks(self, table: ResultsTable, landmarks: str) -> ResultsTable:
+        from handtrack.model.articulated import JOINT_CENTRES
+
+        if self.one_skeleton and landmarks != JOINT_CENTRES:
+            pointed = ", ".join(known.name for known in FORMATS if not known.one_skeleton)
+            raise HandtrackError(
+                f"--landmarks {landmarks}: {self.name} holds a skeleton, whose joints are the model's own. Formats that hold points: "
+                f"{pointed}. Leave --landmarks away."
+            )
+        return replace(table, track=table.track.in_landmarks(landmarks, table.source))
 
     def _standing(self, table: ResultsTable, up: str) -> ResultsTable:
         from handtrack.export.upright import upright

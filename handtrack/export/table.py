@@ -11,11 +11,11 @@ import numpy as np
 from handtrack.arrays import D3, Array, F, Floats, J
 from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.geometry.camera import CameraRig
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.session.formats.anatomy import model_of
+from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.labelled import frame_rate
+from handtrack.tracking.frame.tables.track_model import model_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,11 @@ class ResultsTable:
     def fps(self) -> float:
         """Frames a second of the recording; of its times where it was not kept."""
         return frame_rate(self.track)
+
+    @property
+    def keypoint_definition(self) -> str:
+        """Whose points the joints and keypoints are: `joints`, the model's own, or a detector's or marker set's."""
+        return self.track.keypoint_definition or JOINT_CENTRES
 
     @property
     def is_lost(self) -> Array[F]:

@@ -27,6 +27,10 @@ BODY_PARTS: tuple[str, ...] = (
 )  # fmt: skip
 
 
+JOINT_CENTRES = "joints"
+"""the definition of the model's own points: joint centres, and fingertips on the skin"""
+UNNAMED_LANDMARKS = "detector"
+"""of offsets of which nobody says whose points they lead to"""
 _CONTRADICTION = 1e-6  # [m, rad] values that were written with six digits agree
 
 
@@ -43,6 +47,8 @@ class HandScale:
     """by joint: where a detector sees it, from the joint, in its bone's frame [mm of the mean adult's right hand]; 0 where absent"""
     std: dict[str, float] = field(default_factory=dict, compare=False)
     """where it was fitted, standard deviations: of `length_mm` [mm], and of the logarithms of `overall` and each part"""
+    landmark_definition: str = field(default=UNNAMED_LANDMARKS, compare=False)
+    """whose points the offsets lead to: `mediapipe21`, `openpose21`, a marker set's own name"""
 
     def factor(self, group: str) -> float:
         """Return the factor of a group of bones: `palm`, a finger, `forearm`."""
@@ -173,6 +179,13 @@ class ArticulatedModel:
     def seen_point(self) -> Floats[J, D3]:
         """Return what a detector means by each named joint, in its bone's frame [m]."""
         return self.joint_point if self.offset is None else self.joint_point + self.offset
+
+    @property
+    def landmark_definitions(self) -> dict[str, Floats[J, D3]]:
+        """The definitions in which it has points for the named joints, with these in their bones' frames [m]."""
+        return {JOINT_CENTRES: self.joint_point} | (
+            {self.scale.landmark_definition: self.seen_point} if self.scale.offsets_mm else {}
+        )
 
     @property
     def has_keypoints21(self) -> bool:

@@ -19,7 +19,13 @@ from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.articulated import BODY_PARTS, HAND_PARTS, ArticulatedModel, HandScale
+from handtrack.model.articulated import (
+    BODY_PARTS,
+    HAND_PARTS,
+    UNNAMED_LANDMARKS,
+    ArticulatedModel,
+    HandScale,
+)
 from handtrack.model.definition import Definition, Narrowing, extended
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.limits import Limits
@@ -111,7 +117,8 @@ def read_scale(path: Path) -> HandScale:
 def scale_from(data: Any, path: Path | str) -> HandScale:
     """Return the size that a table of a file says, as `scale_table` makes it. Raises HandtrackError."""
     try:
-        odd = sorted(set(data) - {"overall", "parts", "proportions", "offsets_mm", "std"})
+        known = {"overall", "parts", "proportions", "offsets_mm", "landmark_definition", "std"}
+        odd = sorted(set(data) - known)
         if odd:
             raise KeyError(f"unknown key '{odd[0]}'")
         parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
@@ -120,7 +127,8 @@ def scale_from(data: Any, path: Path | str) -> HandScale:
         std = {str(k): float(v) for k, v in data.get("std", {}).items()}
         if not all(0 <= value < np.inf for value in std.values()):
             raise ValueError("its standard deviations are not all numbers from 0")
-        size = HandScale(float(data["overall"]), parts, proportions, offsets, std)
+        definition = str(data.get("landmark_definition", UNNAMED_LANDMARKS))
+        size = HandScale(float(data["overall"]), parts, proportions, offsets, std, definition)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
             f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "parts": {{"thumb": 0.98}}}}; {error}.'
@@ -150,6 +158,8 @@ def scale_table(scale: HandScale) -> dict[str, Any]:
     table: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
     table |= {"proportions": scale.proportions} if scale.proportions else {}
     table |= {"offsets_mm": scale.offsets_mm} if scale.offsets_mm else {}
+    if scale.offsets_mm and scale.landmark_definition != UNNAMED_LANDMARKS:
+        table["landmark_definition"] = scale.landmark_definition
     return table | ({"std": scale.std} if scale.std else {})
 
 

@@ -98,7 +98,10 @@ class SizeParameters:
             for joint, mirror in same.items():
                 x, y, z = (mirror * place).tolist()
                 seen[joint] = (x, y, z)
-        return HandScale(factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved, seen)
+        return HandScale(
+            factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved, seen,
+            landmark_definition=self.model.scale.landmark_definition,
+        )  # fmt: skip
 
     def grown(self, deviations: Floats[N]) -> ArticulatedModel:
         """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""

@@ -12,7 +12,12 @@ from handtrack.arrays import Floats, P
 from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
+from handtrack.model.articulated import (
+    UNNAMED_LANDMARKS,
+    ArticulatedModel,
+    HandScale,
+    keypoint_names,
+)
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
 from handtrack.model.size import hand_length_mm
@@ -81,7 +86,7 @@ class TrackingRun:
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
             first = given_in_images(session, settings, first)[0].first_pose
-        scale = _hand_scale(session, settings, first)
+        scale = _with_own_landmarks(session, settings, _hand_scale(session, settings, first))
         forearm = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, forearm)
         run = cls(session, first, settings, scale, forearm, model)
@@ -385,6 +390,17 @@ def _asked_forearm(session: Session, settings: TrackerSettings) -> str:
     """Return whether settings or session.toml ask for a forearm: `true`, `false`, or `auto`, which leaves it to the program."""
     chosen = settings.model.forearm
     return str(session.file.hand.forearm).lower() if chosen == "auto" else chosen
+
+
+def _with_own_landmarks(session: Session, settings: TrackerSettings, scale: HandScale) -> HandScale:
+    """Return a person whose offsets lead to the points of the detector that is looked at: another's say nothing of them."""
+    files = [view.keypoint_files for view in session.views if view.keypoint_files is not None]
+    if not files or settings.keypoints.weight == 0:
+        return scale
+    own = "+".join(sorted({one.landmark_definition for one in files}))
+    alike = scale.landmark_definition in (own, UNNAMED_LANDMARKS)
+    offsets = scale.offsets_mm if alike else {}
+    return replace(scale, offsets_mm=offsets, landmark_definition=own)
 
 
 def _forearm(

@@ -10,8 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.errors import HandtrackError
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
+from handtrack.model.articulated import keypoint_names
+from handtrack.model.model_file import scale_table
 from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.formats.truth import read_truth
 from handtrack.tracking.frame.result import TrackResult
@@ -159,3 +162,48 @@ def test_how_far_one_skeleton_is_from_the_frames_is_known(kind):
     assert ResultsTable(replace(track, scale=larger)).misfit_m == pytest.approx(
         0.02 * span, rel=0.2
     )
+
+
+def test_exports_say_whose_points_they_hold_and_hold_those_asked_for(tmp_path):
+    """A thumb's knuckle that its detector sees 8 mm further out is there in every format of points; a skeleton has none of them."""
+    model, track = sample_sequence("right")
+    seen = replace(
+        model.scale, offsets_mm={"thumb_mcp": (0.0, 8.0, 0.0)}, landmark_definition="mediapipe21"
+    )
+    track = replace(track, scale=json.dumps(scale_table(seen)))
+    row, factor = keypoint_names().index("thumb_mcp"), model.scale.factor("thumb")
+    held: dict[str, np.ndarray] = {}
+    for landmarks in ("joints", "mediapipe21"):
+        paths = {
+            name: tmp_path / f"{landmarks}.{name}" for name in ("keypoints", "openpose", "csv")
+        }
+        for name, path in paths.items():
+            export_format(name).write(path, ResultsTable(track), "", landmarks)
+        with np.load(paths["keypoints"]) as file:
+            assert str(file["keypoint_definition"]) == landmarks
+            held[landmarks] = file["keypoints21"]
+        (told := json.loads(paths["openpose"].read_text())).pop("frames")
+        assert told["keypoint_definition"] == landmarks
+        assert (
+            json.loads(paths["csv"].with_suffix(".json").read_text())["keypoint_definition"]
+            == landmarks
+        )
+        place = [float(rows_of(paths["csv"])[0][f"thumb_mcp_{axis}_m"]) for axis in "xyz"]
+        np.testing.assert_allclose(place, held[landmarks][0, row], atol=1e-8)
+    moved = np.linalg.norm(held["mediapipe21"] - held["joints"], axis=2)
+    np.testing.assert_allclose(moved[:, row], 0.008 * factor, atol=1e-9)
+    assert np.delete(moved, row, axis=1).max() < 1e-9
+    with pytest.raises(HandtrackError, match="openpose21"):
+        export_format("csv").write(tmp_path / "no.csv", ResultsTable(track), "", "openpose21")
+    with pytest.raises(HandtrackError, match="bvh"):
+        export_format("bvh").write(tmp_path / "no.bvh", ResultsTable(track), "", "mediapipe21")
+    assert not list(tmp_path.glob("no.*"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_result_of_nobodys_detector_has_joints_alone(kind, tmp_path):
+    _, track = sample_sequence(kind)
+    write_npz(tmp_path / "poses.npz", track)
+    with np.load(tmp_path / "poses.npz") as file:
+        assert not {"landmarks", "landmark_definition", "landmark_covariance"} & set(file.files)
+    assert (track.landmarks, track.landmark_definition) == (None, None)

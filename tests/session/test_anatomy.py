@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.errors import HandtrackError
-from handtrack.session.formats.anatomy import model_of
 from handtrack.session.formats.tables import read_npz, write_npz
+from handtrack.tracking.frame.tables.track_model import model_of
 from tests.export.sequences import KINDS, sample_rig, sample_sequence
 
 

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
         )
     try:
         previous = keep_version(out)
-        written = chosen.write(out, table, args.up or "")
+        written = chosen.write(out, table, args.up or "", args.landmarks or "")
     except OSError as error:
         raise HandtrackError(
             f"--out {out}: cannot be written ({error.strerror}). Name another place with --out."

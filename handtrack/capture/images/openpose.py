@@ -118,6 +118,11 @@ LAYOUTS: dict[str, Layout] = {
 }  # fmt: skip
 
 
+def landmark_definition(layout: str) -> str:
+    """Return by what name a detector's points go, wherever in a file they stand: `openpose21` for hands of OpenPose's files."""
+    return "openpose21" if layout in ("hand_left", "hand_right") else layout
+
+
 def is_body(layout: Layout) -> bool:
     """Return whether a layout is a body's, not a hand's."""
     return layout.keys == _BODY

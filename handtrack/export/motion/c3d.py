@@ -31,6 +31,9 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     file["parameters"]["POINT"]["RATE"]["value"] = [float(table.fps)]
     file["parameters"]["POINT"]["LABELS"]["value"] = [marker_name(n) for n in track.joint_names]
     file.add_parameter("MANUFACTURER", "SOFTWARE", ["handtrack"])
+    file["parameters"]["POINT"]["DESCRIPTIONS"]["value"] = [
+        table.keypoint_definition
+    ] * points.shape[1]
     file["header"]["points"]["first_frame"] = int(track.frame[0])  # ezc3d counts from 0, as we do
     file["header"]["points"]["last_frame"] = int(track.frame[-1])
     file["data"]["points"] = points

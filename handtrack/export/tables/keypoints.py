@@ -13,13 +13,14 @@ from handtrack.session.formats.tables import write_arrays
 
 
 def write(path: Path, table: ResultsTable) -> list[Path]:
-    """Write joint positions by name, and the 21 keypoints of hands."""
+    """Write joint positions by name, the 21 keypoints of hands, and whose points they are."""
     track = table.track
     arrays: dict[str, Array] = {
         "frame": track.frame,
         "time_s": track.time_s,
         "joint_names": np.asarray(track.joint_names),
         "joint_positions": track.joint_positions,
+        "keypoint_definition": np.array(table.keypoint_definition),
     }
     if track.keypoints21 is not None:
         arrays["keypoint_names"] = np.asarray(keypoint_names())

@@ -42,5 +42,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         if not body:
             frame["handedness"] = [] if lost else [[{"category_name": side, "score": 1.0}]]
         frames.append(frame)
-    replace_text(path, json.dumps({"unit": "m", "names": list(names), "frames": frames}) + "\n")
+    told: dict[str, Any] = {"unit": "m", "names": list(names)}
+    told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
+    replace_text(path, json.dumps(told) + "\n")
     return [path]

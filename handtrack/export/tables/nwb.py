@@ -48,7 +48,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     estimate = made.PoseEstimation(
         name="PoseEstimation",
         pose_estimation_series=series,
-        description=f"{track.model} ({track.side}) fitted to calibrated cameras",
+        description=f"{track.model} ({track.side}) fitted to calibrated cameras; points: {table.keypoint_definition}",
         scorer="handtrack",
         source_software="handtrack",
         source_software_version=track.version,

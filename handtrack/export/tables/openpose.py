@@ -40,7 +40,8 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         {"frame": int(frame), "time_s": float(time_s), "people": those}
         for frame, time_s, those in zip(track.frame, track.time_s, people, strict=True)
     ]
-    told: dict[str, Any] = {"version": 1.3, "unit": "m", "names": list(names), "frames": frames}
+    told: dict[str, Any] = {"version": 1.3, "unit": "m", "names": list(names)}
+    told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
     replace_text(path, json.dumps(told) + "\n")
     return [path]
 

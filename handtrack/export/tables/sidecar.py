@@ -40,6 +40,7 @@ def about(table: ResultsTable) -> dict[str, Any]:
         "axes": AXES,
         "status": {str(int(status)): status.name.lower() for status in Status},
         "joints": list(track.joint_names),
+        "keypoint_definition": table.keypoint_definition,
         "parameters": _parameters(table),
         **_bones(table),
         "cameras": _read(track.cameras),

@@ -15,15 +15,16 @@ from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.versions import keep_version
-from handtrack.session.formats.anatomy import anatomy_arrays, model_of
+from handtrack.session.formats.anatomy import anatomy_arrays
 from handtrack.tracking.frame.reason import KINDS
 from handtrack.tracking.frame.result import Status, TrackResult
+from handtrack.tracking.frame.tables.track_model import model_of
 
 FORMAT = 2
 """with the model's hierarchy; files of format 1 are without it, and open"""
 
 _NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names", "part_names")
-_TEXTS = ("model", "side", "scale", "session", "settings", "version")
+_TEXTS = ("model", "side", "scale", "session", "settings", "version", "keypoint_definition")
 _WHOLE = ("frame", "status", "iterations", "views", "hypothesis_parent", "take")
 _FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
 _JSON = ("refinement", "definition", "cameras", "pins")
@@ -64,7 +65,7 @@ _REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
 _OFF = ("p_off_10mm", "part_names")
 _HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
 _OPTIONAL = (
-    "keypoints21", "views", "energy_names", "energies", "take", "p_off_25mm", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
+    "keypoints21", "keypoint_definition", "views", "energy_names", "energies", "take", "p_off_25mm", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
 )  # fmt: skip
 _WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
 """arrays of text, a row a frame"""
@@ -86,6 +87,12 @@ def write_npz(path: Path | str, track: TrackResult) -> None:
             arrays[field.name] = np.asarray(value)
     if track.definition is not None:
         arrays |= anatomy_arrays(model_of(track, str(path)))
+    if track.landmarks is not None and track.landmark_covariance is not None:
+        arrays |= {
+            "landmarks": track.landmarks,
+            "landmark_covariance": track.landmark_covariance,
+            "landmark_definition": np.array(track.landmark_definition),
+        }
     write_arrays(path, arrays)
 
 

@@ -10,7 +10,12 @@ import numpy as np
 from handtrack.arrays import D2, D3, Floats, J
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.capture.images.frames import files_by_frame, frames_of
-from handtrack.capture.images.openpose import LAYOUTS, Layout, read_openpose
+from handtrack.capture.images.openpose import (
+    LAYOUTS,
+    Layout,
+    landmark_definition,
+    read_openpose,
+)
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -83,6 +88,7 @@ class KeypointFiles:
         """Raises HandtrackError when no file matches, two have the same number, or the first cannot be read."""
         self.files = files_by_frame(matching_files(folder, pattern, where))
         self.layout: Layout = LAYOUTS[layout]
+        self.landmark_definition = landmark_definition(layout)
         self.camera = camera
         self.flat = camera.without_distortion()
         self._notes = FrameNotes()

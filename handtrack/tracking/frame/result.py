@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
 from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, Ints, J, K, L, N, S
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import FINGERS
+from handtrack.model.articulated import FINGERS, JOINT_CENTRES, keypoint_names
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.stacked import (
     stacked_alternatives,
@@ -18,6 +19,7 @@ from handtrack.tracking.frame.stacked import (
     stacked_reasons,
 )
 from handtrack.tracking.frame.tables.named_track import NamedTrack
+from handtrack.tracking.frame.tables.track_model import model_of
 
 PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
@@ -242,6 +244,8 @@ class TrackResult(NamedTrack):
     """number of the take in the session's store that it is"""
     pins: str | None = None
     """JSON, as the session's pins.json: where a person pointed at joints"""
+    keypoint_definition: str | None = None
+    """whose points `joint_positions` and `keypoints21` are, where `in_landmarks` was asked for others than the model's own"""
 
     @classmethod
     def from_frames(
@@ -328,6 +332,55 @@ class TrackResult(NamedTrack):
         return (
             f"<TrackResult: {len(self)} frames of {what or 'a model'}, {self.frame[0]} to {self.frame[-1]} ({found}); "
             f"{len(self.parameter_names)} parameters, {len(self.joint_names)} joints>"
+        )
+
+    @cached_property
+    def landmark_definition(self) -> str | None:
+        """Whose points `landmarks` are, such as `mediapipe21`; None where nobody knows where a detector sees this person's joints."""
+        try:
+            known = model_of(self).landmark_definitions
+        except HandtrackError:  # of a program that does not say how its model is built
+            return None
+        return next((name for name in known if name != JOINT_CENTRES), None)
+
+    @cached_property
+    def landmarks(self) -> Floats[F, D21, D3] | None:
+        """The keypoints as a detector or a marker set means them, world [m]: joint centres plus what was fitted beside them; hands only."""
+        name = self.landmark_definition
+        return None if name is None else self.in_landmarks(name).keypoints21
+
+    @property
+    def landmark_covariance(self) -> Floats[F, D21, D3, D3] | None:
+        """[m²] of the landmarks: of their joints, on whose bones they are. With the pose alone unknown theirs is the same to a tenth
+        (standard deviations, marked real hand); of the offset itself nothing is said.
+        """
+        if self.landmarks is None:
+            return None
+        return self.joint_covariance[:, [self.joint_names.index(n) for n in keypoint_names()]]
+
+    def in_landmarks(self, definition: str, source: str = "this result") -> TrackResult:
+        """Return the same with the points of another definition as joints and keypoints: `joints`, or `landmark_definition`.
+
+        source: where it is from, for errors. Raises HandtrackError for a definition in which it has none.
+        """
+        if definition == (self.keypoint_definition or JOINT_CENTRES):
+            return self
+        model = model_of(self, source)
+        known = model.landmark_definitions
+        if definition not in known:
+            raise HandtrackError(
+                f"{source}: no landmarks '{definition}'; it has {' and '.join(known)}. Those of a detector are found where two "
+                "cameras or more see its joints from different sides, or come with a person's saved hand."
+            )
+        T = self.T_world_bone[:, model.joint_bone]
+        places = np.einsum("fjab,jb->fja", T[..., :3, :3], known[definition]) + T[..., :3, 3]
+        rows = [self.joint_names.index(n) for n in keypoint_names() if n in self.joint_names]
+        keypoints = None if self.keypoints21 is None else places[:, rows]
+        return replace(
+            self,
+            joint_positions=places,
+            keypoints21=keypoints,
+            keypoint_definition=None if definition == JOINT_CENTRES else definition,
         )
 
     @property

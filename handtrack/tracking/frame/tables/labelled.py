@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handtrack.arrays import Array, Axes, F, Floats, J
+from handtrack.model.articulated import JOINT_CENTRES
 from handtrack.tracking.frame.result import Status, TrackResult
 
 _USUAL_FPS = 30.0  # of a single frame, which says nothing of the rate
@@ -79,6 +80,7 @@ def labelled(track: TrackResult) -> LabelledTrack:
     attributes = {
         "source_software": "handtrack", "ds_type": "poses", "fps": frame_rate(track), "time_unit": "seconds",
         "session": track.session, "model": track.model, "side": track.side,
+        "keypoint_definition": track.keypoint_definition or JOINT_CENTRES,
     }  # fmt: skip
     return LabelledTrack(coordinates, arrays, attributes)
 
