@@ -13,6 +13,7 @@ import traceback
 from pathlib import Path
 from typing import NamedTuple
 
+from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.errors import HandtrackError, not_enough_memory
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
@@ -23,6 +24,7 @@ def main(argv: list[str] | None = None) -> int:
     # Matrices here are small: threads of BLAS only get in each other's way, and change the order of sums.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("MKL_NUM_THREADS", "1")
+    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that knows no "−" shows "?"

@@ -9,7 +9,8 @@ from functools import partial
 from typing import Any
 
 from websockets.asyncio.server import Server, ServerConnection
-from websockets.protocol import CONNECTING
+from websockets.frames import Frame, Opcode
+from websockets.protocol import CONNECTING, Event
 from websockets.server import ServerProtocol
 
 from handtrack_app.door.flow import Flow
@@ -53,6 +54,14 @@ class _GatedConnection(ServerConnection):
         elif not self.transport.is_closing():
             log.warning("%s sent too many bytes and was sent away", self.remote_address)
             self.transport.abort()
+
+    def process_event(self, event: Event) -> None:
+        """Take a frame; one that continues a message counts as one: of empty ones, a message may have millions."""
+        if isinstance(event, Frame) and event.opcode is Opcode.CONT and not self._flow.heard():
+            log.warning("%s sent too many pieces and was sent away", self.remote_address)
+            self.transport.abort()
+            return
+        super().process_event(event)
 
     async def recv(self, decode: bool | None = None) -> bytes:  # type: ignore[override]
         """Return the next message that may pass."""

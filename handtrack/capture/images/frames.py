@@ -167,7 +167,7 @@ class ImageFiles:
         if path is None:
             return None
         data, problem = _bytes(path)
-        self._check_announced(data, f"{path}, frame {frame}")
+        check_announced(announced_size(data), self._expected_size, f"{path}, frame {frame}")
         image = (
             None
             if problem
@@ -187,15 +187,13 @@ class ImageFiles:
         check_size(image, self._expected_size, f"{path}, frame {frame}")
         return image
 
-    def _check_announced(self, data: bytes, where: str) -> None:
-        """Raise HandtrackError for an image larger than the calibration's before it is unpacked: a small file may fill the memory."""
-        size, expected = announced_size(data), self._expected_size
-        if (
-            size is not None
-            and expected is not None
-            and size[0] * size[1] > expected[0] * expected[1]
-        ):
-            _check(size, expected, where)
+
+def check_announced(
+    size: tuple[int, int] | None, expected: tuple[int, int] | None, where: str
+) -> None:
+    """Raise HandtrackError for a picture larger than the calibration's before it is unpacked: a small file may fill the memory."""
+    if size is not None and expected is not None and size[0] * size[1] > expected[0] * expected[1]:
+        _check(size, expected, where)
 
 
 def check_size(image: Array[H, W, *Axes], expected: tuple[int, int] | None, where: str) -> None:

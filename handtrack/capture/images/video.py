@@ -14,7 +14,8 @@ from pathlib import Path
 import cv2
 
 from handtrack.arrays import D3, Array, H, W
-from handtrack.capture.images.frames import check_size
+from handtrack.capture.images.containers import check_container
+from handtrack.capture.images.frames import check_announced, check_size
 from handtrack.capture.images.video_audit import Checkpoint, VideoAudit, announced_frames
 from handtrack.errors import HandtrackError
 
@@ -24,6 +25,7 @@ _TURNED = (
     "of the file."
 )
 _MOST_ANNOUNCED = 10_000_000  # days of video: a container that says more is counted at once
+_OPEN_MS = 10_000  # of a sound file it takes some ms; FFmpeg looks through all of a damaged one for a beginning
 _CHECKPOINT_EVERY = 250  # frames; what a far step back costs at most, beside the window
 
 
@@ -48,6 +50,9 @@ class VideoFile:
         self._audit = audit
         self._checkpoints = dict(audit.checkpoints) if audit is not None else {}
         self._capture = self._open()
+        sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        width, height = (int(self._capture.get(side)) for side in sides)
+        check_announced((width, height), expected_size, self._where)
         self._next = 0  # decode index of the frame that the next grab gives
         first = self._decode_next()
         if first is None:
@@ -134,14 +139,14 @@ class VideoFile:
             self._next = 1 << 62  # any frame lies before: the next read rewinds
 
     def _open(self) -> cv2.VideoCapture:
-        if not self.path.is_file():
-            raise HandtrackError(f"{self._where}: no such file; expected a video.")
-        capture = cv2.VideoCapture(str(self.path))
+        check_container(self.path, self._where)
+        capture = cv2.VideoCapture(
+            str(self.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_MS]
+        )
         if not capture.isOpened():
             raise HandtrackError(
-                f"{self._where}: cannot be opened as a video. It is no video, its codec is "
-                "unknown, or it was cut off before its index was written; re-encode it (for "
-                "instance with ffmpeg) or record again."
+                f"{self._where}: cannot be opened as a video. Its codec is unknown, it is damaged, or it was cut off before its "
+                "index was written; re-encode it (for instance with ffmpeg) or record again."
             )
         return capture
 
