@@ -14,6 +14,7 @@ import viser
 
 from handtrack.session.bundled import working_folder
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
+from handtrack_app.door.browser import show_in_browser
 from handtrack_app.door.door import Door, open_door
 from handtrack_app.door.log import logging_to
 from handtrack_app.engine.live.live_options import LiveOptions
@@ -130,7 +131,7 @@ class Workbench:
         self.player.stop()
         self.worker.stop(self._ends_within_s)
         self._thread.join(5.0)
-        self.server.stop()
+        self.door.close()
 
     def wait_ready(self, timeout: float = 120.0) -> bool:
         """Return whether the session is shown, waiting for it."""
@@ -336,7 +337,7 @@ def run_workbench(
         if folder != Path(session_folder) or demo:
             print(f"This is your own copy; poses and tracks go to {folder}", flush=True)
         if open_browser and token is None:
-            webbrowser.open(bench.url)
+            show_in_browser(bench.door)
         failure = bench.worker.wait_opened(None)
         if failure is not None:
             raise failure

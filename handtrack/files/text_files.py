@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
+from handtrack.files.given_files import MOST_BYTES, check_given
 
 _LONGEST_WHOLE = 18  # digits: what 64 bits hold; longer ones become floats
 
 
-def read_text(path: Path, what: str) -> str:
+def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
     """Return a file's text, without the mark that some editors put before it.
 
-    what: a few words for the error, such as `the calibration`. Raises HandtrackError.
+    what: a few words for the error, such as `the calibration`. Raises HandtrackError, also for a file of more than so many bytes.
     """
+    check_given(path, what, most_bytes)
     try:
         return Path(path).read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise HandtrackError(f"{path}: no such file; expected {what} there.") from None
     except UnicodeDecodeError as error:
         raise HandtrackError(
             f"{path}: not UTF-8 text ({error.reason} at byte {error.start}). Save it as UTF-8."
@@ -28,10 +28,11 @@ def read_text(path: Path, what: str) -> str:
         raise HandtrackError(f"{path}: cannot read {what}: {error.strerror}.") from None
 
 
-def read_json(path: Path, what: str) -> Any:
+def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES) -> Any:
     """Return what a JSON file says; NaN and infinity are refused, as JSON does. Raises HandtrackError."""
+    text = read_text(path, what, most_bytes)
     try:
-        return json.loads(read_text(path, what), parse_constant=_no_constant, parse_int=_whole)
+        return json.loads(text, parse_constant=_no_constant, parse_int=_whole)
     except json.JSONDecodeError as error:
         raise HandtrackError(
             f"{path}: not valid JSON at line {error.lineno}: {error.msg}; expected {what} there."

@@ -5,6 +5,7 @@ A field's type is what msgspec converts to; a `Meta` in it carries the limits, a
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
@@ -52,7 +53,7 @@ def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), 
             raise HandtrackError(
                 f"{where}: unknown key '{key}'; {listed_names(key, known, 'known keys')}"
             )
-    types = get_type_hints(kind, include_extras=True)
+    types = _types(kind)
     values = {
         key: _converted(value, types[key], f"{where}: {key}")
         for key, value in table.items()
@@ -65,6 +66,11 @@ def read_table(kind: type[T], table: Any, where: str, also: Sequence[str] = (), 
         return kind(**values, **ready)
     except ValueError as error:
         raise HandtrackError(f"{where}: {error}") from None
+
+
+@functools.cache
+def _types(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
 
 
 def checked_table(table: Any, where: str) -> dict[str, Any]:

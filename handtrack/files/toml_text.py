@@ -14,14 +14,15 @@ if TYPE_CHECKING:
     from tomlkit.items import Item
 
 _WHOLE_BITS = 63  # and a sign
+_MOST_BYTES = 4 << 20  # settings of a thousand cameras have 0.3 MB; Python reads some MB a second
 
 
 def read_toml(path: Path, what: str) -> dict[str, Any]:
     """Return the tables of a TOML file. what: a few words for the error, such as `the calibration`.
 
-    Raises HandtrackError when there is no such file, or it is not valid TOML (with its line).
+    Raises HandtrackError when there is no such file, or it is too large, or not valid TOML (with its line).
     """
-    text = read_text(path, what)
+    text = read_text(path, what, _MOST_BYTES)
     try:
         tables = tomllib.loads(text)
         _check_numbers(tables)

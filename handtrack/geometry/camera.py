@@ -6,6 +6,7 @@ pixel centres.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,7 @@ from handtrack.geometry.rotation import rotation_matrix
 
 _LEAST_DEPTH_M = 0.05
 _MOST_TANGENTIAL = 0.1  # a lens that is not centred on its sensor has 0.001 to 0.01; a fisheye's k3 and k4 stand in this place
+_LONGEST_FOCAL_PX = 1e6  # a lens of 1 m over pixels of 1 µm
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +179,8 @@ class CameraRig:
     cameras: tuple[Camera, ...]
 
     def __post_init__(self) -> None:
-        for name in self.names:
-            if self.names.count(name) > 1:
+        for name, count in Counter(self.names).items():
+            if count > 1:
                 raise HandtrackError(
                     f"the name '{name}' is given to two cameras; each needs its own."
                 )
@@ -187,14 +189,17 @@ class CameraRig:
     def names(self) -> tuple[str, ...]:
         return tuple(camera.name for camera in self.cameras)
 
+    @cached_property
+    def _by_name(self) -> dict[object, Camera]:
+        return {camera.name: camera for camera in self.cameras}
+
     def __getitem__(self, name: str) -> Camera:
-        for camera in self.cameras:
-            if camera.name == name:
-                return camera
-        raise unknown_name("camera", name, self.names)
+        if name not in self._by_name:
+            raise unknown_name("camera", name, self.names)
+        return self._by_name[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self.names
+        return name in self._by_name
 
     def __iter__(self) -> Iterator[Camera]:
         return iter(self.cameras)
@@ -243,6 +248,11 @@ def _check_matrix(matrix: Floats, who: str) -> None:
         raise HandtrackError(
             f"{who}: focal lengths {matrix[0, 0]:g}, {matrix[1, 1]:g}; expected positive pixels. "
             "The matrix is singular or mirrored."
+        )
+    if max(matrix[0, 0], matrix[1, 1]) > _LONGEST_FOCAL_PX:
+        raise HandtrackError(
+            f"{who}: focal lengths {matrix[0, 0]:g}, {matrix[1, 1]:g} pixels; expected at most {_LONGEST_FOCAL_PX:g}. Is the "
+            "matrix in another unit?"
         )
     if not np.allclose(matrix[[1, 2, 2, 2], [0, 0, 1, 2]], [0, 0, 0, 1], rtol=0, atol=1e-12):
         raise HandtrackError(

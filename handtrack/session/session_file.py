@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -216,9 +217,8 @@ def _cameras(tables: Any, path: Path) -> tuple[CameraSettings, ...]:
             f"{path}: no camera; expected at least one table [[camera]] (two brackets)."
         )
     cameras = tuple(_camera(table, path, number) for number, table in enumerate(tables, 1))
-    names = [camera.name for camera in cameras]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(camera.name for camera in cameras).items():
+        if count > 1:
             raise HandtrackError(
                 f"{path}: two tables [[camera]] have the name '{name}'; one a camera is expected."
             )

@@ -14,6 +14,9 @@ import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
+
+import msgspec
 
 from handtrack.errors import HandtrackError
 
@@ -31,7 +34,7 @@ class Holder:
     generation: int
     program: str
     """such as `handtrack track`"""
-    pid: int
+    pid: Annotated[int, msgspec.Meta(ge=1, lt=1 << 31)]
     host: str
     machine: str
     """names one running system: a number of a process means something there only"""
@@ -149,7 +152,7 @@ def _path(folder: Path, generation: int) -> Path:
 
 def _generation(path: Path) -> int:
     number = path.stem.removeprefix(_PREFIX)
-    return int(number) if number.isdigit() else 0
+    return int(number) if number.isdecimal() else 0
 
 
 def _newest(folder: Path) -> Path | None:
@@ -160,8 +163,8 @@ def _newest(folder: Path) -> Path | None:
 def _read(path: Path) -> Holder:
     """Return who wrote a lease; one that is being written, or was torn, tells nothing but its number."""
     try:
-        return Holder(**json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError):
+        return msgspec.json.decode(path.read_bytes(), type=Holder)
+    except (OSError, msgspec.MsgspecError):
         return Holder(_generation(path), "an unknown program", 0, "an unknown host", "", "", "")
 
 

@@ -24,7 +24,7 @@ def segments(folder: Path) -> list[Path]:
     """Return the segments of a log, the oldest generation first."""
     if not folder.is_dir():
         return []
-    found = [path for path in folder.iterdir() if path.suffix == _ENDING and path.stem.isdigit()]
+    found = [path for path in folder.iterdir() if path.suffix == _ENDING and path.stem.isdecimal()]
     return sorted(found, key=lambda path: int(path.stem))
 
 

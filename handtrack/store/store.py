@@ -126,7 +126,7 @@ class Store:
     def _all_takes(self) -> list[Take]:
         folder = self.folder / _TAKES
         found = folder.iterdir() if folder.is_dir() else ()
-        takes = [Take(path) for path in found if path.name.isdigit() and size_of(path)]
+        takes = [Take(path) for path in found if path.name.isdecimal() and size_of(path)]
         return sorted(takes, key=lambda take: take.number)
 
     def _actions(self, kind: str) -> list[dict[str, Any]]:
@@ -164,7 +164,7 @@ class WritableStore(Store):
         folder = self.folder / _TAKES
         pruned = [data["take"] for data in self._actions(_PRUNED)]
         there = (
-            [int(p.name) for p in folder.iterdir() if p.name.isdigit()] if folder.is_dir() else []
+            [int(p.name) for p in folder.iterdir() if p.name.isdecimal()] if folder.is_dir() else []
         )
         return self._writer(Take(folder / f"{max([0, *pruned, *there]) + 1:04d}"), about)
 

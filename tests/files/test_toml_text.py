@@ -40,5 +40,5 @@ def test_files_that_are_no_text(tmp_path: Path) -> None:
     path.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(HandtrackError, match=r"x.toml: not UTF-8 text"):
         read_toml(path, "settings")
-    with pytest.raises(HandtrackError, match=r"cannot read settings: Is a directory"):
+    with pytest.raises(HandtrackError, match=r"is a folder; expected settings"):
         read_toml(tmp_path, "settings")

@@ -29,7 +29,11 @@ class Door:
     server: viser.ViserServer
     host: str
     gate: Gate
-    token: str
+    handshake: Handshake
+
+    @property
+    def token(self) -> str:
+        return self.handshake.token
 
     @property
     def port(self) -> int:
@@ -39,6 +43,11 @@ class Door:
     def url(self) -> str:
         """The address of the page on this machine, with the token."""
         return self.url_by(LOOPBACK if self.host in ("0.0.0.0", "::") else self.host)
+
+    def close(self) -> None:
+        """End the server."""
+        self.server.stop()
+        self.handshake.hide_address()
 
     def url_by(self, name: str) -> str:
         """Return the address with another of this machine's names."""
@@ -68,7 +77,7 @@ def open_door(
             f"port {port} of {host} was taken while the workbench started; try again, or name another "
             "with --port."
         )
-    return Door(server, host, gate, handshake.token)
+    return Door(server, host, gate, handshake)
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ import secrets
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, urlencode, urlsplit
 
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
@@ -48,6 +48,8 @@ class Handshake:
     names: frozenset[str]
     """names of this machine, in lower case"""
     token: str = field(default_factory=new_token, repr=False)
+    hide_address: Callable[[], object] = lambda: None
+    """takes away what leads to the address with the token; called when a page has come by it, and at the end"""
     _new: Allowance = field(default_factory=lambda: Allowance(*_NEW_CLIENTS))
     _headers: dict[str, str] = field(default_factory=page_headers)
 
@@ -57,10 +59,15 @@ class Handshake:
         def answer(connection: ServerConnection, request: Request) -> Response | None:
             try:
                 host = self._checked_host(connection, request)
-                self._check_token(request, host)
+                asked = parse_qs(request.path.partition("?")[2])
+                self._check_token(request, host, asked.pop("token", []))
                 response = None
                 if (_only(request, "Upgrade") or "").lower() == "websocket":
                     self._check_room(connection)
+                elif "token=" in request.path:  # is not to stay in the address
+                    response = connection.respond(HTTPStatus.SEE_OTHER, "")
+                    response.headers["Location"] = f"/?{urlencode(asked, doseq=True)}".rstrip("?")
+                    self.hide_address()
                 elif inner is not None:
                     response = inner(connection, request)
             except Refused as refused:
@@ -74,7 +81,7 @@ class Handshake:
                 response.headers[name] = value
             if host is not None:
                 response.headers["Set-Cookie"] = (
-                    f"{cookie_name(host)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+                    f"{cookie_name(host)}={self.token}; Path=/; HttpOnly; SameSite=Lax"
                 )
             return response
 
@@ -91,13 +98,12 @@ class Handshake:
                 "The workbench does not know itself by this name. Use the address that it printed.",
             )
         if origin is not None and (
-            urlsplit(origin).netloc.lower() != host.lower() or _name(origin) != name
+            _name(origin) != name or urlsplit(origin).netloc.lower() != host.lower()
         ):
             raise Refused(HTTPStatus.FORBIDDEN, "This page does not belong to the workbench.")
         return host
 
-    def _check_token(self, request: Request, host: str) -> None:
-        asked = parse_qs(urlsplit(request.path).query).get("token", [])
+    def _check_token(self, request: Request, host: str, asked: list[str]) -> None:
         kept = [
             value
             for name, _, value in (

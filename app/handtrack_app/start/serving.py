@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import sys
-import webbrowser
 from pathlib import Path
 
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.door.browser import show_in_browser
 from handtrack_app.door.door import Door
 from handtrack_app.door.log import logging_to
 from handtrack_app.protocol.log_file import LOG_FILE
@@ -30,7 +30,7 @@ def choose_recording(
         if token is None:
             print(f"handtrack: choose a recording at {page.door.url} (Ctrl-C ends)", flush=True)
             if open_browser:
-                webbrowser.open(page.door.url)
+                show_in_browser(page.door)
         folder = page.wait()
         return None if folder is None else (folder, page.door)
     except KeyboardInterrupt:

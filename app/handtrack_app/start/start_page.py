@@ -98,7 +98,7 @@ class StartPage:
     def stop(self) -> None:
         """End the page and what runs."""
         self._cancel()
-        self.door.server.stop()
+        self.door.close()
 
     def open(self, folder: Path) -> None:
         """Leave the page for a session. Raises HandtrackError for a folder that is none."""

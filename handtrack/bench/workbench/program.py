@@ -76,7 +76,7 @@ class RunningWorkbench:
         return [
             int(path.name)
             for path in Path("/proc").iterdir()
-            if path.name.isdigit() and _session(path) == own
+            if path.name.isdecimal() and _session(path) == own
         ]
 
     def _address(self) -> str:

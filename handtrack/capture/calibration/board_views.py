@@ -93,7 +93,7 @@ def natural_order(paths: Iterable[Path]) -> list[Path]:
     """Return files by the numbers in their names: img2 before img10."""
     return sorted(
         paths,
-        key=lambda p: [int(t) if t.isdigit() else t for t in re.split(r"(\d+)", str(p))],
+        key=lambda p: [int(t) if t.isdecimal() else t for t in re.split(r"(\d+)", str(p))],
     )
 
 

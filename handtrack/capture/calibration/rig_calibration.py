@@ -316,7 +316,7 @@ def _check_world_name(world: str, cameras: Sequence[CameraViews]) -> None:
     frames = {view.frame for camera in cameras for view in camera.shared}
     if world == "" or (kind == "camera" and name in names):
         return
-    if kind == "board" and name.isdigit() and int(name) in frames:
+    if kind == "board" and name.isdecimal() and int(name) in frames:
         return
     shown = ", ".join(map(str, sorted(frames)[:12]))
     raise HandtrackError(

@@ -116,7 +116,7 @@ def _header(path: Path) -> _Header:
         words = line.split()
         if words[:1] == ["format"]:
             order = _FORMATS.get(words[1] if len(words) > 1 else "")
-        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdigit():
+        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
             elements.append(words[1])
             if words[1] == "vertex":
                 count = int(words[2])

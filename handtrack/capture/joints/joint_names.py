@@ -46,7 +46,7 @@ def known_joint(name: str) -> tuple[str, str] | None:
     side = next((_SIDES[word] for word in words if word in _SIDES), "")
     left = [word for word in words if word not in _SIDES and word not in _FILLING]
     finger = next((_FINGERS[word] for word in left if word in _FINGERS), None)
-    numbers = [int(word) for word in left if word.isdigit()]
+    numbers = [int(word) for word in left if word.isdecimal()]
     parts = [_PARTS[word] for word in left if word in _PARTS]
     if finger is None:
         if (len(left) == 1 and left[0] in _WRIST) or (not left and name.lower().endswith("hand")):

@@ -66,7 +66,7 @@ def _frames(tree: Any, where: str) -> Iterator[tuple[int, Any]]:
         if isinstance(tree, Mapping)
         else tree
     )
-    if isinstance(inner, Mapping) and inner and all(str(key).isdigit() for key in inner):
+    if isinstance(inner, Mapping) and inner and all(str(key).isdecimal() for key in inner):
         inner = [
             {"frame": int(key), **(v if isinstance(v, Mapping) else {"instances": v})}
             for key, v in inner.items()

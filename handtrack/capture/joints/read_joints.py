@@ -34,13 +34,13 @@ def read_joints(text: str, where: str) -> GivenJoints:
     if b"\0" in start:
         raise _unknown(where)
     if start.decode("utf-8-sig", errors="replace").lstrip()[:1] in ("{", "["):
-        tree = read_json(path, _WHAT)
+        tree = read_json(path, _WHAT, LARGEST)
         return (
             read_openpose_files({0: path})
             if _is_openpose(tree)
             else _known(read_json_joints(tree, str(path)), where)
         )
-    return _known(read_csv_joints(read_text(path, _WHAT), str(path)), where)
+    return _known(read_csv_joints(read_text(path, _WHAT, LARGEST), str(path)), where)
 
 
 def _folder(text: str, where: str) -> GivenJoints:
@@ -50,8 +50,6 @@ def _folder(text: str, where: str) -> GivenJoints:
         raise HandtrackError(
             f"{where}: nothing matches {pattern}; expected one JSON file a frame. Accepted: {ACCEPTED}."
         )
-    for path in files.values():
-        check_given(path, _WHAT)
     first = read_json(next(iter(files.values())), _WHAT)
     if _is_openpose(first):
         return read_openpose_files(files)

@@ -46,7 +46,7 @@ def read_markers(path: Path) -> Markers:
         return _c3d(path)
     if b"\0" in start or not start.strip():
         raise _unknown(path)
-    text = read_text(path, _WHAT)
+    text = read_text(path, _WHAT, _LARGEST)
     separator = "\t" if text.startswith("PathFileType") else max(",;\t", key=text[:4096].count)
     try:
         rows = list(csv.reader(io.StringIO(text), delimiter=separator))

@@ -89,7 +89,7 @@ class CorrectedMasks:
     def frames(self) -> list[int]:
         """The camera's own frames that are corrected."""
         files = self.path(0).parent.glob("*.png") if self._has_files else ()
-        found = {int(path.stem) for path in files if path.stem.isdigit()}
+        found = {int(path.stem) for path in files if path.stem.isdecimal()}
         with self._lock:
             held = dict(self._held)
         return sorted(

@@ -134,7 +134,7 @@ def _frames(path: Path, bones: dict[str, _Bone], skeleton: Path) -> list[dict[st
         words = line.split()
         if not words or words[0][0] in "#:":
             continue
-        if len(words) == 1 and words[0].isdigit():
+        if len(words) == 1 and words[0].isdecimal():
             frames.append({})
             continue
         name = words[0]

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import os
 import socket
 import time
+import webbrowser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from handtrack_app.door import connection as door_connection
+from handtrack_app.door.browser import show_in_browser
 from handtrack_app.door.door import open_door
 from handtrack_app.door.handshake import MOST_CLIENTS
 from tests.app.waiting import eventually
@@ -34,8 +39,11 @@ def open_host():
 
 
 def asked(door, path=None, **headers) -> http.client.HTTPResponse:
-    connection = http.client.HTTPConnection("127.0.0.1", door.server.get_port(), timeout=10)
-    connection.request("GET", f"/?token={door.token}" if path is None else path, headers=headers)
+    """The answer to one who has the cookie, where no path is given."""
+    connection = http.client.HTTPConnection("127.0.0.1", door.port, timeout=10)
+    if path is None:
+        headers = {"Cookie": f"handtrack_{door.port}={door.token}"} | headers
+    connection.request("GET", path or "/", headers=headers)
     answer = connection.getresponse()
     answer.words = answer.read().decode()
     connection.close()
@@ -77,8 +85,10 @@ def test_a17_c47_without_the_token_no_socket_is_opened(door):
 
 def test_a17_the_page_gets_a_cookie_which_lets_its_socket_in(door):
     port = door.server.get_port()
-    cookie = asked(door).headers["Set-Cookie"]
-    assert cookie == f"handtrack_{port}={door.token}; Path=/; HttpOnly; SameSite=Strict"
+    answer = asked(door, f"/?token={door.token}&fixedDpr=1")
+    assert (answer.status, answer.headers["Location"]) == (303, "/?fixedDpr=1")
+    cookie = answer.headers["Set-Cookie"]
+    assert cookie == f"handtrack_{port}={door.token}; Path=/; HttpOnly; SameSite=Lax"
     kept = {"Cookie": f"other=1; {cookie.partition(';')[0]}"}
     assert asked(door, "/", **kept).status == 200
     origin = f"http://127.0.0.1:{port}"
@@ -86,11 +96,47 @@ def test_a17_the_page_gets_a_cookie_which_lets_its_socket_in(door):
         assert page.recv(timeout=10)
 
 
+@pytest.mark.parametrize("path", ["//evil.example/?token=", "/a/b?token="])
+def test_the_token_leads_to_this_page_and_no_other(door, path):
+    assert asked(door, path + door.token).headers["Location"] == "/"
+
+
+@pytest.mark.parametrize("path", ["//[", "/?%", "/?token=%ff", "*"])
+def test_an_odd_address_is_refused(door, path):
+    assert asked(door, path).status == 403
+    assert asked(door, Origin="http://[").status == 403
+
+
+@pytest.mark.skipif(os.name != "posix", reason="/bin/sh and modes of files")
+def test_the_token_is_on_no_command_line_and_its_file_goes_with_the_first_page(
+    tmp_path, monkeypatch
+):
+    (browser := tmp_path / "browser").write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/said\n')
+    browser.chmod(0o700)
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(webbrowser, "_tryorder", [])
+    webbrowser.register(
+        "ours", None, webbrowser.GenericBrowser([str(browser), "%s"]), preferred=True
+    )
+    running = open_door()
+    show_in_browser(running)
+    said = (tmp_path / "said").read_text()
+    assert running.token not in said
+    file = Path(unquote(urlsplit(said.strip()).path))
+    assert running.url in file.read_text()
+    assert file.stat().st_mode & 0o777 == 0o600
+    asked(running, f"/?token={running.token}")
+    assert not file.exists()
+    show_in_browser(running)
+    running.close()
+    assert not file.exists()
+
+
 def test_a17_each_start_has_a_token_of_its_own(door, open_host):
     assert door.token != open_host.token
     assert len(door.token) >= 32
     assert door.token not in repr(open_host)
-    assert door.url == f"http://127.0.0.1:{door.server.get_port()}/?token={door.token}"
+    assert door.url == f"http://127.0.0.1:{door.port}/?token={door.token}"
     assert open_host.url_by("lab-pc").startswith("http://lab-pc:")
     assert open_host.url.startswith("http://127.0.0.1:")
 

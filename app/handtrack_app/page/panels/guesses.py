@@ -68,7 +68,7 @@ class GuessesPanel:
 
     def _take(self, pressed: object) -> None:
         words = str(pressed)
-        if words.isdigit() and int(words) > 0:
+        if words.isdecimal() and int(words) > 0:
             self.take(int(words) - 1)
 
     def take(self, rank: int) -> None:

@@ -70,13 +70,13 @@ class TakesPanel:
 
     def _restore(self, span: tuple[int, int] | None) -> None:
         chosen = str(self.page.said(self.chosen))
-        if chosen.isdigit():
+        if chosen.isdecimal():
             self.page.play(False)
             self.page.send(RestoreTake(int(chosen), span))
 
     def _compare(self) -> None:
         chosen = str(self.page.said(self.compare))
-        self.page.send(CompareTake(int(chosen) if chosen.isdigit() else None))
+        self.page.send(CompareTake(int(chosen) if chosen.isdecimal() else None))
 
     def show(self, work: WorkSnapshot) -> None:
         """Show the takes that there are."""

@@ -183,7 +183,7 @@ def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
     """Return the silhouette with several pixels merged into one, about _PIXEL_M large at `middle` (3,)."""
     camera = silhouette.camera
     depth = max(float(camera.to_camera(middle)[2]), 0.05)
-    merged = max(1, round(_PIXEL_M * camera.focal_px / depth))
+    merged = min(max(1, round(_PIXEL_M * camera.focal_px / depth)), *camera.size)
     if merged == 1:
         return silhouette
     width, height = camera.size[0] // merged, camera.size[1] // merged
