@@ -42,3 +42,15 @@ def test_files_that_are_no_text(tmp_path: Path) -> None:
         read_toml(path, "settings")
     with pytest.raises(HandtrackError, match=r"is a folder; expected settings"):
         read_toml(tmp_path, "settings")
+
+
+def test_a_file_far_larger_than_settings_are_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "session.toml"
+    path.write_text("[session]\n")
+    with path.open("r+b") as file:
+        file.truncate(200 << 20)
+    monkeypatch.setattr(Path, "read_text", None)
+    with pytest.raises(HandtrackError, match=r"session.toml has 210 MB"):
+        read_toml(path, "settings")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -132,6 +134,10 @@ SINGULAR = np.diag([1.0, 1.0, 0.0])
 BAD_CAMERAS = {
     "skew": ({"matrix": SKEWED}, "camera 'cam0': the matrix has a skew of 0.5; expected 0"),
     "no focal length": ({"matrix": np.diag([0.0, 800, 1])}, "focal lengths 0, 800; expected pos"),
+    "focal length in another unit": (
+        {"matrix": np.diag([800, 1e12, 1.0])},
+        "focal lengths 800, 1e.12",
+    ),
     "transposed": ({"matrix": MATRIX.T}, "the matrix must read .* Is it transposed"),
     "mirrored": ({"rotation": np.diag([-1.0, 1, 1])}, "mirrored .determinant -1, expected 1"),
     "singular": ({"rotation": SINGULAR}, "no rotation: .*determinant 0.*singular or scaled"),
@@ -149,3 +155,24 @@ def test_impossible_cameras_are_refused(case: str) -> None:
     changes, message = BAD_CAMERAS[case]
     with pytest.raises(HandtrackError, match=message):
         make(**changes)
+
+
+def test_many_cameras_take_their_number_of_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = make()
+
+    def looks(count: int) -> int:
+        """Return how often any name is read while a rig is made and each of its cameras looked up."""
+        seen, read = [0], Camera.__getattribute__
+
+        def counting(camera: Camera, name: str) -> object:
+            seen[0] += name == "name"
+            return read(camera, name)
+
+        cameras = tuple(replace(one, name=f"cam{k}") for k in range(count))
+        with monkeypatch.context() as patch:
+            patch.setattr(Camera, "__getattribute__", counting)
+            rig = CameraRig(cameras)
+            assert all(f"cam{k}" in rig and rig[f"cam{k}"] is cameras[k] for k in range(count))
+        return seen[0]
+
+    assert looks(200) < 3 * looks(100)

@@ -95,6 +95,27 @@ def test_a_torn_lease_is_no_reason_to_write(tmp_path: Path) -> None:
         assert store.lease.generation == 5
 
 
+@pytest.mark.parametrize("pid", ["abc", None, 1.5, 2**40, -1, [1]])
+def test_a_lease_of_an_odd_process_is_a_torn_one(pid: object, tmp_path: Path) -> None:
+    Lease.acquire(tmp_path, "handtrack track")
+    os.utime(change(tmp_path, pid=pid))
+    with pytest.raises(LeaseTaken, match="an unknown program"):
+        WritableStore(tmp_path, "here")
+
+
+def test_names_that_only_look_like_numbers_are_none_of_ours(tmp_path: Path) -> None:
+    for name in ("takes/²", "takes/0001x"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "000001.log").write_bytes(b"")
+    (tmp_path / "actions").mkdir()
+    for name in ("lease-²³.json", "actions/²³.log", "takes/²/²³.log"):
+        (tmp_path / name).write_bytes(b"x")
+    with WritableStore(tmp_path, "here") as store:
+        assert store.takes() == []
+        add_take(store, range(2))
+        assert [take.number for take in store.takes()] == [1]
+
+
 def test_of_two_that_find_a_stale_lease_one_gets_it(tmp_path: Path, monkeypatch) -> None:
     really, others = lease_file._newest, []
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -77,3 +78,14 @@ def test_visible_points_face_the_eye_and_lie_in_front():
     half_turn = np.diag([1.0, -1.0, -1.0])
     mark_visible(points, normals, half_turn, np.array([0.0, 0.0, -1.0]), picture, marks)
     assert marks.tolist() == [False, True, True], "turned with its eye, it looks the same"
+
+
+def test_a_lens_of_absurd_length_gives_no_error(places):
+    """Its pixels are far smaller than what the search merges them to."""
+    seen = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras)
+    far = seen.silhouettes[0]
+    matrix = far.camera.matrix.copy()
+    matrix[0, 0] = matrix[1, 1] = 1e6
+    odd = replace(far, camera=replace(far.camera, matrix=matrix), mask=np.ones_like(far.mask))
+    start = silhouette_evidence([odd, *seen.silhouettes[1:]])
+    assert start is None or np.isfinite(start.scores(SHAPE, TURNS, places)).all()
