@@ -17,6 +17,7 @@ from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.session.takes.take_about import foreign_takes
 from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     elif args.compare is not None:
         _compare(Store(folder), session, args, frames)
     else:
-        _list(Store(folder), args)
+        _list(Store(folder), session, args)
     return 0
 
 
@@ -105,12 +106,18 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
         return None
 
 
-def _list(store: Store, args: argparse.Namespace) -> None:
+def _list(store: Store, session: Session, args: argparse.Namespace) -> None:
     spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
+    foreign = foreign_takes(store, session)
     listed = [_listed(take, spans) for take in store.takes()]
     if args.json:
         takes = [asdict(entry) for entry in listed]
-        told = {"takes": takes, "damage": damage, "writer": holder and str(holder)}
+        told = {
+            "takes": takes,
+            "damage": damage,
+            "foreign": foreign,
+            "writer": holder and str(holder),
+        }
         print(json.dumps(told, indent=1))
         return
     if not listed:
@@ -119,7 +126,7 @@ def _list(store: Store, args: argparse.Namespace) -> None:
         print(entry)
     if holder is not None:
         say(f"note: {holder} is writing here.")
-    for text in damage:
+    for text in (*foreign, *damage):
         say(f"note: {text}")
 
 

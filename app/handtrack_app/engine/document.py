@@ -16,6 +16,8 @@ from handtrack.model.pose_library import pose_names
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.seen.views import MaskChoice
+from handtrack.session.session_file import SessionFile
+from handtrack.session.takes.take_about import files_read
 from handtrack.simulation.body_motion import BODY_POSES
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.history import Value
@@ -78,6 +80,7 @@ class Document:
         """the settings of [clouds] as session.toml has them"""
         self.saved_masks = self.masks
         """where each camera's masks come from, as session.toml has it"""
+        self._read: tuple[SessionFile, dict[str, str]] | None = None
         self.size_pending = size_pending
         """the hand's size is to be fitted before the first tracking, or after it"""
         self.live_scale: HandScale | None = None
@@ -88,6 +91,13 @@ class Document:
     @property
     def model(self) -> ArticulatedModel:
         return self.run.model
+
+    def files_read(self) -> dict[str, str]:
+        """Return a digest of all that the session is read from; looked at once, for what was read once stays in memory."""
+        file = self.run.session.file
+        if self._read is None or self._read[0] is not file:
+            self._read = file, files_read(self.run.session)
+        return self._read[1]
 
     @property
     def leaves_forearm_open(self) -> bool:

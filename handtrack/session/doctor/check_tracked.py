@@ -1,4 +1,4 @@
-"""The doctor's look at what was tracked: whether one camera contradicts the others, by its direction or its lens."""
+"""The doctor's look at what was tracked: whether it was made from what is there, and whether one camera contradicts the others, by its direction or its lens."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import numpy as np
 from handtrack.model.model_file import scale_from
 from handtrack.session.doctor.finding import Finding, warning
 from handtrack.session.formats.tables import read_npz
-from handtrack.session.layout import POSES_FILE
+from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
+from handtrack.session.takes.take_about import foreign_result, foreign_takes
+from handtrack.store.store import Store
 from handtrack.tracking.frame.assessment import hand_words, odd_size
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.size.camera_doubt import CameraDoubt, camera_doubts
@@ -26,6 +28,15 @@ _FEWEST, _LOOKS = 4, 8  # frames, evenly spread
 # turned camera: 0.14 on desk_two_view
 _LEAST_GAIN, _LEAST_SHARE, _LEAST_SHARE_OF_JOINTS = (12.0, 0.05, 0.2)
 _ALIKE = 0.7  # of the gain: another camera that would do as well
+
+
+def check_tracked_from(session: Session) -> Iterator[Finding]:
+    """Yield that what was tracked was made from other input than the session has now."""
+    found = foreign_takes(Store(session.folder / TRACKS_FOLDER), session)
+    path = session.folder / POSES_FILE
+    if not found and path.is_file():
+        found = foreign_result(read_npz(path), str(POSES_FILE), session)
+    yield from map(warning, found)
 
 
 def check_tracked_cameras(session: Session) -> Iterator[Finding]:

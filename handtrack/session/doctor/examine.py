@@ -12,7 +12,7 @@ from handtrack.session.doctor.check_hand import check_init, check_model, check_s
 from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_synchrony import check_synchrony
-from handtrack.session.doctor.check_tracked import check_tracked_cameras
+from handtrack.session.doctor.check_tracked import check_tracked_cameras, check_tracked_from
 from handtrack.session.doctor.check_views import (
     check_files,
     check_lengths,
@@ -55,6 +55,7 @@ def examine(session: Session) -> list[Finding]:
         check_model,
         check_init,
         check_side,
+        check_tracked_from,
         check_tracked_cameras,
         check_truth,
     ):

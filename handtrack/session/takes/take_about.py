@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime
 from hashlib import blake2b
 from pathlib import Path
+from typing import Any, Protocol
 
 from handtrack.arrays import Floats, P
+from handtrack.capture.calibration.rig_file import rig_json
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import CameraRig
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, matching_files, place_of
 from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
+from handtrack.session.session_file import SessionFile
 from handtrack.session.takes.versions import versions_in_use
+from handtrack.store.store import Store
 from handtrack.store.take import TakeAbout
-from handtrack.tracking.frame.result import TrackLabels
+from handtrack.tracking.frame.result import TrackLabels, TrackResult
 
 REFINED = "refined"
+
+
+class TrackedSession(Protocol):
+    """What is asked of a session here; see session.session.Session."""
+
+    @property
+    def folder(self) -> Path: ...
+    @property
+    def file(self) -> SessionFile: ...
+    @property
+    def rig(self) -> CameraRig: ...
 
 
 def about_take(
@@ -61,32 +78,118 @@ def about_refined(about: TakeAbout, labels: TrackLabels | None = None) -> TakeAb
     return replace(about, by=by, begun=_now(), inputs=inputs, labels=labels or about.labels)
 
 
-def files_read(session: Session) -> dict[str, str]:
-    """Return a digest of everything that is read of a session, by what it is.
+def files_read(session: TrackedSession) -> dict[str, str]:
+    """Return a digest of everything that is read of a session, by what it is; in two words where only the first must stay for
+    tracked poses to be this recording's.
 
-    Settings count by their contents; of recordings name, size and time of writing do: they may be large.
+    Settings count by their contents; of recordings name, size and time of writing do: they may be large. A copy of the folder has
+    other times, and session.toml may say the same in another way: these are the second words.
     """
-    read = session.folder / SESSION_FILE, session.folder / CALIBRATION_FILE
-    found = {path.name: _digest(path.read_bytes()) for path in read}
-    recording, clouds = session.file.session, session.file.clouds
+    folder, file = session.folder, session.file
+    found = {
+        SESSION_FILE: f"{_digest(_recording(file))} {_content(folder / SESSION_FILE)}",
+        CALIBRATION_FILE: f"{_digest(rig_json(session.rig))} {_content(folder / CALIBRATION_FILE)}",
+    }
+    recording, clouds = file.session, file.clouds
     for name, setting in (
         ("timestamps", recording.timestamps),
         ("clouds", None if clouds is None else clouds.files),
         *(
             (f"{what} of {camera.name}", setting)
-            for camera in session.file.cameras
+            for camera in file.cameras
             for what in ("images", "masks", "depth", "keypoints")
             if isinstance(setting := getattr(camera, what), str)
         ),
     ):
         if setting is not None:
-            found[name] = _stamps(session.folder, matching_files(session.folder, setting, name))
+            with suppress(HandtrackError):  # none there
+                found[name] = _stamps(folder, matching_files(folder, setting, name))
     return found
 
 
+def foreign_takes(
+    store: Store, session: TrackedSession, now: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return a sentence for those takes of the current track that were not made from what the session holds now.
+
+    now: its `files_read`, where they are known.
+    """
+    by_change, now = dict[tuple[str, ...], list[int]](), now or files_read(session)
+    for number in sorted({span.take for span in store.current()}):
+        with suppress(HandtrackError):  # damaged: that is told
+            about = store.take(number).about
+            changed = _changed(about.inputs, about.labels.cameras, session, now)
+            if changed:
+                by_change.setdefault(changed, []).append(number)
+    return [
+        _foreign_words(f"take{'' if len(n) == 1 else 's'} {_listed([*map(str, n)])} of the current track", changed)
+        for changed, n in by_change.items()
+    ]  # fmt: skip
+
+
+def foreign_result(track: TrackResult, what: str, session: TrackedSession) -> list[str]:
+    """Return a sentence where a result was made with other cameras than the session has now. what: the result's place."""
+    changed = _changed({}, track.cameras, session, {})
+    return [_foreign_words(what, changed)] if changed else []
+
+
+def _changed(
+    inputs: Mapping[str, str], cameras: str | None, session: TrackedSession, now: Mapping[str, str]
+) -> tuple[str, ...]:
+    changed = []
+    if cameras is not None and not _same_cameras(cameras, session):
+        changed.append(CALIBRATION_FILE)
+    for name, digest in now.items():
+        was = inputs.get(name, digest)
+        two_words = (" " in digest and " " in was) or (" " not in digest and " " not in was)
+        if two_words and was.split()[0] != digest.split()[0]:
+            changed.append(name)
+    return tuple(dict.fromkeys(changed))
+
+
+def _same_cameras(text: str, session: TrackedSession) -> bool:
+    try:
+        return json.loads(text) == json.loads(rig_json(session.rig))
+    except ValueError:
+        return True  # of another version: nothing can be said
+
+
+def _foreign_words(what: str, changed: Sequence[str]) -> str:
+    return (
+        f"{what}: made from other input than this session has now; changed: {_listed(changed)}. Its poses do not belong to "
+        "the recording as it is. Track again, or put back the files that it was made from."
+    )
+
+
+def _listed(words: Sequence[str]) -> str:
+    *before, last = words
+    return f"{', '.join(before)} and {last}" if before else last
+
+
+def _recording(file: SessionFile) -> str:
+    """Return what session.toml says of the recording; not its name, nor how it is tracked, which a take says itself."""
+    recording = replace(file.session, name="-")
+    said = [recording, *file.cameras, file.clouds, file.hand.model, file.hand.side]
+    return json.dumps([*map(_said, said)], sort_keys=True, default=str)
+
+
+def _said(value: Any) -> Any:
+    """Return a setting as plain values, those left out that are as usual: a later version may know more."""
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    given = {entry.name: (getattr(value, entry.name), entry.default) for entry in fields(value)}
+    table = {name: _said(now) for name, (now, usual) in given.items() if now != usual}
+    return {type(value).__name__: table}
+
+
+def _content(file: Path) -> str:
+    return _digest(file.read_bytes()) if file.is_file() else "-"
+
+
 def _stamps(folder: Path, files: Iterable[Path]) -> str:
-    known = ((path, path.stat()) for path in files)
-    return _digest(*(f"{place_of(p, folder)} {s.st_size} {s.st_mtime_ns}\n" for p, s in known))
+    known = [(place_of(path, folder), path.stat()) for path in files]
+    sizes = _digest(*(f"{name} {s.st_size}\n" for name, s in known))
+    return f"{sizes} {_digest(*(f'{name} {s.st_mtime_ns}' for name, s in known))}"
 
 
 def _digest(*parts: str | bytes) -> str:

@@ -64,6 +64,7 @@ class OpenTake:
             begun=datetime.now(UTC).isoformat(timespec="seconds"),
             frames=(frames.start, frames.stop),
             labels=labels,
+            inputs={} if store is None else document.files_read(),
             start={"frame": first, "parameters": params.tolist()},
             keyframes=keyframes,
             versions=versions_in_use(),

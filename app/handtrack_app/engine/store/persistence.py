@@ -14,6 +14,7 @@ from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import remove_abandoned
 from handtrack.session.layout import TRACKS_FOLDER
+from handtrack.session.takes.take_about import foreign_takes
 from handtrack.session.takes.track_files import import_tracks
 from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
 from handtrack.store.lease import LeaseTaken
@@ -322,6 +323,9 @@ class Persistence:
         self._take_earlier_work()
         self._take_model_of_track()
         self._take_size_of_track()
+        disk = self.store or Store(self.folder / TRACKS_FOLDER)
+        for text in foreign_takes(disk, session, document.files_read()):
+            self._warn(text)
         return brought_back(document)
 
     def _apply_all(self, state: Mapping[str, Value]) -> None:
