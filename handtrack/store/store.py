@@ -83,13 +83,21 @@ class Store:
         return ()
 
     def current_track(self) -> TrackResult | None:
-        """Return the current track; None where nothing was tracked. It is labelled as its latest take is.
+        """Return the current track; None where nothing was tracked. Raises HandtrackError as `track_of` does."""
+        spans = self.current()
+        return self.track_of(spans) if spans else None
+
+    def composed(self, spans: Sequence[Span]) -> tuple[Span, ...]:
+        """Return what would show if spans were made current, each frame once: accepted frames stay as they are."""
+        shown = resolved(spans, self.frames_of)
+        accepted = self.history().state.get(ACCEPTED) or ()
+        return beside_accepted(shown, self.current(), accepted) if accepted else shown
+
+    def track_of(self, spans: Sequence[Span]) -> TrackResult | None:
+        """Return spans, each frame in one of them, as one track; None where there are no frames. It is labelled as its latest take is.
 
         Raises HandtrackError where its takes are of different models.
         """
-        spans = self.current()
-        if not spans:
-            return None
         takes = {span.take: self.take(span.take) for span in spans}
         labels = takes[max(takes)].about.labels
         frames: list[FrameResult] = []
@@ -183,9 +191,8 @@ class WritableStore(Store):
     def make_current(self, spans: Sequence[Span], words: str = "Another take") -> None:
         """Say what the current track is composed of, but for frames that were accepted; undo in the workbench takes it back."""
         history = self._history
-        accepted = history.state.get(ACCEPTED) or ()
-        if accepted:
-            spans = beside_accepted(resolved(spans, self.frames_of), self.current(), accepted)
+        if history.state.get(ACCEPTED):
+            spans = self.composed(spans)
         after = [[s.take, s.first, s.stop] for s in spans]
         action = history.next(words, [Change(SPANS, history.state.get(SPANS), after)])
         self.write(action)
@@ -195,24 +202,21 @@ class WritableStore(Store):
         """Say that the frames of a track file are all in takes."""
         self._act(_FILE, {"digest": digest})
 
-    def restore(self, number: int, frames: range | None = None) -> tuple[Span, ...]:
-        """Make a take, or some frames of it, current again; the rest of the current track stays. Return its spans."""
+    def restored(self, number: int, frames: range | None = None) -> tuple[Span, ...]:
+        """Return what the current track is composed of once a take, or some frames of it, is made current again; the rest stays."""
         take = self.take(number)
         if not take.frames:
             raise HandtrackError(f"{self.folder}: take {number} has no frames.")
         there = range(take.frames[0], take.frames[-1] + 1)
         if frames is None:
-            spans: tuple[Span, ...] = (Span(number, there.start, there.stop),)
-        else:
-            first, stop = max(frames.start, there.start), min(frames.stop, there.stop)
-            if first >= stop:
-                raise HandtrackError(
-                    f"{self.folder}: take {number} has the frames {there.start} to {there.stop - 1}, none of "
-                    f"{frames.start} to {frames.stop - 1}."
-                )
-            spans = with_span(self.current(), Span(number, first, stop))
-        self.make_current(spans, f"Take {number} restored")
-        return spans
+            return (Span(number, there.start, there.stop),)
+        first, stop = max(frames.start, there.start), min(frames.stop, there.stop)
+        if first >= stop:
+            raise HandtrackError(
+                f"{self.folder}: take {number} has the frames {there.start} to {there.stop - 1}, none of "
+                f"{frames.start} to {frames.stop - 1}."
+            )
+        return with_span(self.current(), Span(number, first, stop))
 
     def prune(self, number: int) -> int:
         """Remove a take for good; return how many bytes that frees. Raises HandtrackError for one that is current."""

@@ -47,8 +47,8 @@ def test_nothing_is_left_but_records(folder: Path) -> None:
 def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder: Path) -> None:
     with WritableStore(folder, "a test") as store:
         first, second = add_take(store, range(10), 1), add_take(store, range(4, 8), 2)
-        store.restore(first)
-        store.restore(second, range(5, 100))
+        store.make_current(store.restored(first))
+        store.make_current(store.restored(second, range(5, 100)))
     track = Store(folder).current_track()
     assert Store(folder).current() == (Span(1, 0, 5), Span(2, 5, 8), Span(1, 8, 10))
     assert track is not None
@@ -60,9 +60,9 @@ def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder: P
 
 def test_a12_the_newest_is_told_by_its_number_and_not_by_its_time(folder: Path) -> None:
     with WritableStore(folder, "a test") as store:
-        store.restore(add_take(store, range(3), 1))
+        store.make_current(store.restored(add_take(store, range(3), 1)))
     with WritableStore(folder, "a test") as store:
-        store.restore(add_take(store, range(3), 2))
+        store.make_current(store.restored(add_take(store, range(3), 2)))
     later = folder / "actions/000001.log"
     os.utime(later, (2e9, 2e9))
     assert Store(folder).current() == (Span(2, 0, 3),)
@@ -71,14 +71,14 @@ def test_a12_the_newest_is_told_by_its_number_and_not_by_its_time(folder: Path) 
 def test_pruning_is_for_takes_that_are_not_current(folder: Path) -> None:
     with WritableStore(folder, "a test") as store:
         add_take(store, range(3))
-        store.restore(add_take(store, range(3)))
+        store.make_current(store.restored(add_take(store, range(3))))
         with pytest.raises(HandtrackError, match="take 2 is part of the current track"):
             store.prune(2)
         freed = store.prune(1)
         assert freed > 1000
         assert [take.number for take in store.takes()] == [2]
         with pytest.raises(HandtrackError, match=r"no take 1; its takes: 2\."):
-            store.restore(1)
+            store.make_current(store.restored(1))
         assert add_take(store, range(3)) == 3, "a number is used once"
     assert not (folder / "takes/0001").exists()
 
@@ -165,7 +165,7 @@ def test_a2_a_file_that_is_put_in_the_place_of_ours_is_noticed(folder: Path) -> 
 
 def test_a13_a_thousand_flipped_bits_none_is_accepted_silently(folder: Path) -> None:
     with WritableStore(folder, "a test") as store:
-        store.restore(add_take(store, range(2)))
+        store.make_current(store.restored(add_take(store, range(2))))
     before = {frame.frame: frame for frame in Store(folder).take(1).results()}
     files = [path for path in folder.rglob("*") if path.is_file()]
     contents = [path.read_bytes() for path in files]

@@ -13,12 +13,11 @@ from handtrack.diagnostics.metrics import evaluate
 from handtrack.diagnostics.take_comparison import compared, mean_overlap
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import scale_from
-from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import foreign_takes
-from handtrack.session.takes.track_files import file_digest, import_tracks
+from handtrack.session.takes.track_files import import_tracks, make_current
 from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
@@ -57,13 +56,10 @@ def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> No
     with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
         for text in import_tracks(store, folder):
             say(f"note: {text}")
-        store.restore(args.restore, frames)
-        track = store.current_track()
-        assert track is not None
-        write_result(folder / POSES_FILE, track)
-        store.know_file(file_digest(folder / POSES_FILE))
-        spans = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
-        print(f"current: frames {spans}. Saved to {folder / POSES_FILE}")
+        spans = store.restored(args.restore, frames)
+        make_current(store, spans, f"Take {args.restore} restored", folder / POSES_FILE)
+        named = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
+        print(f"current: frames {named}. Saved to {folder / POSES_FILE}")
         for text in store.damage():
             say(f"note: {text}")
 

@@ -203,9 +203,23 @@ def _save(
     if not results:
         say("handtrack track: interrupted before the first frame was done; nothing was saved.")
         return _INTERRUPTED
-    place, problem = _write(out, replace(run_.result(results), refinement=refinement))
+    track, finished = (
+        replace(run_.result(results), refinement=refinement),
+        not (stopped or ended_by),
+    )
+    try:
+        whole = track if finished else take.with_earlier(track)
+    except HandtrackError:
+        say(
+            f"handtrack track: {ended_by or 'interrupted;'} the track before, of another model, stays. The {len(results)} frames tracked so "
+            f"far are take {take.number}: `handtrack takes {run_.session.folder} --restore {take.number}` makes them the track."
+        )
+        return 2 if ended_by else _INTERRUPTED
+    place, problem = _write(out, whole)
     if not problem:
-        take.saved([result.frame for result in results], finished=not (stopped or ended_by))
+        take.saved(track, finished)
+    earlier = len(whole) - len(track)
+    over = f", over {earlier} of an earlier take" if earlier > 0 else ""
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
     notes = [
         *dict.fromkeys([*run_.session.warnings, *run_.notes]),
@@ -230,11 +244,11 @@ def _save(
         raise HandtrackError(problem)
     if ended_by:
         raise HandtrackError(
-            f"{ended_by} Tracking ended there; the {len(results)} frames tracked before it are in {place}."
+            f"{ended_by} Tracking ended there; the {len(results)} frames tracked before it are in {place}{over}."
         )
     if stopped:
         say(
-            f"handtrack track: interrupted; the {len(results)} frames tracked so far are in {place}."
+            f"handtrack track: interrupted; the {len(results)} frames tracked so far are in {place}{over}."
         )
         return _INTERRUPTED
     return 0

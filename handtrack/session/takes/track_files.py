@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from hashlib import blake2b
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
-from handtrack.session.formats.tables import read_npz
+from handtrack.files.atomic import replacing
+from handtrack.files.versions import keep_version
+from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.layout import POSES_FILE, WORK_FILE
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
@@ -37,6 +40,21 @@ def import_tracks(store: WritableStore, folder: Path) -> list[str]:
         store.know_file(digest)
         said.append(f"{path} is kept as take {number}.")
     return said
+
+
+def make_current(store: WritableStore, spans: Sequence[Span], words: str, path: Path) -> None:
+    """Make spans of takes the current track, and write it to the session's track file: both, or neither where the disk is full.
+
+    Raises HandtrackError where they cannot be one track, and OSError.
+    """
+    track = store.track_of(store.composed(spans))
+    assert track is not None, "spans have frames"
+    path.parent.mkdir(exist_ok=True)
+    keep_version(path)
+    with replacing(path) as part:
+        write_npz(part, track)
+        store.make_current(spans, words)
+    store.know_file(file_digest(path))
 
 
 def file_digest(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import json
 import shutil
@@ -69,6 +70,26 @@ def test_a_span_of_a_take_is_made_current_and_undone(handtrack: CommandLine, ses
         )
     assert handtrack("takes", session, "--restore", 1).code == 0
     assert read_npz(poses).refinement is None, "the live pass knows nothing of it"
+
+
+def test_a_full_disk_leaves_both_track_and_file_as_they_were(
+    handtrack: CommandLine, session: Path, monkeypatch
+) -> None:
+    """Whichever write fails."""
+    poses = session / "tracks/poses.npz"
+    before = poses.read_bytes(), Store(session / "tracks").current()
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    for place in ("handtrack.session.takes.track_files.write_npz", "handtrack.store.log.os.write"):
+        with monkeypatch.context() as patch:
+            patch.setattr(place, full)
+            ended = handtrack("takes", session, "--restore", 1)
+        assert ended.code == 2 and ended.out == ""
+        assert (poses.read_bytes(), Store(session / "tracks").current()) == before
+    assert handtrack("takes", session, "--restore", 1).code == 0
+    assert poses.read_bytes() != before[0]
 
 
 def test_two_takes_are_compared(handtrack: CommandLine, session: Path) -> None:

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from handtrack.session.formats.tables import read_npz
@@ -125,6 +126,50 @@ def test_a1_signals_to_end_are_clean_stops(
         assert len(there) >= frames, "and those solved ahead, which nothing could change any more"
     assert handtrack("track", session).code == 0
     assert (session / POSES).read_bytes() == whole
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
+    handtrack: CommandLine, session: Path, monkeypatch, number: int
+) -> None:
+    class Ended(Interrupter):
+        def update(self, frames: int = 1) -> None:
+            before, self.left = self.left, self.left - frames
+            if before > 0 >= self.left:
+                os.kill(os.getpid(), number)
+
+    assert handtrack("track", session).code == 0
+    before = read_npz(session / POSES)
+    with monkeypatch.context() as patch:
+        patch.setattr(tracking_passes, "progress_bar", lambda *_: Ended(2))
+        ended = handtrack("track", session, "--set", "silhouettes.weight=1.3")
+    assert ended.code == 130
+    for track in (read_npz(session / POSES), Store(session / "tracks").current_track()):
+        assert track is not None
+        assert track.frame.tolist() == before.frame.tolist()
+        assert not np.array_equal(track.parameters[0], before.parameters[0]), "it lies above"
+        np.testing.assert_array_equal(track.parameters[-1], before.parameters[-1])
+    assert handtrack("track", session, "--set", "silhouettes.weight=1.3").code == 0
+    assert "resuming" not in handtrack("track", session, "--frames", "1:3").err
+    assert read_npz(session / POSES).frame.tolist() == [1, 2], (
+        "what is asked for and done is the track"
+    )
+
+
+def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
+    handtrack: CommandLine, session: Path, monkeypatch
+) -> None:
+    assert handtrack("track", session).code == 0
+    before = (session / POSES).read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(tracking_passes, "progress_bar", lambda *_: Interrupter(2))
+        ended = handtrack("track", session, "--set", "model.forearm=true")
+    assert ended.code == 130
+    assert (session / POSES).read_bytes() == before
+    assert [span.take for span in Store(session / "tracks").current()] == [2]
+    assert "--restore 3" in ended.err
+    assert handtrack("takes", session, "--restore", 3).code == 0
+    assert "wrist_flex" in read_npz(session / POSES).parameter_names
 
 
 def test_what_is_finished_or_begun_anew_is_a_new_take(

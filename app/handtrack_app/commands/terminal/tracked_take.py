@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import shutil
-from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain, takewhile
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from handtrack.session.takes.track_files import file_digest, import_tracks
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeWriter
-from handtrack.tracking.frame.result import FrameResult, TrackLabels
+from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.state import Step
 from handtrack_app.commands.terminal.progress import say
 
@@ -133,16 +133,42 @@ class TrackedTake:
         if self._store is not None:
             self._store.lease.check()
 
-    def saved(self, frames: Sequence[int], finished: bool) -> None:
-        """Say that the result is written; finished: whether it is all of it. It is the current track from now on."""
+    def with_earlier(self, track: TrackResult) -> TrackResult:
+        """Return what is to be saved of a tracking that did not come to its end: its frames over those that are current now.
+
+        Raises HandtrackError where these were tracked with another model: they stay.
+        """
+        store = self._store
+        if store is None or self._own or not self._passes:
+            return track
+        frames = set(track.frame.tolist())
+        if all(
+            frame in frames for span in store.current() for frame in range(span.first, span.stop)
+        ):
+            return track  # nothing is left of what was there
+        whole = store.track_of(store.composed(self._spans(track, finished=False)))
+        return track if whole is None else replace(whole, pins=track.pins)
+
+    @property
+    def number(self) -> int | None:
+        """The number of the latest take; None where there is none."""
+        return self._passes[-1][-1].take.number if self._passes else None
+
+    def _spans(self, track: TrackResult, finished: bool) -> list[Span]:
+        first, last = int(track.frame[0]), int(track.frame[-1])
+        new = [Span(writer.take.number, first, last + 1) for writer in self._passes[-1]]
+        return new if finished or self._store is None else [*self._store.current(), *new]
+
+    def saved(self, track: TrackResult, finished: bool) -> None:
+        """Say that the result is written; finished: whether it is all of it, which replaces what was tracked before, as else its
+        frames alone do. track: what this run tracked. It is current from now on.
+        """
         if self._store is None or not self._passes:
             return
         if not self._own:
             self._store.know_file(file_digest(self._out))
-            first, last = min(frames), max(frames)
-            words = f"{_PROGRAM} of frames {first} to {last}"
-            numbers = [writer.take.number for writer in self._passes[-1]]
-            self._store.make_current([Span(n, first, last + 1) for n in numbers], words)
+            words = f"{_PROGRAM} of frames {track.frame[0]} to {track.frame[-1]}"
+            self._store.make_current(self._spans(track, finished), words)
         if finished:
             for writer in chain(*self._passes):  # not before: the later follow from the earlier
                 writer.finish()
