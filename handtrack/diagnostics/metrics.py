@@ -59,6 +59,8 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
     frame counts: a missing or lost one with its last estimate (the first estimate before tracking begins).
     Unknown (NaN) truth points do not count. Raises HandtrackError when nothing can be compared.
 
+    Last come how many frames of the truth and how many of their points were used, and of each joint.
+
     `jitter_mm` and `coverage90` are about tracked frames alone: a held estimate neither moves nor says anew
     how sure it is.
     """
@@ -81,6 +83,13 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
         "coverage90": _coverage(points),
         "finger_swaps": _swaps(points, tips),
         **(flexion_errors(points.found, points.truth) if points.names == keypoint_names() else {}),
+        "frames_used": len(points.frame),
+        "points_used": int(known.sum()),
+        "points_unknown": int((~known).sum()),
+        **{
+            f"used_{name}": int(count)
+            for name, count in zip(points.names, known.sum(axis=0), strict=True)
+        },
     }
 
 

@@ -121,15 +121,15 @@ def _frame(motion: Captured, frame: int, errors: Floats[J]) -> FrameResult:
 
 
 def write_captured(folder: Path, motion: Captured, name: str) -> None:
-    """Write a session into an empty folder: the tracked motion, the file's joints (of frames that have all) as truth, and two
+    """Write a session into an empty folder: the tracked motion, the file's joints as truth, and two
     cameras that see them."""
     model, clip = motion.model, motion.clip
     rig = _rig(clip)
     write_rig(folder / layout.CALIBRATION_FILE, rig)
     write_scale(folder / SCALE_FILE, model.scale)
-    whole = np.flatnonzero(known_joints(clip.positions) == len(clip.names))
-    if len(whole):
-        truth = Truth(whole, whole / clip.fps, None, clip.names, clip.positions[whole])
+    rows = np.flatnonzero(known_joints(clip.positions))
+    if len(rows):
+        truth = Truth(rows, rows / clip.fps, None, clip.names, clip.positions[rows])
         write_truth(folder / layout.TRUTH_FILE, truth)
     kind = layout_of_model(model)
     for camera in rig:

@@ -52,6 +52,8 @@ def test_the_names_are_the_contracts_and_swaps(rng):
         *("fingertip_mm", "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90"),
         *("finger_swaps", "flexion_deg", "flexion_offset_free_deg"),
         *(f"flexion_{joint}_deg" for joint in BENT_JOINTS),
+        *("frames_used", "points_used", "points_unknown"),
+        *(f"used_{joint}" for joint in keypoint_names()),
     ]
 
 
@@ -175,6 +177,10 @@ def test_unknown_truth_points_do_not_count(rng):
     found = evaluate(track, truth)
     assert found["mpjpe_mm"] == pytest.approx(1.0)
     assert found["pa_mpjpe_mm"] == pytest.approx(0, abs=1e-9)
+    used = [found[f"used_{name}"] for name in keypoint_names()]
+    assert used == [4 * (n != 5) for n in range(21)]
+    counts = found["frames_used"], found["points_used"], found["points_unknown"]
+    assert counts == (4, 80, 4)
 
 
 def test_joints_of_equal_name_are_compared(rng):

@@ -92,29 +92,44 @@ def test_every_form_gives_the_same_joints(form: str, tmp_path: Path) -> None:
         np.testing.assert_allclose(read.time_s, [0, 0.01, 0.02], atol=1e-9)
 
 
-def test_frames_without_all_points_are_left_out(tmp_path: Path) -> None:
-    path = long_csv(tmp_path / "t.csv")
-    lines = path.read_text().splitlines()
-    path.write_text(
-        "\n".join(line for line in lines if not line.startswith(("1,wrist", "1,ring_pip")))
-    )
-    truth, note = read_given_truth(path, "right")
-    assert truth.frame.tolist() == [0, 2]
-    assert note.endswith("1 of 3 frames lack points.")
+GAPS = [(1, "wrist"), (2, "wrist"), (1, "ring_pip")]
 
 
-def test_points_missing_for_long_are_left_out_themselves(tmp_path: Path) -> None:
+def with_gaps(form: str, path: Path) -> Path:
+    """Write the three frames without some points."""
+    if form == "long.csv":
+        lines = long_csv(path).read_text().splitlines()
+        gaps = tuple(f"{frame},{name}," for frame, name in GAPS)
+        path.write_text("\n".join(line for line in lines if not line.startswith(gaps)))
+        return path
+    rows = [line.split("\t") for line in trc(path).read_text().splitlines()]
+    for frame, name in GAPS:
+        at = 2 + 3 * JOINTS.index(name)
+        rows[6 + frame][at : at + 3] = ["", "", ""]
+    path.write_text("\n".join("\t".join(row) for row in rows) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("form", ["long.csv", "trc"])
+def test_a_gap_is_one_points_and_not_the_frames(form: str, tmp_path: Path) -> None:
+    truth, note = read_given_truth(with_gaps(form, tmp_path / f"t.{form}"), "right")
+    expected = moving()
+    for frame, name in GAPS:
+        expected[frame, JOINTS.index(name)] = np.nan
+    assert truth.frame.tolist() == [0, 1, 2]
+    np.testing.assert_allclose(truth.keypoints21, expected, rtol=0, atol=1e-7)
+    assert "3 of 63" in note
+    write_truth(tmp_path / "truth.npz", truth)
+    np.testing.assert_array_equal(read_truth(tmp_path / "truth.npz").keypoints21, truth.keypoints21)
+
+
+def test_a_point_that_is_never_known_is_none(tmp_path: Path) -> None:
     path = long_csv(tmp_path / "t.csv")
-    path.write_text(
-        "\n".join(
-            line
-            for line in path.read_text().splitlines()
-            if not line.startswith(("1,wrist", "2,wrist"))
-        )
-    )
-    truth, note = read_given_truth(path, "right")
+    lines = [line for line in path.read_text().splitlines() if ",wrist," not in line]
+    path.write_text("\n".join([*lines, "7,index_mcp,,,"]))
+    truth, _ = read_given_truth(path, "right")
     assert (len(truth.joint_names), truth.keypoints21) == (20, None)
-    assert note.endswith("left out: wrist.")
+    assert truth.frame.tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize(("text", "expected"), [

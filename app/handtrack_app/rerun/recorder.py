@@ -255,7 +255,8 @@ def _error_mm(run: Run, result: FrameResult) -> float:
             return float("nan")
         true, found = truth.joint_positions, result.joint_positions
     assert true is not None
-    return float(1e3 * np.linalg.norm(true[row] - found, axis=1).mean())
+    away = np.linalg.norm(true[row] - found, axis=1)
+    return float(1e3 * np.nanmean(away)) if np.isfinite(away).any() else float("nan")
 
 
 def _within(spans: Array, width: int) -> Array:

@@ -160,8 +160,12 @@ def check_truth(session: Session) -> Iterator[Finding]:
     if points is None:
         yield ok(f"truth.npz: {len(truth.joint_names)} joints in {len(truth.frame)} frames.")
         return
-    yield from check_palm("truth.npz", points[0])
-    yield from check_side_of("truth.npz", points[0], session)
+    known = np.isfinite(points).all(axis=2)
+    fullest = points[int(np.argmax(known.sum(axis=1)))]
+    yield from check_palm("truth.npz", fullest)
+    yield from check_side_of("truth.npz", fullest, session)
+    if not known.all():
+        yield note(f"truth.npz: {int((~known).sum())} of {known.size} keypoints are not known.")
     rows = np.unique(np.linspace(0, len(points) - 1, _TRUTH_FRAMES).round().astype(int))
     wrong = [
         f"frame {frame}: {text}"
@@ -239,6 +243,8 @@ def _palm_lengths(xyz: Floats) -> Floats:
 def _misses(view: View, frame: int, xyz: Floats) -> str:
     """Return what is wrong with points in a view, empty when nothing is."""
     known = xyz[np.isfinite(xyz).all(axis=1)]
+    if not len(known):
+        return ""
     depth = view.camera.to_camera(known)[:, 2]
     if (depth <= 0).any():
         return (

@@ -27,7 +27,6 @@ _UNITS_M = (
     0.01,
     0.001,
 )  # each ten times the next, and a hand's range is four: at most one fits
-_SELDOM = 0.5  # a joint that is missing in more of the frames is left out
 
 
 def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
@@ -54,20 +53,20 @@ def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
         raise HandtrackError(
             f"{path}: no {side} hand; there is a {' and a '.join(filter(None, sides))} one. Say which with --side."
         )
-    found = np.isfinite(markers.positions[:, list(chosen)]).all(axis=2)
-    columns = [c for c, share in zip(chosen, found.mean(axis=0), strict=True) if share > _SELDOM]
-    rows = np.asarray(np.isfinite(markers.positions[:, columns]).all(axis=(1, 2)))
-    if not columns or not rows.any():
-        raise HandtrackError(f"{path}: in no frame all points of the hand are there.")
-    positions = markers.positions[rows][:, columns] * _unit(
-        markers, markers.positions[rows][:, columns], path, spans
-    )
+    known = np.isfinite(markers.positions[:, list(chosen)]).all(axis=2)
+    columns = [column for column, there in zip(chosen, known.any(axis=0), strict=True) if there]
+    rows = known.any(axis=1)
+    if not columns:
+        raise HandtrackError(f"{path}: no frame has a point of the hand.")
+    positions = markers.positions[rows][:, columns]
+    positions[np.isnan(positions).any(axis=2)] = np.nan
+    positions *= _unit(markers, positions, path, spans)
     names = tuple(chosen[c] for c in columns)
-    seldom = [chosen[c] for c in chosen if c not in columns]
-    notes = [
-        f"{count} of {len(rows)} frames lack points" for count in [int((~rows).sum())] if count
-    ]
-    notes += [f"left out: {', '.join((*seldom, *unknown)[:8])}"] if seldom or unknown else []
+    missing = [chosen[c] for c in chosen if c not in columns]
+    gaps = int(np.isnan(positions[..., 0]).sum())
+    notes = [f"{gaps} of {positions[..., 0].size} points are not known"] if gaps else []
+    notes += [f"{int((~rows).sum())} frames without any are left out"] if not rows.all() else []
+    notes += [f"left out: {', '.join((*missing, *unknown)[:8])}"] if missing or unknown else []
     ordered = positions[:, [names.index(j) for j in JOINTS]] if set(names) == set(JOINTS) else None
     times = None if markers.times_s is None else markers.times_s[rows]
     truth = Truth(markers.frames[rows], times, ordered, names, positions)
@@ -80,7 +79,10 @@ def _unit(
     """Return metres in one unit: what the file says, else what makes a hand, or a body, of its points."""
     if markers.unit_m is not None:
         return markers.unit_m
-    size = float(np.median(np.linalg.norm(np.ptp(positions, axis=1), axis=1)))
+    count = np.isfinite(positions[..., 0]).sum(axis=1)
+    fullest = positions[count == count.max()]  # frames with gaps span less
+    span = np.nanmax(fullest, axis=1) - np.nanmin(fullest, axis=1)
+    size = float(np.median(np.linalg.norm(span, axis=1)))
     fits = [unit for unit in _UNITS_M if spans[0] <= size * unit <= spans[1]]
     if len(fits) != 1:
         raise HandtrackError(

@@ -21,11 +21,11 @@ class Truth:
     time_s: Floats[F] | None
     """[s], or None when not given."""
     keypoints21: Floats[F, D21, D3] | None
-    """world [m]."""
+    """world [m], NaN where a point is not known."""
     joint_names: tuple[str, ...]
     """J names; empty without joint positions."""
     joint_positions: Floats[F, J, D3] | None
-    """world [m]."""
+    """world [m], NaN where a joint is not known."""
 
 
 def read_truth(path: Path) -> Truth:
@@ -63,13 +63,14 @@ def _positions(arrays: dict[str, Array], name: str, path: Path) -> Floats | None
             f"{path}: {name} has the shape {array.shape} of {array.dtype}; expected (F, points, "
             "3) numbers [m]."
         )
-    if not np.isfinite(array).all():
-        row = int(np.flatnonzero(~np.isfinite(array).all(axis=(1, 2)))[0])
+    points = array.astype(float)
+    if np.isinf(points).any():
+        row = int(np.flatnonzero(np.isinf(points).any(axis=(1, 2)))[0])
         raise HandtrackError(
-            f"{path}: {name} has NaN or infinite values, first in row {row}; leave frames without "
-            "truth out and list the others in `frame`."
+            f"{path}: {name} has infinite values, first in row {row}; expected metres, and NaN where a point is not known."
         )
-    return array.astype(float)
+    points[np.isnan(points).any(axis=2)] = np.nan
+    return points
 
 
 def _joint_names(arrays: dict[str, Array], joints: Floats | None, path: Path) -> tuple[str, ...]:

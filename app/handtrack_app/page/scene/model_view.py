@@ -126,12 +126,17 @@ def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
 def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     """Show the true keypoints of the pose's frame, where there are 21 of them."""
     truth = pose.truth
-    shown = (
-        display.truth and truth is not None and len(truth) == 21 and bool(np.isfinite(truth).all())
+    known = (
+        np.zeros(21, bool) if truth is None or len(truth) != 21 else np.isfinite(truth).all(axis=1)
     )
+    shown = display.truth and bool(known.any())
     if shown and truth is not None:
-        view.truth_lines.points = truth[KEYPOINT_LINKS].astype(np.float32)
-        view.truth_points.batched_positions = truth.astype(np.float32)
+        somewhere = truth[known][0]  # where what is not known is drawn, too: nobody sees it there
+        whole = known[KEYPOINT_LINKS].all(axis=1)[:, None, None]
+        lines = np.where(whole, truth[KEYPOINT_LINKS], somewhere)
+        view.truth_lines.points = lines.astype(np.float32)
+        points = np.where(known[:, None], truth, somewhere)
+        view.truth_points.batched_positions = points.astype(np.float32)
     view.truth_lines.visible = view.truth_points.visible = shown
 
 
