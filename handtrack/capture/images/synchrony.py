@@ -1,4 +1,4 @@
-"""Estimate by how many frames one camera's recording is late against another's, from what moves.
+"""Estimate by how much each camera's recording is late against the others', to a tenth of a frame, from what moves.
 
 A point in space lies in one plane through both cameras' centres. However the cameras stand, what moves at an angle of that
 plane around the line between them moves at the same angle in the other's picture, at the same time.
@@ -6,14 +6,15 @@ plane around the line between them moves at the same angle in the other's pictur
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from handtrack.arrays import D2, Array, Axes, B, Floats, H, L, Q, T, W
+from handtrack.arrays import D2, Array, Axes, B, Floats, H, Ints, L, N, Q, T, W
 from handtrack.geometry.camera import Camera
 
 _WIDTH = 192  # of the reduced pictures [px]
@@ -23,19 +24,43 @@ _LEAST_OVERLAP = 10  # frames that both show
 _MOST_LATE = 12  # frames
 _LEAST_ALIKE = 0.3
 _LEAST_APART_M = 1e-4
-_LEAST_GAIN = 0.1  # of the correlation, over that of the frames as numbered
+_LEAST_GAIN = 0.1  # of the correlation over that of the frames as numbered, a frame away; less by the square where nearer
+_TENTHS = 10  # steps a frame
+_MOST_SWEEPS = 20
+_NEIGHBOURS = 3  # to either side with which a camera is compared: all pairs of up to seven cameras
+_STRETCH_TENTHS = 20  # by which one stretch alone may differ from both together
+_LEAST_STD = 0.1  # frames; what pairs of made scenes are off by on average, of 0.15 a pair (tests/capture/test_synchrony.py)
+_MOST_STD = 0.5  # frames: stretches that differ by more disagree
+_LEAST_OFFSET = 0.25  # frames: smaller ones are not told from none
 
 
 @dataclass(frozen=True)
-class Lag:
-    """How the second camera's frames lie against the first's."""
+class TimeOffset:
+    """How a camera's frames lie against those of the camera that most others agree with."""
 
-    frames: int
-    """by which the second is late; 0: not at all"""
+    frames: float
+    """by which it is late, in tenths"""
+    std: float
+    """frames: by how much the two stretches disagree, and no less than such estimates err"""
     alike: float
-    """correlation of what moves at that lag"""
+    """correlation with the others of what moves, at that offset"""
     as_numbered: float
     """… and of frames of equal number"""
+    at_edge: bool
+    """whether the search ended there: it is at least so late, or early"""
+
+    @property
+    def is_told(self) -> bool:
+        """Whether what moves in the camera agrees with the others' at all."""
+        return self.alike >= _LEAST_ALIKE
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the camera runs apart from the others: both stretches agree, and the pictures agree clearly better."""
+        size = abs(self.frames)
+        agree = size >= max(_LEAST_OFFSET, 2.0 * self.std) and self.std <= _MOST_STD
+        gain = self.alike - self.as_numbered
+        return self.is_told and agree and gain >= _LEAST_GAIN * min(1.0, size * size)
 
 
 class Motion:
@@ -90,20 +115,99 @@ def _grid(camera: Camera, shape: tuple[int, ...]) -> Floats:
     return np.stack(np.meshgrid(across, down), axis=-1)
 
 
-def lag_of(alike: Floats[D2, L]) -> Lag | None:
-    """Return the lag that curves of two stretches of a recording show, see `agreement`; None where they cannot tell.
+def time_offsets(motions: Sequence[tuple[Motion, Motion]]) -> dict[int, TimeOffset]:
+    """Return the offset of each camera, by its place, that can be compared with most others; none where nothing tells.
 
-    It counts only where both stretches agree about it to a frame, and the pictures agree clearly better at it.
+    motions: of each camera, in two stretches. The offsets o of all cameras together maximise the sum over pairs of how well what
+    moves agrees at the lag o_k − o_i, so that one pair may err. Compared are neighbours in the order of the cameras, and all pairs
+    of up to seven.
     """
-    if np.isnan(alike[:, _MOST_LATE]).any():
-        return None
-    together = np.mean(alike, axis=0)
-    best, *each = (int(np.argmax(curve)) - _MOST_LATE for curve in (together, *alike))
-    as_numbered, at_best = float(together[_MOST_LATE]), float(together[best + _MOST_LATE])
-    agree = all(lag * best > 0 and abs(lag - best) <= 1 for lag in each)
-    if agree and at_best >= _LEAST_ALIKE and at_best - as_numbered >= _LEAST_GAIN:
-        return Lag(best, at_best, as_numbered)
-    return Lag(0, as_numbered, as_numbered)
+    count = len(motions)
+    near = {
+        tuple(sorted((i, (i + step) % count)))
+        for i in range(count)
+        for step in range(1, min(_NEIGHBOURS, count - 1) + 1)
+    }
+    curves = {(i, k): agreement(motions[i], motions[k]) for i, k in sorted(near)}
+    fine = {
+        pair: np.stack([_in_tenths(curve) for curve in both])
+        for pair, both in curves.items()
+        if not np.isnan(both[:, _MOST_LATE]).any()
+    }
+    fine |= {(k, i): both[:, ::-1] for (i, k), both in fine.items()}
+    cameras = _connected(fine)
+    if len(cameras) < 2:
+        return {}
+    fine = {pair: both for pair, both in fine.items() if pair[0] in cameras}
+    together = {pair: both.mean(axis=0) for pair, both in fine.items()}
+    none = np.zeros(count, int)
+    best = _best_offsets(together, none, cameras, 2 * _MOST_LATE * _TENTHS)
+    reference = max(cameras, key=lambda k: (sum(abs(best[cameras] - best[k]) < 3), -k))
+    best -= best[reference]
+    each = [
+        _best_offsets({p: both[s] for p, both in fine.items()}, best, cameras, _STRETCH_TENTHS)
+        for s in (0, 1)
+    ]
+    found = dict[int, TimeOffset]()
+    for k in cameras:
+        score = _scores(together, k, best)
+        apart = np.diff([one[k] - one[reference] for one in each])[0] / _TENTHS
+        there = np.flatnonzero(score > -1)
+        at = int(best[k]) + len(score) // 2
+        found[k] = TimeOffset(
+            float(best[k] / _TENTHS), max(float(abs(apart)) / 2, _LEAST_STD), float(score[at]), float(score[len(score) // 2]),
+            bool(at in (there[0], there[-1])),
+        )  # fmt: skip
+    return found
+
+
+def _in_tenths(curve: Floats[L]) -> Floats[N]:
+    """Return a curve of agreement between whole frames too, −1 where too little overlaps."""
+    known = np.flatnonzero(curve > -1)
+    steps = np.arange((len(curve) - 1) * _TENTHS + 1) / _TENTHS
+    fine = np.full(len(steps), -1.0)
+    there = (steps >= known[0]) & (steps <= known[-1])
+    fine[there] = CubicSpline(known, curve[known])(steps[there]) if len(known) > 1 else curve[known]
+    return fine
+
+
+def _connected(pairs: Mapping[tuple[int, int], object]) -> list[int]:
+    """Return the largest set of cameras that pairs connect."""
+    groups: list[set[int]] = []
+    for pair in pairs:
+        joined = [group for group in groups if group & set(pair)]
+        groups = [g for g in groups if g not in joined] + [set(pair).union(*joined)]
+    return sorted(max(groups, key=len)) if groups else []
+
+
+def _scores(pairs: Mapping[tuple[int, int], Floats[N]], camera: int, offsets: Ints[N]) -> Floats[N]:
+    """Return how well a camera agrees with those it is compared with on average, by its offset: −12 to 12 frames in tenths."""
+    most = _MOST_LATE * _TENTHS
+    total = []
+    for (i, k), curve in pairs.items():
+        if k == camera:
+            lag = np.arange(-most, most + 1) - offsets[i]
+            total.append(np.where(abs(lag) <= most, curve[np.clip(lag + most, 0, 2 * most)], -1.0))
+    return np.mean(total, axis=0)
+
+
+def _best_offsets(
+    pairs: Mapping[tuple[int, int], Floats[N]], start: Ints[N], cameras: Sequence[int], most: int
+) -> Ints[N]:
+    """Return the offsets [tenths of a frame] at which all pairs agree best, found camera by camera. most: from the start."""
+    offsets = start.copy()
+    for _ in range(_MOST_SWEEPS):
+        before = offsets.copy()
+        for k in cameras:
+            score = _scores(pairs, k, offsets)
+            middle = len(score) // 2
+            far = abs(np.arange(-middle, middle + 1) - start[k]) > most
+            at = int(np.argmax(np.where(far, -np.inf, score)))
+            if score[at] > score[offsets[k] + middle] + 1e-9:
+                offsets[k] = at - middle
+        if (offsets == before).all():
+            break
+    return offsets
 
 
 def agreement(first: tuple[Motion, Motion], second: tuple[Motion, Motion]) -> Floats[D2, L]:
@@ -140,9 +244,9 @@ def _alike(first: Motion, second: Motion) -> Floats:
 
 def _correlation(first: Floats, second: Floats, late: int) -> float:
     """Return how alike the changes over time are, the second `late` frames later: −1 to 1; NaN where they hardly overlap."""
-    a = first[:, max(0, -late) : first.shape[1] - max(0, late)]
-    b = second[:, max(0, late) : second.shape[1] - max(0, -late)]
-    both = np.isfinite(a[0]) & np.isfinite(b[0]) if a.shape[1] else np.zeros(0, bool)
+    count = max(first.shape[1] - abs(late), 0)
+    a, b = first[:, max(0, -late) :][:, :count], second[:, max(0, late) :][:, :count]
+    both = np.isfinite(a[0]) & np.isfinite(b[0]) if count else np.zeros(0, bool)
     if both.sum() < _LEAST_OVERLAP:
         return float("nan")
     a, b = (part[:, both] - part[:, both].mean(axis=1, keepdims=True) for part in (a, b))

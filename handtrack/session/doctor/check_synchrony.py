@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from handtrack.capture.images.frames import FrameSource
-from handtrack.capture.images.synchrony import Lag, Motion, agreement, lag_of
-from handtrack.session.doctor.finding import Finding, ok, warning
+from handtrack.capture.images.synchrony import Motion, TimeOffset, time_offsets
+from handtrack.session.doctor.finding import Finding, note, ok, warning
 from handtrack.session.seen.views import View
 
 if TYPE_CHECKING:
@@ -18,71 +15,62 @@ if TYPE_CHECKING:
 
 _STRETCH = 60  # consecutive frames; two stretches are looked at, and must agree
 _FEWEST = 40  # frames of a session that can tell
-_MOST_CAMERAS = 6
 
 
 def check_synchrony(session: Session) -> Iterator[Finding]:
-    """Yield a finding about cameras whose frames come late or early against another's."""
-    seen = [(v, source) for v in session.views if (source := _moving(v)) is not None][
-        :_MOST_CAMERAS
-    ]
+    """Yield a finding about each camera whose frames come late or early against the others', and about what cannot be told."""
+    seen = [(v, source) for v in session.views if (source := _moving(v)) is not None]
     if len(seen) < 2 or session.frame_count < _FEWEST:
         return
-    motions = [_motions(view, source, session.frame_count) for view, source in seen]
-    late = late_cameras(motions)
-    for camera in late:
-        before = session.view(camera.name).settings.lag_s or 0.0
-        yield warning(
-            f"Do frames of equal number show the same moment? From what moves, {camera}. Write "
-            f'`lag_s = {before + camera.lag.frames / session.fps:.4g}` under [[camera]] name = "{camera.name}" in '
-            "session.toml, and look again; or cut the recordings so that they start together."
+    offsets = time_offsets([_motions(view, source, session.frame_count) for view, source in seen])
+    found = {view.name: offsets.get(i) for i, (view, _) in enumerate(seen)}
+    told = {name: offset for name, offset in found.items() if offset and offset.is_told}
+    late = sorted((n for n in told if told[n].is_sure), key=lambda n: -abs(told[n].frames))
+    for name in late:
+        yield warning(_late(session, name, told[name]))
+    untold = [name for name in found if name not in told]
+    if untold:
+        yield note(
+            f"whether {_listed(untold)} run{'s' * (len(untold) == 1)} with the others cannot be told: what moves there agrees with no "
+            "other camera's by any offset that was searched."
         )
-    if not late:
-        yield ok("nothing that moves speaks against cameras that run together.")
+    if told and not late:
+        most = max(abs(offset.frames) for offset in told.values())
+        std = max(offset.std for offset in told.values())
+        yield ok(
+            f"{_listed(list(told))} run together, by what moves: at most {most:.1f} frames apart, ± {std:.1f}."
+        )
 
 
-@dataclass(frozen=True)
-class LateCamera:
-    """A camera that runs apart from others; as a text, in words."""
-
-    name: str
-    lag: Lag
-    others: str
-
-    def __str__(self) -> str:
-        frames = abs(self.lag.frames)
+def _late(session: Session, name: str, offset: TimeOffset) -> str:
+    """Return that a camera is late or early, and what to do."""
+    which = f"camera '{name}' comes"
+    way = "late" if offset.frames > 0 else "early"
+    numbers = (
+        f"(what moves agrees by {offset.alike:.2f} then, by {offset.as_numbered:.2f} as numbered)"
+    )
+    if offset.at_edge:
         return (
-            f"camera '{self.name}' comes {frames} frame{'s' * (frames > 1)} {'late' if self.lag.frames > 0 else 'early'} "
-            f"against {self.others} (it agrees by {self.lag.alike:.2f} then, by {self.lag.as_numbered:.2f} as numbered)"
+            f"Do frames of equal number show the same moment? {which} at least {abs(offset.frames):.0f} frames {way} against the "
+            f"others {numbers}; no more was searched. Cut the recordings so that they start together, and look again."
         )
+    before = session.view(name).settings.lag_s or 0.0
+    lag_s = before + offset.frames / session.fps
+    rest = abs(lag_s * session.fps - round(lag_s * session.fps))
+    whole = (
+        f" Tracking takes whole frames, so that {rest:.1f} of one remains: synchronise the cameras where you can."
+        if rest >= offset.std
+        else ""
+    )
+    return (
+        f"Do frames of equal number show the same moment? {which} {abs(offset.frames):.1f} ± {offset.std:.1f} frames {way} against the "
+        f'others {numbers}. Write `lag_s = {lag_s:.4g}` under [[camera]] name = "{name}" in session.toml, and look again; or cut the '
+        f"recordings so that they start together.{whole}"
+    )
 
 
-def late_cameras(motions: Sequence[tuple[Motion, Motion]]) -> list[LateCamera]:
-    """Return which cameras run apart from the others, the clearest first. motions: of each camera."""
-    count = len(motions)
-    alike = {
-        (i, k): agreement(motions[i], motions[k])
-        for i in range(count)
-        for k in range(count)
-        if i < k
-    }
-    alike |= {(k, i): curves[:, ::-1] for (i, k), curves in alike.items()}
-    left, late = list(range(count)), []
-    while len(left) > 1:
-        # one pair may err: of several, the mean counts
-        lags: dict[int, Lag | None] = {}
-        for k in left:
-            curves = [alike[i, k] for i in left if i != k and not np.isnan(alike[i, k]).any()]
-            lags[k] = lag_of(np.mean(curves, axis=0)) if curves else None
-        apart = {k: lag for k, lag in lags.items() if lag is not None and lag.frames}
-        if not apart:
-            break
-        worst = max(apart, key=lambda k: (apart[k].alike - apart[k].as_numbered, k))
-        lag = apart[worst]
-        left.remove(worst)
-        others = f"'{motions[left[0]][0].camera.name}'" if count == 2 else "the others"
-        late.append(LateCamera(motions[worst][0].camera.name, lag, others))
-    return late
+def _listed(names: list[str]) -> str:
+    return f"{'cameras' if len(names) > 1 else 'camera'} {', '.join(map(repr, names))}"
 
 
 def _moving(view: View) -> FrameSource | None:

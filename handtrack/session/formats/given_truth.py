@@ -53,9 +53,12 @@ def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
         raise HandtrackError(
             f"{path}: no {side} hand; there is a {' and a '.join(filter(None, sides))} one. Say which with --side."
         )
-    known = np.isfinite(markers.positions[:, list(chosen)]).all(axis=2)
-    columns = [column for column, there in zip(chosen, known.any(axis=0), strict=True) if there]
-    rows = known.any(axis=1)
+    finite = np.isfinite(markers.positions[:, list(chosen)])
+    known = np.asarray(finite.all(axis=2))
+    columns = [
+        column for column, there in zip(chosen, np.asarray(known.any(axis=0)), strict=True) if there
+    ]
+    rows = np.asarray(known.any(axis=1))
     if not columns:
         raise HandtrackError(f"{path}: no frame has a point of the hand.")
     positions = markers.positions[rows][:, columns]

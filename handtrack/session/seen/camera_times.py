@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from handtrack.arrays import Array, Axes, H, W
 from handtrack.capture.images.frames import FrameSource
@@ -13,6 +16,8 @@ from handtrack.session.layout import SESSION_FILE, matching_files
 from handtrack.session.session_file import CameraSettings, RecordingSettings
 
 _HALF = 0.501  # of a frame's duration: half, and what rounding adds
+_OFF_GRID = 0.05  # of a frame: half of what the doctor's estimate resolves
+_LOOKED_AT = 500  # frames by which it is told how far joined frames lie apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +35,25 @@ class CameraTimes:
         own = self.own.nearest(time_s)
         off = abs(self.own.time_of(own) - time_s)
         return own if own >= 0 and off <= _HALF / self.line.fps else None
+
+    @cached_property
+    def off_frames(self) -> float:
+        """How far the frames that are joined lie apart on average, in the session's frames: only whole frames are taken."""
+        pairs = [(f, own) for f in range(_LOOKED_AT) if (own := self.own_frame(f)) is not None]
+        off = [abs(self.own.time_of(own) - self.line.time_of(f)) for f, own in pairs]
+        return float(np.mean(off)) * self.line.fps if off else 0.0
+
+    @property
+    def note(self) -> str:
+        """That the frames that are joined do not show the same moments, in a sentence; empty where they do."""
+        off = self.off_frames
+        if off < _OFF_GRID:
+            return ""
+        return (
+            f"its frames lie {off:.2g} of a frame ({1e3 * off / self.line.fps:.2g} ms) from the session's on average, by `lag_s`, "
+            "`fps` or time stamps. The nearest whole frame is taken: what moves at 1 m/s is seen "
+            f"{1e3 * off / self.line.fps:.2g} mm away from where it is at that moment."
+        )
 
     def frames(self, own: range) -> range:
         """Return the session's frames from 0 to the one that shows the last of the camera's."""

@@ -147,7 +147,9 @@ class View:
     @property
     def warnings(self) -> list[str]:
         joints = () if self.keypoint_files is None else self.keypoint_files.warnings
-        return [*(text for source in self.sources for text in source.warnings), *joints]
+        times = "" if self.times is None else self.times.note
+        joined = [f"camera '{self.name}': {times}"] if times else []
+        return [*joined, *(text for source in self.sources for text in source.warnings), *joints]
 
     def image(self, frame: int) -> Array[H, W, D3] | None:
         """Return the frame's image uint8 BGR, None where missing."""

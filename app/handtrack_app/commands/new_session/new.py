@@ -139,6 +139,8 @@ def run(args: argparse.Namespace) -> int:
             allow_links(folder, roots)
         session = Session.open(folder)
         count = session.frame_count
+        for text in session.warnings:
+            say(f"note: {text}")
         if side is None and seen and not joints and not missing:
             found = side_of_hand(session, args.detector, args.yes)
             file = replace(file, hand=replace(hand, side=found))
