@@ -30,7 +30,7 @@ _MOST_SWEEPS = 20
 _NEIGHBOURS = 3  # to either side with which a camera is compared: all pairs of up to seven cameras
 _STRETCH_TENTHS = 20  # by which one stretch alone may differ from both together
 _LEAST_STD = 0.1  # frames; what pairs of made scenes are off by on average, of 0.15 a pair (tests/capture/test_synchrony.py)
-_MOST_STD = 0.5  # frames: stretches that differ by more disagree
+_MOST_STD = 1.0  # frames: stretches that differ by more disagree
 _LEAST_OFFSET = 0.25  # frames: smaller ones are not told from none
 
 

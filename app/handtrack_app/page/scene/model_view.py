@@ -126,9 +126,9 @@ def update_hand(view: HandView, pose: PoseSnapshot, display: Display) -> None:
 def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     """Show the true keypoints of the pose's frame, where there are 21 of them."""
     truth = pose.truth
-    known = (
-        np.zeros(21, bool) if truth is None or len(truth) != 21 else np.isfinite(truth).all(axis=1)
-    )
+    known = np.zeros(21, bool)
+    if truth is not None and len(truth) == 21:
+        known[:] = np.isfinite(truth).all(axis=1)
     shown = display.truth and bool(known.any())
     if shown and truth is not None:
         somewhere = truth[known][0]  # where what is not known is drawn, too: nobody sees it there
