@@ -87,12 +87,12 @@ def test_all_cameras_are_told_to_a_tenth_or_two(offsets: tuple[float, ...]) -> N
 
 def test_an_offset_beyond_the_search_is_no_number() -> None:
     found = time_offsets([two_stretches("a", 0.0, 0), two_stretches("b", 0.5, 12)])
-    assert found[1].at_edge or not found[1].is_told
+    assert found[1].at_edge or not found[1].agrees
     far = time_offsets([two_stretches("a", 0.0, 0), two_stretches("b", 0.5, 15)])
-    assert far[1].at_edge or not far[1].is_told
+    assert far[1].at_edge or not far[1].agrees
 
 
-def test_where_nothing_moves_nothing_is_told() -> None:
+def test_where_nothing_moves_nothing_agrees() -> None:
     still = [two_stretches(name, turn, 0, moves=False) for name, turn in (("a", 0.0), ("b", 0.4))]
     assert time_offsets(still) == {}
 

@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from handtrack.arrays import D2, Array, Axes, B, Floats, H, Ints, L, N, Q, T, W
 from handtrack.geometry.camera import Camera
@@ -50,7 +49,7 @@ class TimeOffset:
     """whether the search ended there: it is at least so late, or early"""
 
     @property
-    def is_told(self) -> bool:
+    def agrees(self) -> bool:
         """Whether what moves in the camera agrees with the others' at all."""
         return self.alike >= _LEAST_ALIKE
 
@@ -60,7 +59,7 @@ class TimeOffset:
         size = abs(self.frames)
         agree = size >= max(_LEAST_OFFSET, 2.0 * self.std) and self.std <= _MOST_STD
         gain = self.alike - self.as_numbered
-        return self.is_told and agree and gain >= _LEAST_GAIN * min(1.0, size * size)
+        return self.agrees and agree and gain >= _LEAST_GAIN * min(1.0, size * size)
 
 
 class Motion:
@@ -163,6 +162,8 @@ def time_offsets(motions: Sequence[tuple[Motion, Motion]]) -> dict[int, TimeOffs
 
 def _in_tenths(curve: Floats[L]) -> Floats[N]:
     """Return a curve of agreement between whole frames too, −1 where too little overlaps."""
+    from scipy.interpolate import CubicSpline
+
     known = np.flatnonzero(curve > -1)
     steps = np.arange((len(curve) - 1) * _TENTHS + 1) / _TENTHS
     fine = np.full(len(steps), -1.0)

@@ -24,7 +24,7 @@ def check_synchrony(session: Session) -> Iterator[Finding]:
         return
     offsets = time_offsets([_motions(view, source, session.frame_count) for view, source in seen])
     found = {view.name: offsets.get(i) for i, (view, _) in enumerate(seen)}
-    told = {name: offset for name, offset in found.items() if offset and offset.is_told}
+    told = {name: offset for name, offset in found.items() if offset and offset.agrees}
     late = sorted((n for n in told if told[n].is_sure), key=lambda n: -abs(told[n].frames))
     for name in late:
         yield warning(_late(session, name, told[name]))
