@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import io
+import json
+import re
+import subprocess
+import sys
 import time
 import urllib.request
 
 import numpy as np
 import pytest
 
+from handtrack.bench.workbench.chromium import chromium, there_is_one
 from handtrack.errors import HandtrackError
 from handtrack_app.rerun import stream as rerun_stream
 from handtrack_app.rerun.stream import (
@@ -19,7 +24,7 @@ from handtrack_app.rerun.stream import (
     grey,
     signed_colours,
 )
-from handtrack_app.rerun.viewer import free_ports
+from handtrack_app.rerun.viewer import RerunViewer, free_ports, silent_environment
 
 
 def chunks(path, entity):
@@ -172,3 +177,44 @@ def test_pictures_are_painted_for_any_input():
 
 def test_the_viewer_gets_different_free_ports():
     assert len(set(free_ports(3))) == 3
+
+
+@pytest.fixture
+def viewer(tmp_path, monkeypatch):
+    pytest.importorskip("rerun_cli")
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    running = RerunViewer()
+    running.start()
+    yield running
+    running.stop()
+
+
+def test_the_viewer_keeps_no_statistics(viewer, tmp_path):
+    """By what rerun itself reads as its configuration, without the second way to turn them off."""
+    environment = {k: v for k, v in silent_environment().items() if k != "CI"}
+    command = [sys.executable, "-m", "rerun", "analytics", "config"]
+    told = subprocess.run(command, env=environment, capture_output=True, check=True, timeout=60)
+    if sys.platform == "linux":  # elsewhere its place cannot be named
+        assert json.loads(told.stdout)["analytics_enabled"] is False
+    assert not list((tmp_path / "home").glob("**/analytics/*"))
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(not there_is_one(), reason="no Chromium")
+def test_the_viewers_page_asks_no_other_host(viewer):
+    pytest.importorskip("playwright.sync_api")
+    asked = []
+    with chromium((600, 400)) as (page, _):
+
+        def see(route):
+            ours = route.request.url.startswith("http://127.0.0.1:")
+            asked.extend([] if ours else [route.request.url])
+            route.continue_() if ours else route.abort()
+
+        page.route(re.compile("^http"), see)
+        reading = re.compile("ReadMessages")
+        with page.expect_request(reading, timeout=60_000):  # the page runs
+            page.goto(viewer.page)
+        page.wait_for_timeout(2000)
+        connects = page.locator("link[rel=preconnect]").count()
+    assert (asked, connects) == ([], 0)
