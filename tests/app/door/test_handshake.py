@@ -16,6 +16,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from handtrack_app.door import connection as door_connection
+from handtrack_app.door import headers
 from handtrack_app.door.browser import show_in_browser
 from handtrack_app.door.door import open_door
 from handtrack_app.door.handshake import MOST_CLIENTS
@@ -255,3 +256,27 @@ def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(door, ca
     assert end.value.rcvd.code == 1002
     eventually(lambda: not door.server._websock_server._live_connections, "gone")
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        "<!doctype html><script type=module>start()</script>",  # as in viser 1.1.0
+        '<script data-p="!!!!!" data-ss="0" data-cs="0">run(p)</script>',  # unpacks to nothing known
+        '<script data-p="~" data-ss="9" data-cs="0">run(p)</script>',
+        None,  # lies elsewhere
+    ],
+)
+def test_a_page_of_another_viser_is_served_and_its_scripts_may_run(page, monkeypatch, tmp_path):
+    (tmp_path / "client" / "build").mkdir(parents=True)
+    if page is not None:
+        (tmp_path / "client" / "build" / "index.html").write_text(page)
+    monkeypatch.setattr(headers.viser, "__file__", str(tmp_path / "__init__.py"))
+    headers.page_headers.cache_clear()
+    try:
+        policy = headers.page_headers()["Content-Security-Policy"]
+    finally:
+        headers.page_headers.cache_clear()
+    scripts = next(one for one in policy.split("; ") if one.startswith("script-src "))
+    assert "'unsafe-inline'" in scripts and "sha256" not in scripts
+    assert "frame-ancestors 'none'" in policy and "connect-src 'self'" in policy
