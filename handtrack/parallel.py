@@ -6,8 +6,9 @@ import os
 import threading
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ContextDecorator, suppress
 from functools import lru_cache
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -46,3 +47,37 @@ def workers(threads: int, name: str = "handtrack") -> ThreadPoolExecutor:
 @lru_cache(maxsize=1)
 def _pool(threads: int) -> ThreadPoolExecutor:
     return workers(threads)
+
+
+class _OneBlasThread(ContextDecorator):
+    def __init__(self) -> None:
+        self._lock, self._inside, self._limit = threading.Lock(), 0, None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._inside == 0:
+                controller = _blas()
+                self._limit = controller and controller.limit(limits=1, user_api="blas")
+            self._inside += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0 and self._limit is not None:
+                self._limit.restore_original_limits()
+
+
+one_blas_thread = _OneBlasThread()
+"""While it lasts, or a function runs that it decorates, linear algebra of NumPy, SciPy and compiled code takes one thread in this
+process. Matrices here are small: more threads only wait for each other, and change the order of sums."""
+
+
+@lru_cache(maxsize=1)
+def _blas() -> Any:
+    import scipy.linalg  # noqa: F401  its BLAS is to be loaded, which compiled code uses too
+
+    with suppress(ImportError):  # an environment that was made before this was needed
+        from threadpoolctl import ThreadpoolController
+
+        return ThreadpoolController()
+    return None

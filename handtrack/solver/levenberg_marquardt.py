@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, P
 from handtrack.model.moving_limits import MovingLimits
+from handtrack.parallel import one_blas_thread
 from handtrack.solver.compiled_problem import CompiledProblem
 from handtrack.solver.descent_kernels import (
     CONVERGED,
@@ -57,6 +58,7 @@ class SolveSummary:
 _WHY = {CONVERGED: "converged", USED_UP: "iterations", NO_DESCENT: "no descent"}
 
 
+@one_blas_thread
 def solve(
     problem: BoundedProblem,
     params: Floats[P],

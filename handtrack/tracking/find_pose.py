@@ -9,6 +9,7 @@ from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, check_kind
+from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
@@ -34,6 +35,7 @@ class FoundPose:
     """what it was found in, in a word"""
 
 
+@one_blas_thread
 def find_pose(
     model: ArticulatedModel,
     observation: Observation,

@@ -12,6 +12,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation, check_kind
+from handtrack.parallel import one_blas_thread
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.find_pose import find_first_pose
 from handtrack.tracking.frame.control import Control
@@ -24,6 +25,7 @@ from handtrack.version import VERSION
 _HOW = "Observation(frame, time_s, silhouettes=[Silhouette(camera, mask), …]), one a frame"
 
 
+@one_blas_thread
 def track(
     model: ArticulatedModel,
     observations: Iterable[Observation] | Observation,

@@ -12,6 +12,7 @@ from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
+from handtrack.parallel import one_blas_thread
 from handtrack.sampling.chains import chains_of, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.control import Control
@@ -59,6 +60,7 @@ class Tracker:
         after, solved = self._stepped(state, observation, control)
         return after, solved.result, solved.search_due
 
+    @one_blas_thread
     def _stepped(
         self, state: TrackerState, observation: Observation, control: Control
     ) -> tuple[TrackerState, Solved]:

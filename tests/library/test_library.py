@@ -309,6 +309,27 @@ def test_terms_and_priors_of_ones_own_count():
     assert {"touch", "bent"} <= set(result.energy_names or ())
 
 
+def test_linear_algebra_takes_one_thread_while_we_work_and_as_many_as_before_afterwards():
+    pools = pytest.importorskip("threadpoolctl")
+
+    def threads() -> set[int]:
+        known = pools.threadpool_info()
+        return {one["num_threads"] for one in known if one["user_api"] == "blas"}
+
+    seen = []
+
+    def look(at):
+        seen.append(threads())
+        return (at[0] - at[1]) / 0.01
+
+    start = posed()
+    with pools.threadpool_limits(2, user_api="blas"):
+        before = threads()
+        track(HAND, [points(start)], start, terms=[JointPositionTerm(HAND, TIPS, look)])
+        assert threads() == before
+    assert seen and set.union(*seen) == {1}
+
+
 def test_a_term_says_what_is_wrong_with_it():
     with pytest.raises(HandtrackError, match="joint 'index'"):
         JointPositionTerm(HAND, ["index"], lambda at: at[0])

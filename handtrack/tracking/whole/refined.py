@@ -13,6 +13,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.parallel import one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
@@ -60,6 +61,7 @@ _LOOKS = 8
 """frames, evenly spread, that tell which cameras there are"""
 
 
+@one_blas_thread
 def refined(
     model: ArticulatedModel,
     settings: TrackerSettings,
@@ -160,6 +162,7 @@ def refined(
     return [result for result in results if result.frame not in held]
 
 
+@one_blas_thread
 def refined_near(
     model: ArticulatedModel,
     settings: TrackerSettings,
