@@ -59,10 +59,10 @@ def test_help_and_version(handtrack: CommandLine) -> None:
     assert version.out.startswith("handtrack ")
 
 
-def test_help_is_quick_and_loads_nothing_heavy() -> None:
+def test_help_loads_nothing_heavy() -> None:
     code = (
-        "import sys, time; from handtrack_app.cli import main; main(['track', '--help']);"
-        f"print([m for m in {HEAVY!r} if m in sys.modules], time.process_time())"
+        "import sys; from handtrack_app.cli import main; main(['track', '--help']);"
+        f"print([m for m in {HEAVY!r} if m in sys.modules])"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -71,9 +71,7 @@ def test_help_is_quick_and_loads_nothing_heavy() -> None:
         text=True,
         check=True,
     )
-    loaded, seconds = done.stdout.splitlines()[-1].split("] ")
-    assert loaded == "["
-    assert float(seconds) < 1.0
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.mark.parametrize(

