@@ -41,7 +41,10 @@ from handtrack.session.sizing import (
     tracked_for_size,
     who_is_open,
 )
+from handtrack.tracking.frame.assessment import OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
@@ -209,6 +212,12 @@ class TrackingRun:
     def seen(self, frame: int) -> Observation:
         """Return what was observed of a frame anywhere, as far as the settings use it; nothing that was given."""
         return _seen(self.session, self.settings, frame)
+
+    def fit_of(self, frame: int, params: Floats[P]) -> tuple[Reason | None, OutlineFit | None]:
+        """Return why a frame is doubtful or lost at solver parameters, by itself, and how the pose fits its silhouettes."""
+        bones = self.model.bones(params)
+        terms = frame_terms(self.model, self.settings, self.seen(frame), bones, None)
+        return assess(terms, bones, 0.0, ())[1], outline_fit(terms, bones)
 
     @property
     def tracker(self) -> Tracker:

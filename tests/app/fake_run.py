@@ -35,7 +35,9 @@ from handtrack.session.session_file import (
     RecordingSettings,
     SessionFile,
 )
+from handtrack.tracking.frame.assessment import OutlineFit
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.whole.refinement import Refinement
@@ -169,7 +171,9 @@ class FakeRun:
     first: FirstPose | None = None
     step_s: float = 0.02
     broken: bool = False
-    sizing_s: float = 0.0
+    sizing: Callable[[], object] = lambda: None
+    doubt: Reason | None = None
+    """of any pose, by itself"""
     forearm: bool = False
     hungry: bool = False
     """a frame takes 100 GB"""
@@ -206,6 +210,9 @@ class FakeRun:
     def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:
         return self
 
+    def fit_of(self, frame: int, params: Floats) -> tuple[Reason | None, OutlineFit | None]:
+        return self.doubt, None
+
     @property
     def scale(self) -> HandScale:
         return self.model.scale
@@ -221,7 +228,7 @@ class FakeRun:
     ) -> FakeRun:
         if tell is not None:
             tell(0.5, "5 of 10 frames tracked")
-        time.sleep(self.sizing_s)  # it looks up too rarely
+        self.sizing()  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 
     def initial(self) -> tuple[int, Floats]:

@@ -89,6 +89,7 @@ def test_one_bad_view_is_doubtful_not_lost(seen):
 
 
 def test_it_is_the_bounds_that_decide(seen, monkeypatch):
+    monkeypatch.setattr(assessment, "DOUBTFUL_PIECE_MM2", np.inf)
     monkeypatch.setattr(assessment, "DOUBTFUL_OVERLAP", 0.1)
     monkeypatch.setattr(assessment, "LOST_OVERLAP", 0.05)
     # fingers are beside theirs
@@ -103,6 +104,7 @@ def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen, 
     params[MODEL.skeleton.parameter("index_mcp_abd")] += 0.6
     with monkeypatch.context() as without:
         without.setattr(assessment, "DOUBTFUL_PART", 0.0)
+        without.setattr(assessment, "DOUBTFUL_PIECE_MM2", np.inf)
         assert assessed(seen, params)[0] == Status.TRACKED
     status, note = assessed(seen, params)
     assert status == Status.DOUBTFUL

@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
-from handtrack.tracking.frame.assessment import hand_words
+from handtrack.tracking.frame.assessment import OutlineFit, hand_words
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.jobs import BackgroundJob, Ended, SizingJob
@@ -41,10 +41,11 @@ def found_words(candidates: Sequence[FirstPoseCandidate], kind: str) -> Notice:
     return Notice("done", f"The {kind} is found", text)
 
 
-def one_frame(result: FrameResult) -> Notice:
-    """Return how fitting one frame went."""
+def one_frame(result: FrameResult, fit: OutlineFit | None) -> Notice:
+    """Return how fitting one frame went. fit: to its silhouettes, where there are some."""
     if result.status == Status.TRACKED:
-        return Notice("done", f"Frame {result.frame} is fitted", "What was seen is explained well.")
+        words = "The pose explains what was observed." if fit is None else fit.words
+        return Notice("done", f"Frame {result.frame} is fitted", words)
     if result.is_open or result.is_unlikely:
         return Notice(
             "warning",
@@ -169,7 +170,8 @@ def end_words(
         return Notice("done", "Tracking ended", live.words())
     one = document.results.get(job.frames.start) if len(job.frames) == 1 else None
     if one is not None and not cancelled:
-        return one_frame(one)
+        params = document.model.transform.solver_params(one.parameters)
+        return one_frame(one, document.run.fit_of(one.frame, params)[1])
     took = time.monotonic() - job.began - job.waited
     text = summary(outcomes, job.total, len(job.frames) - job.total, took)
     title = "Cancelled" if cancelled else "Tracking finished"

@@ -60,6 +60,8 @@ _KEEPS = (
     | commands.FitSize
     | commands.TakeSize
 )
+_UNFIT = ("overlap", "out of view", "part outside", "beside")
+"""reasons for which a pose is asked about before it is a first pose"""
 _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Find the "
     "hand', or pose it, then 'Track live'."
@@ -84,6 +86,7 @@ class OpenSession:
         write, even if another program does.
         """
         self.document = document
+        self._asked_to_save: tuple[int, bytes] | None = None
         self.store = Persistence.open(document, take_over)
         self._restored = self.store.restore()
         self._live = LiveControl.of(document, publish)
@@ -217,7 +220,12 @@ class OpenSession:
                 self._masks.want(request)
             case commands.SavePose():
                 self._see_arm()
-                self._say("done", "First-frame pose saved", saving.save_first_pose(self.store))
+                doubt = self._doubt_of_pose()
+                if doubt:
+                    self._say("warning", "Not saved yet", doubt)
+                else:
+                    said = saving.save_first_pose(self.store)
+                    self._say("done", "First-frame pose saved", said)
             case commands.SaveTrack():
                 self._say("done", "Track saved", saving.save_track(self.store))
             case commands.Export():
@@ -231,6 +239,22 @@ class OpenSession:
                 if keys.FOREARM in taken or keys.SIZE in taken:
                     self._show_session()
                     self._show_all()
+
+    def _doubt_of_pose(self) -> str:
+        """Return why the pose shown should not be a first pose, and that saving it once more takes it; empty where nothing speaks
+        against it, or it was asked already.
+        """
+        document = self.document
+        shown = (document.frame, document.shown.tobytes())
+        params = document.model.transform.solver_params(document.shown)
+        reason, _ = document.run.fit_of(document.frame, params)
+        if reason is None or reason.kind not in _UNFIT or shown == self._asked_to_save:
+            return ""
+        self._asked_to_save = shown
+        return (
+            f"Frame {document.frame}: {reason.words}. Tracking would start from this pose. Fit it to the images, or save it once more "
+            "to take it as it is."
+        )
 
     def _travel(self, way: commands.Undo | commands.Redo) -> None:
         """Undo or redo, and show what that changed."""

@@ -22,7 +22,9 @@ from handtrack.session.seen.corrected_masks import CorrectedMasks
 from handtrack.session.seen.session_pins import SessionPins
 from handtrack.session.seen.views import MaskChoice
 from handtrack.session.session_file import CameraSettings, SessionFile
+from handtrack.tracking.frame.assessment import OutlineFit
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -106,6 +108,7 @@ class Run(Protocol):
     def first(self) -> FirstPose | None: ...
     @property
     def settings(self) -> TrackerSettings: ...
+    def fit_of(self, frame: int, params: Floats[P]) -> tuple[Reason | None, OutlineFit | None]: ...
     @property
     def scale(self) -> HandScale: ...
     @property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -13,11 +14,13 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
+from handtrack.terms.silhouettes.unexplained import unexplained_mm2
 from handtrack.tracking.frame.constants import (
     BODY_BY_HAND,
     DOUBTFUL_CLOUD,
     DOUBTFUL_OVERLAP,
     DOUBTFUL_PART,
+    DOUBTFUL_PIECE_MM2,
     LOST_CLOUD,
     LOST_OVERLAP,
 )
@@ -53,7 +56,7 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
     keeps nearly perfect fits from calling each other bad. Energies are compared a view: a frame that two cameras see is not
     bad beside those that one saw.
     """
-    posed = [r for r in previous[-_HISTORY:] if r.status != Status.LOST]
+    posed = _posed(previous)
     views = max(views, 1)
     known = [r.energy / (r.views or views) for r in posed if r.fits]
     if len(known) < _ENOUGH:
@@ -61,6 +64,53 @@ def energy_ratio(energy: float, views: int, previous: Sequence[FrameResult]) -> 
     if len(known) < FEWEST_FRAMES:
         return 1.0
     return energy / views / max(float(np.percentile(known, 25)), _LEAST_USUAL)
+
+
+def _posed(previous: Sequence[FrameResult]) -> list[FrameResult]:
+    """Return the frames before that tell what is usual."""
+    return [r for r in previous[-_HISTORY:] if r.status != Status.LOST]
+
+
+@dataclass(frozen=True)
+class OutlineFit:
+    """How a pose fits a frame's silhouettes, where each fits worst."""
+
+    camera: str
+    overlap: float
+    """intersection over union"""
+    piece_camera: str
+    piece_mm2: float
+    """of the largest connected piece of a silhouette beside the model"""
+
+    @property
+    def words(self) -> str:
+        text = f"Model and silhouette overlap by {100 * self.overlap:.0f} % in {self.camera}, where least"
+        if self.piece_mm2 < 1.0:
+            return f"{text}; no piece of a silhouette as thick as a finger lies beside the model."
+        return (
+            f"{text}; the largest piece of a silhouette beside the model is {self.piece_mm2:.0f} mm² in {self.piece_camera} (a "
+            f"finger's end is {DOUBTFUL_PIECE_MM2:.0f})."
+        )
+
+
+def outline_fit(terms: FrameTerms, bones: BonePoses) -> OutlineFit | None:
+    """Return how a pose fits the silhouettes; None where there are none."""
+    if not terms.prepared:
+        return None
+    fine = terms.model.flesh["fine"]
+    share = outline_overlap(terms.prepared, fine, bones).iou
+    pieces = unexplained_mm2(terms.prepared, terms.pixels_per_m, fine, bones)
+    least, most = int(np.argmin(share)), int(np.argmax(pieces))
+    names = [view.camera.name for view in terms.prepared]
+    return OutlineFit(names[least], float(share[least]), names[most], float(pieces[most]))
+
+
+def _beside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
+    """Return that a finger's end of a silhouette lies beside the model; None where none does, and for bodies."""
+    fit = outline_fit(terms, bones) if terms.model.kind == "hand" else None
+    if fit is None or fit.piece_mm2 < DOUBTFUL_PIECE_MM2:
+        return None
+    return Reason("beside", camera=fit.piece_camera, number=fit.piece_mm2, other=fit.overlap)
 
 
 def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
@@ -126,6 +176,9 @@ def assess(
         return Status.DOUBTFUL, Reason("given keypoints")
     found = [_by_outline(terms, bones), _by_cloud(terms, bones)]
     status, reason = max(found, key=lambda one: one[0])
+    if status == Status.TRACKED and len(_posed(previous)) < FEWEST_FRAMES:
+        reason = _beside(terms, bones)
+        status = Status.TRACKED if reason is None else Status.DOUBTFUL
     ratio = energy_ratio(energy, terms.views, previous)
     if status == Status.TRACKED and ratio > _DOUBTFUL:
         return Status.DOUBTFUL, Reason("energy", number=ratio)

@@ -40,6 +40,10 @@ LOST_OVERLAP = 0.45
 """a frame is lost if they overlap less in the middle one of its cameras (median); chosen by hand"""
 DOUBTFUL_PART = 0.5
 """a frame in which less of two neighbouring bones lies inside a silhouette is doubtful (docs/experiments.md, a body)"""
+DOUBTFUL_PIECE_MM2 = 500.0
+"""a frame without others to compare with is doubtful where so large a piece of a silhouette lies beside the model: the two end
+segments of a finger. Measured on tracked frames of two recordings of another hand (every fourth frame): at most 316; with the thumb moved
+by 55 to 88 mm 1028 and more in 95 %, with an extended index finger by 30 to 98 mm 819"""
 DOUBTFUL_CLOUD = 0.7
 """a frame with a smaller share of its points within 6 mm of the surface is doubtful; chosen by hand"""
 LOST_CLOUD = 0.35

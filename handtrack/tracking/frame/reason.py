@@ -88,6 +88,10 @@ KINDS: dict[str, Callable[[Reason], str]] = {
     "part outside": lambda r: (
         f"{_percent(r.number)} of the {r.part} and the bone before it lie outside the silhouette in {r.camera}"
     ),
+    "beside": lambda r: (
+        f"a piece of {r.number:.0f} mm² of the silhouette in {r.camera} lies beside the model, as large as a finger's end or larger, "
+        f"though they overlap by {_percent(r.other)} where least"
+    ),
     "keypoints": lambda r: (
         f"{_percent(r.number)} of {r.other:.0f} keypoints lie within {NEAR_SIGMAS:g} sigma of the model"
     ),
@@ -122,6 +126,7 @@ BRIEF: dict[str, Callable[[Reason], str]] = {
     "out of view": lambda r: "out of view",
     "overlap": lambda r: f"{r.camera} overlap {r.number:.2f}",
     "part outside": lambda r: f"{r.part}, {_percent(r.number)} outside in {r.camera}",
+    "beside": lambda r: f"{r.number:.0f} mm² of {r.camera} beside the model",
     "keypoints": lambda r: f"{_percent(r.number)} of keypoints near",
     "cloud": lambda r: f"{_percent(r.number)} of the cloud near",
     "poor cloud": lambda r: f"poor cloud, {_percent(r.number)} measured",

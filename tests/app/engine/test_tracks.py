@@ -41,10 +41,12 @@ def test_too_little_seen_is_not_called_a_bad_fit(tmp_path: Path) -> None:
     (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
     note = "what was seen leaves the thumb open: ± 30 mm"
     doubtful = replace(result, status=Status.DOUBTFUL)
-    assert one_frame(doubtful).title == "Frame 4 does not fit well"
+    assert one_frame(doubtful, None).title == "Frame 4 does not fit well"
     far = Reason("far off", part="left wrist", number=300.0, other=0.5)
-    assert one_frame(replace(doubtful, reason=far)).title == "Frame 4 fits, as far as it is seen"
-    told = one_frame(replace(doubtful, reason=OPEN))
+    assert (
+        one_frame(replace(doubtful, reason=far), None).title == "Frame 4 fits, as far as it is seen"
+    )
+    told = one_frame(replace(doubtful, reason=OPEN), None)
     assert (told.title, told.text) == (
         "Frame 4 fits, as far as it is seen",
         f"In doubt: {note}.",

@@ -1,0 +1,85 @@
+"""The largest connected piece of a mask that no part of the model covers: a finger that is elsewhere, not a rim."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, C, Floats, H, W
+from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
+from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
+
+_THICK_M = (
+    0.010  # thinner is a rim by which a mask is wider than the model, or the model another person's
+)
+_FRACTION = 4  # bits of a pixel that OpenCV draws ellipses to
+
+
+def unexplained_mm2(
+    silhouettes: Sequence[PreparedSilhouette],
+    pixels_per_m: Sequence[float],
+    ellipsoids: Ellipsoids,
+    bones: BonePoses,
+) -> Floats[C]:
+    """Return the area [mm²] of the largest connected piece of each mask beside the model, at the hand's distance.
+
+    It is what circles of 10 mm can sweep: a rim is thinner, a finger that the model has elsewhere is not, however small its
+    share of the overlap. What is not observed or not known counts as covered.
+    """
+    flesh = ellipsoids.posed(bones)
+    found = np.zeros(len(silhouettes))
+    for row, (silhouette, scale) in enumerate(zip(silhouettes, pixels_per_m, strict=True)):
+        left = _mask(silhouette) & ~_covered(silhouette, flesh)
+        if left.any():
+            found[row] = _largest_px(left, 0.5 * _THICK_M * scale) * (1e3 / scale) ** 2
+    return found
+
+
+def _largest_px(left: Array[H, W], radius: float) -> float:
+    """Return the area [px] of the largest connected piece that circles of a radius [px] sweep."""
+    middle = (
+        cv2.distanceTransform(np.pad(left, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        >= radius
+    )
+    if not middle.any():
+        return 0.0
+    away = cv2.distanceTransform((~middle).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    count, _, about, _ = cv2.connectedComponentsWithStats((away <= radius).astype(np.uint8))
+    return float(about[1:count, cv2.CC_STAT_AREA].max())
+
+
+def _mask(silhouette: PreparedSilhouette) -> Array[H, W]:
+    """Return where the mask surely shows the hand."""
+    width, height = silhouette.camera.size
+    begins = np.zeros(len(silhouette.ends), np.int64)
+    begins[1:] = silhouette.ends[:-1]
+    begins[silhouette.begins[:-1]] = 0
+    values = np.repeat(silhouette.values, silhouette.ends - begins).reshape(height, width)
+    column = np.arange(width)
+    observed = (column >= silhouette.valid[:, :1]) & (column < silhouette.valid[:, 1:])
+    return observed & (values < -0.5)
+
+
+def _covered(silhouette: PreparedSilhouette, flesh: PosedEllipsoids) -> Array[H, W]:
+    """Return where a camera sees the model."""
+    camera = silhouette.camera
+    shape = shape_matrix(flesh.rotation, flesh.radii)
+    dual = dual_conic(camera.projection, flesh.centre, shape)
+    seen = is_ellipse(camera.projection, flesh.centre, shape)
+    centre, spread = ellipse(dual[seen])
+    image = np.zeros(camera.size[::-1], np.uint8)
+    for middle, part in zip(centre, spread, strict=True):
+        squares, axes = np.linalg.eigh(part)
+        if squares[0] <= 0:
+            continue
+        turn = float(np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1])))
+        at, half = ((1 << _FRACTION) * np.array([middle, np.sqrt(squares[::-1])])).round()
+        if np.abs([at, half]).max() < 1 << 28:
+            cv2.ellipse(
+                image, at.astype(int).tolist(), half.astype(int).tolist(), turn, 0, 360, 1, -1, cv2.LINE_8, _FRACTION
+            )  # fmt: skip
+    return image > 0
