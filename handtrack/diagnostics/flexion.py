@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.arrays import D3, D21, F, Floats, N
+from handtrack.diagnostics.constant_offsets import beside_other_half, mean_size
 from handtrack.model.articulated import FINGERS, keypoint_names
 
 _KEYPOINTS = keypoint_names()
@@ -32,23 +33,15 @@ def flexion_deg(keypoints21: Floats[F, D21, D3]) -> Floats[F, N]:
 def flexion_errors(
     found: Floats[F, D21, D3], truth: Floats[F, D21, D3]
 ) -> dict[str, float | int | None]:
-    """Return the mean error of the joints' flexion [°]: of all, of all beside each joint's own constant offset (two models
-    call different points a knuckle), and of each joint; None where nothing is known.
+    """Return the mean error of the joints' flexion [°], as it is and beside each joint's own constant offset (two models call
+    different points a knuckle; `beside_other_half`): of all, and of each joint; None where nothing is known.
     """
     off = flexion_deg(found) - flexion_deg(truth)
-    known = np.isfinite(off)
-    beside = np.array([_beside_median(column) for column in off.T]).T
-    each = {
-        f"flexion_{name}_deg": float(np.abs(column[ok]).mean()) if ok.any() else None
-        for name, column, ok in zip(BENT_JOINTS, off.T, known.T, strict=True)
-    }
+    beside = beside_other_half(off)
+    each = [*enumerate(BENT_JOINTS)]
     return {
-        "flexion_deg": float(np.abs(off[known]).mean()) if known.any() else None,
-        "flexion_offset_free_deg": float(np.abs(beside[known]).mean()) if known.any() else None,
-        **each,
+        "flexion_deg": mean_size(off),
+        "flexion_offset_free_deg": mean_size(beside),
+        **{f"flexion_{name}_deg": mean_size(off[:, k]) for k, name in each},
+        **{f"flexion_{name}_offset_free_deg": mean_size(beside[:, k]) for k, name in each},
     }
-
-
-def _beside_median(values: Floats[F]) -> Floats[F]:
-    known = np.isfinite(values)
-    return values - np.median(values[known]) if known.any() else values

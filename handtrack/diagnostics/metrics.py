@@ -9,10 +9,12 @@ from typing import Protocol
 import numpy as np
 
 from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N
+from handtrack.diagnostics.constant_offsets import mean_size, offset_free_errors
 from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.result import Status, TrackResult
+from handtrack.tracking.frame.tables.track_model import model_of
 
 _CHI2_90 = 6.251388631170325  # 90 % of a 3D normal distribution lies within this squared distance
 _LEAST_STD_M = 1e-6  # a covariance flatter than this is taken as this thick
@@ -49,6 +51,8 @@ class _Compared:
     """(T, N, 3, 3) [mm²]"""
     seen: Array
     """(T,) whether the frame was tracked, neither missing nor lost"""
+    turns: Floats | None
+    """(T, N, 3, 3) bone → world of the bones that carry the points; None where the track does not say which these are"""
 
 
 def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | None]:
@@ -57,7 +61,11 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
 
     Compared are keypoints21 where the truth has them, else joints of equal name, by frame number. Every truth
     frame counts: a missing or lost one with its last estimate (the first estimate before tracking begins).
-    Unknown (NaN) truth points do not count. Raises HandtrackError when nothing can be compared.
+    Unknown (NaN) points do not count. Raises HandtrackError when nothing can be compared. Compared are the points that the
+    track holds: `track.in_landmarks("mediapipe21")` has those of a detector.
+
+    `offset_free` figures are beside each point's constant offset in its bone's frame, fitted on one half of the frames and
+    applied to the other (`constant_offsets`): None where the track does not say how its model is built.
 
     Last come how many frames of the truth and how many of their points were used, and of each joint.
 
@@ -70,19 +78,20 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
     tips = np.array([name.endswith("_tip") for name in points.names])
     every, tracked = error[known], error[known & points.seen[:, None]]
     return {
-        "mpjpe_mm": _mean(every),
+        "mpjpe_mm": mean_size(every),
         "mpjpe_median_mm": float(np.median(every)),
         "p95_mm": float(np.percentile(every, 95)),
         "max_mm": float(every.max()),
-        "mpjpe_tracked_mm": _mean(tracked),
+        "mpjpe_tracked_mm": mean_size(tracked),
         "pa_mpjpe_mm": _aligned_error(points),
-        "fingertip_mm": _mean(error[known & tips]),
+        "fingertip_mm": mean_size(error[known & tips]),
         "pck_auc_50mm": _pck_auc(every),
         "jitter_mm": _jitter(points),
         "lost_frames": int((~points.seen).sum()),
         "coverage90": _coverage(points),
         "finger_swaps": _swaps(points, tips),
         **(flexion_errors(points.found, points.truth) if points.names == keypoint_names() else {}),
+        **_position_errors(points, error),
         "frames_used": len(points.frame),
         "points_used": int(known.sum()),
         "points_unknown": int((~known).sum()),
@@ -121,16 +130,24 @@ def _compared(track: TrackResult, truth: TruthLike) -> _Compared:
         )
     order = np.argsort(frames)
     frames, true = frames[order], np.where(known[:, :, None], true, np.nan)[rows[order]]
-    usable = np.flatnonzero(np.isfinite(found).all(axis=(1, 2)))
+    usable = np.flatnonzero(np.isfinite(found).any(axis=(1, 2)))
     if not len(usable):
         raise HandtrackError("the result has no frame with finite joint positions.")
     last = np.searchsorted(track.frame[usable], frames, side="right") - 1
     source = usable[np.maximum(last, 0)]
     here = track.frame[source] == frames
     seen = here & (track.status[source] != Status.LOST)
-    spread = _covariance(track, names)
-    chosen = None if spread is None else 1e6 * spread[source]
-    return _Compared(frames, names, 1e3 * true, 1e3 * found[source], chosen, seen)
+    spread, turns = _covariance(track, names), _turns(track, names)
+    found = 1e3 * found[source]
+    return _Compared(
+        frames,
+        names,
+        np.where(np.isfinite(found), 1e3 * true, np.nan),
+        found,
+        None if spread is None else 1e6 * spread[source],
+        seen,
+        None if turns is None else turns[source],
+    )
 
 
 def _points(track: TrackResult, truth: TruthLike) -> tuple[tuple[str, ...], Floats, Floats]:
@@ -160,11 +177,32 @@ def _covariance(track: TrackResult, names: Sequence[str]) -> Floats | None:
     return track.joint_covariance[:, [track.joint_names.index(name) for name in names]]
 
 
+def _turns(track: TrackResult, names: Sequence[str]) -> Floats | None:
+    """Return bone → world (F, N, 3, 3) of the bones that carry the points, None where the track does not say which these are."""
+    try:
+        model = model_of(track)
+    except HandtrackError:
+        return None
+    bones = model.joint_bone[[model.joint_names.index(name) for name in names]]
+    return track.T_world_bone[:, bones, :3, :3]
+
+
 # ---- measures --------------------------------------------------------------------------------------
 
 
-def _mean(values: Floats) -> float | None:
-    return float(values.mean()) if len(values) else None
+def _position_errors(points: _Compared, error: Floats) -> dict[str, float | int | None]:
+    """Return errors of each point [mm], and of all and each beside its constant offset in its bone's frame."""
+    beside = np.full_like(error, np.nan)
+    if points.turns is not None:
+        beside = offset_free_errors(points.found, points.truth, points.turns)
+    known = beside[np.isfinite(beside)]
+    each = [*enumerate(points.names)]
+    return {
+        "offset_free_mm": mean_size(beside),
+        "offset_free_median_mm": float(np.median(known)) if len(known) else None,
+        **{f"position_{name}_mm": mean_size(error[:, k]) for k, name in each},
+        **{f"position_{name}_offset_free_mm": mean_size(beside[:, k]) for k, name in each},
+    }
 
 
 def _aligned_error(points: _Compared) -> float | None:
@@ -175,7 +213,7 @@ def _aligned_error(points: _Compared) -> float | None:
         if known.sum() >= 3:
             fitted = similarity(found[known], true[known])
             errors.append(np.linalg.norm(fitted - true[known], axis=1))
-    return _mean(np.concatenate(errors)) if errors else None
+    return mean_size(np.concatenate(errors)) if errors else None
 
 
 def _pck_auc(errors: Floats) -> float:
@@ -193,7 +231,9 @@ def _jitter(points: _Compared) -> float | None:
     if not len(middle):
         return None
     bend = points.found[middle + 1] - 2 * points.found[middle] + points.found[middle - 1]
-    return float(np.median(np.linalg.norm(bend, axis=2)))
+    size = np.linalg.norm(bend, axis=2)
+    known = size[np.isfinite(size)]
+    return float(np.median(known)) if len(known) else None
 
 
 def _swaps(points: _Compared, tips: Array) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +15,9 @@ from handtrack.diagnostics.metrics import evaluate, similarity
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack.model.model_file import load_model, scale_table
 from handtrack.tracking.frame.result import Status
+from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_frame, sample_track, stacked
 
 
@@ -52,6 +54,10 @@ def test_the_names_are_the_contracts_and_swaps(rng):
         *("fingertip_mm", "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90"),
         *("finger_swaps", "flexion_deg", "flexion_offset_free_deg"),
         *(f"flexion_{joint}_deg" for joint in BENT_JOINTS),
+        *(f"flexion_{joint}_offset_free_deg" for joint in BENT_JOINTS),
+        *("offset_free_mm", "offset_free_median_mm"),
+        *(f"position_{joint}_mm" for joint in keypoint_names()),
+        *(f"position_{joint}_offset_free_mm" for joint in keypoint_names()),
         *("frames_used", "points_used", "points_unknown"),
         *(f"used_{joint}" for joint in keypoint_names()),
     ]
@@ -84,6 +90,53 @@ def test_an_offset_that_stays_is_told_from_an_error_that_does_not():
     assert found["flexion_offset_free_deg"] == pytest.approx(np.rad2deg(0.06) / 15, abs=0.03)
     true[:, 7] = np.nan
     assert flexion_errors(points, true)["flexion_index_pip_deg"] is None
+
+
+def test_constant_offsets_come_from_the_other_half_of_the_frames():
+    """The truth's knuckle is 8 mm beside ours in its bone's frame; from the middle on its wrist is 5 mm elsewhere, too."""
+    model, track = sample_sequence("right")
+    seen = replace(model.scale, offsets_mm={"index_mcp": (0.0, 0.0, 8.0 / model.scale.overall)})
+    theirs = replace(track, scale=json.dumps(scale_table(seen))).landmarks
+    assert theirs is not None
+    found = evaluate(track, Truth(track.frame, theirs))
+    assert found["position_index_mcp_mm"] == pytest.approx(8.0)
+    assert found["mpjpe_mm"] == pytest.approx(8.0 / 21)
+    assert found["offset_free_mm"] == pytest.approx(0.0, abs=1e-9)
+    later = theirs.copy()
+    later[len(later) // 2 :, 0] = np.nan
+    assert evaluate(track, Truth(track.frame, later))["position_wrist_offset_free_mm"] is None
+    root = track.T_world_bone[len(later) // 2 :, 0, :3, :3]
+    later[len(later) // 2 :, 0] = theirs[len(later) // 2 :, 0] + 0.005 * root[:, :, 1]
+    found = evaluate(track, Truth(track.frame, later))
+    assert found["position_wrist_mm"] == pytest.approx(2.5)
+    assert found["position_wrist_offset_free_mm"] == pytest.approx(5.0)
+    assert found["offset_free_mm"] == pytest.approx(5.0 / 21)
+
+
+def test_angles_of_another_definition_are_off_by_what_the_other_half_says():
+    """Bent by 0.1 rad more throughout, and by 0.2 more in the second half: each half knows the other's offset only."""
+    hand = load_model("hand26")
+    bends = np.linspace(0.3, 1.1, 6)
+    more = bends + np.where(np.arange(6) < 3, 0.1, 0.3)
+    points, true = (
+        np.array([hand.keypoints21(hand.bones(hand.params_from({"index_pip_flex": b}))) for b in some])
+        for some in (bends, more)
+    )  # fmt: skip
+    found = flexion_errors(points, true)
+    assert found["flexion_index_pip_deg"] == pytest.approx(np.rad2deg(0.2), abs=0.3)
+    assert found["flexion_index_pip_offset_free_deg"] == pytest.approx(np.rad2deg(0.2), abs=0.3)
+    constant = flexion_errors(points[:3], true[:3])
+    assert constant["flexion_index_pip_deg"] == pytest.approx(np.rad2deg(0.1), abs=0.3)
+    assert constant["flexion_index_pip_offset_free_deg"] == pytest.approx(0.0, abs=0.3)
+
+
+def test_points_that_a_track_lacks_do_not_count(rng):
+    track = sample_track(rng)
+    points = track.keypoints21.copy()
+    points[1, 4] = np.nan
+    found = evaluate(moved(track, points), truth_of(track, (0.001, 0, 0)))
+    assert (found["mpjpe_mm"], found["points_used"]) == (pytest.approx(1.0), 5 * 21 - 1)
+    assert found["jitter_mm"] > 0
 
 
 def test_a_tip_on_another_fingers_true_tip_is_a_swap(rng):

@@ -4,14 +4,27 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 
 from handtrack.diagnostics.metrics import evaluate
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import JOINT_CENTRES
 from handtrack.session.formats.given_truth import read_given_truth
 from handtrack.session.formats.tables import read_npz
+from handtrack.session.formats.truth import Truth
+from handtrack.tracking.frame.result import TrackResult
 from handtrack_app.commands.terminal.progress import say
 
 _FAR_MM = 1000.0
+_COLUMNS = {
+    "error mm": ("position_", "_mm"),
+    "beside offset mm": ("position_", "_offset_free_mm"),
+    "flexion °": ("flexion_", "_deg"),
+    "beside offset °": ("flexion_", "_offset_free_deg"),
+    "points": ("used_", ""),
+}
+"""of the table of joints: what stands before and after a joint's name in the name of its figure"""
+_OF_A_JOINT = re.compile(r"position_(?!.*_offset_free_mm$).*_mm")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,8 +33,9 @@ def run(args: argparse.Namespace) -> int:
     truth, note = read_given_truth(args.truth, track.side)
     if note:
         say(f"note: {note}")
+    compared = _like(track, truth, args)
     try:
-        metrics = evaluate(track, truth)
+        metrics = evaluate(compared, truth)
     except HandtrackError as error:
         raise HandtrackError(f"{args.poses} and {args.truth}: {error}") from None
     median = metrics["mpjpe_median_mm"]
@@ -30,10 +44,39 @@ def run(args: argparse.Namespace) -> int:
             f"note: result and truth are {median / 1000:.3g} m apart (median). Is {args.truth} in metres, and in the world of "
             "the calibration?"
         )
+    definition = compared.keypoint_definition or JOINT_CENTRES
     if args.json:
-        print(json.dumps(metrics, indent=1, allow_nan=False))
+        told = metrics | {"keypoint_definition": definition}
+        print(json.dumps(told, indent=1, allow_nan=False))
         return 0
+    joints = [name[9:-3] for name in metrics if _OF_A_JOINT.fullmatch(name)]
+    rows = {j: [f"{head}{j}{tail}" for head, tail in _COLUMNS.values()] for j in joints}
+    in_table = {name for row in rows.values() for name in row}
     for name, value in metrics.items():
-        shown = "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
-        print(f"{name:24s} {shown}")
+        if name not in in_table:
+            print(f"{name:24s} {_shown(value)}")
+    print(f"{'keypoint_definition':24s} {definition}\n")
+    print("".join([f"{'':12s}", *(f"{title:>18s}" for title in _COLUMNS)]))
+    for joint, row in rows.items():
+        print("".join([f"{joint:12s}", *(f"{_shown(metrics.get(name)):>18s}" for name in row)]))
     return 0
+
+
+def _like(track: TrackResult, truth: Truth, args: argparse.Namespace) -> TrackResult:
+    """Return the track with the points that the truth has: as asked, else as the truth says, else as they are."""
+    if args.landmarks is not None:
+        return track.in_landmarks(args.landmarks, str(args.poses))
+    own, theirs = track.landmark_definition, truth.keypoint_definition
+    if theirs is not None and theirs in (JOINT_CENTRES, own):
+        return track.in_landmarks(theirs, str(args.poses))
+    if theirs is not None:
+        say(f"note: the points of {args.truth} are {theirs}, of which the result has none.")
+    elif own is not None:
+        say(
+            f"note: compared are the model's joint centres; --landmarks {own} compares the points as that detector means them."
+        )
+    return track
+
+
+def _shown(value: float | int | None) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

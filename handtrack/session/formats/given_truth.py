@@ -100,6 +100,8 @@ def write_truth(path: Path, truth: Truth) -> None:
     arrays: dict[str, np.ndarray] = {"frame": truth.frame}
     if truth.time_s is not None:
         arrays["time_s"] = truth.time_s
+    if truth.keypoint_definition is not None:
+        arrays["keypoint_definition"] = np.array(truth.keypoint_definition)
     if truth.keypoints21 is not None:
         arrays["keypoints21"] = truth.keypoints21
     if truth.joint_positions is not None:

@@ -26,6 +26,8 @@ class Truth:
     """J names; empty without joint positions."""
     joint_positions: Floats[F, J, D3] | None
     """world [m], NaN where a joint is not known."""
+    keypoint_definition: str | None = None
+    """whose points they are, as exports say it: `joints`, `mediapipe21`, …; None where the file does not"""
 
 
 def read_truth(path: Path) -> Truth:
@@ -51,7 +53,9 @@ def read_truth(path: Path) -> Truth:
         )
     count = counts.pop()
     frame = _frames(arrays.get("frame"), count, path)
-    return Truth(frame, _times(arrays.get("time_s"), count, path), keypoints, names, joints)
+    definition = arrays.get("keypoint_definition")
+    told = None if definition is None else str(definition)
+    return Truth(frame, _times(arrays.get("time_s"), count, path), keypoints, names, joints, told)
 
 
 def _positions(arrays: dict[str, Array], name: str, path: Path) -> Floats | None:

@@ -1,0 +1,61 @@
+"""`export --landmarks` and `evaluate --landmarks`: like is compared with like."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from handtrack.model.model_file import scale_table
+from handtrack.session.formats.tables import write_npz
+from tests.app.command_line import CommandLine
+from tests.export.sequences import sample_sequence
+
+OFFSETS = {"thumb_mcp": (0.0, 8.0, 0.0)}
+
+
+@pytest.fixture
+def poses(tmp_path: Path) -> Path:
+    """Tracked frames of a hand whose thumb a detector sees elsewhere."""
+    model, track = sample_sequence("left")
+    seen = replace(model.scale, offsets_mm=OFFSETS, landmark_definition="mediapipe21")
+    write_npz(tmp_path / "poses.npz", replace(track, scale=json.dumps(scale_table(seen))))
+    return tmp_path / "poses.npz"
+
+
+def errors(handtrack: CommandLine, poses: Path, truth: Path, *more: str) -> tuple[float, str]:
+    ended = handtrack("evaluate", poses, "--truth", truth, "--json", *more)
+    assert ended.code == 0, ended.err
+    found = json.loads(ended.out)
+    return found["mpjpe_mm"], found["keypoint_definition"]
+
+
+def test_what_is_compared_is_what_the_truth_says_or_what_is_asked_for(
+    handtrack: CommandLine, poses: Path, tmp_path: Path
+) -> None:
+    theirs, ours = tmp_path / "theirs.npz", tmp_path / "ours.npz"
+    for out, definition in ((theirs, "mediapipe21"), (ours, "joints")):
+        ended = handtrack(
+            "export", poses, "--to", "keypoints", "--out", out, "--landmarks", definition
+        )
+        assert ended.code == 0, ended.err
+    assert errors(handtrack, poses, theirs) == (pytest.approx(0.0, abs=1e-6), "mediapipe21")
+    assert errors(handtrack, poses, ours) == (pytest.approx(0.0, abs=1e-6), "joints")
+    off, definition = errors(handtrack, poses, theirs, "--landmarks", "joints")
+    assert (off, definition) == (pytest.approx(8.0 * 0.94 * 1.04 / 21, rel=1e-3), "joints")
+
+
+def test_a_definition_that_a_result_has_not_is_refused(
+    handtrack: CommandLine, poses: Path, tmp_path: Path
+) -> None:
+    for words in (
+        ("evaluate", poses, "--truth", poses, "--landmarks", "openpose21"),
+        ("export", poses, "--to", "trc", "--landmarks", "openpose21"),
+        ("export", poses, "--to", "urdf", "--landmarks", "mediapipe21"),
+    ):
+        ended = handtrack(*words)
+        assert ended.code == 2
+        assert "mediapipe21" in ended.err
+    assert [path.name for path in tmp_path.iterdir()] == ["poses.npz"]
