@@ -54,6 +54,7 @@ _LONG = {
     "recovery": "starts.recovery",
     "off_pose": "starts.off_pose",
     "detector": "starts.detector",
+    "triangulated_landmarks": "starts.triangulated_landmarks",
     "sr305": "clouds.sr305",
     "body_retarget": "jumps.body_retarget",
     "hand_size": "clouds.hand_size",

@@ -7,7 +7,7 @@ the detector's offsets and the cameras' corrections are found as `handtrack trac
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,14 +52,20 @@ def tracked(folder: Path, cameras: Sequence[str] = CAMERAS, frames: int = FRAMES
     """Return the recording tracked from nothing but the joints of some cameras; folder: an empty one, for the session."""
     write_session(folder, cameras)
     edit_toml(folder / SESSION_FILE, {"hand.scale": "fit"}, "a session's settings")
-    session = Session.open(folder)
-    first = find_first_poses(TrackingRun.open(session, use_init=False), range(frames))[0]
-    run = TrackingRun.open(session, first=first.first_pose)
+    return tracked_alone(Session.open(folder), range(frames), {})
+
+
+def tracked_alone(session: Session, frames: range, settings: Mapping[str, object]) -> Person:
+    """Return a session tracked as `handtrack track SESSION --init auto` does, with settings that differ from its own."""
+    look = TrackingRun.open(session, settings, use_init=False)
+    first = find_first_poses(look, frames)[0]
+    run = TrackingRun.open(session, settings, first.first_pose)
     frame, start = run.initial()
     told: list[str] = []
     control = Control(on_shared=told.append)
-    results = list(run.track_with(control, range(frames), frame, start))
-    return Person(run, results[:frames], results[frames:], Refinement.read(told[-1]))
+    results = list(run.track_with(control, frames, frame, start))
+    count = len(frames)
+    return Person(run, results[:count], results[count:], Refinement.read(told[-1]))
 
 
 def residuals_px(
