@@ -12,7 +12,7 @@ from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N
 from handtrack.diagnostics.constant_offsets import mean_size, offset_free_errors
 from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import keypoint_names
+from handtrack.model.articulated import JOINT_CENTRES, keypoint_names
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
 
@@ -55,14 +55,16 @@ class _Compared:
     """(T, N, 3, 3) bone → world of the bones that carry the points; None where the track does not say which these are"""
 
 
-def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | None]:
+def evaluate(
+    track: TrackResult, truth: TruthLike, landmarks: str | None = None
+) -> dict[str, float | int | None]:
     """Return the measures of contracts §3, in mm; None where there is nothing to measure. On top come `finger_swaps`
     and, of hands, how far their joints are bent (`flexion_errors`, in degrees).
 
     Compared are keypoints21 where the truth has them, else joints of equal name, by frame number. Every truth
     frame counts: a missing or lost one with its last estimate (the first estimate before tracking begins).
-    Unknown (NaN) points do not count. Raises HandtrackError when nothing can be compared. Compared are the points that the
-    track holds: `track.in_landmarks("mediapipe21")` has those of a detector.
+    Unknown (NaN) points do not count. Raises HandtrackError when nothing can be compared. landmarks: the definition
+    in which points are compared; None: see `in_truths_landmarks`.
 
     `offset_free` figures are beside each point's constant offset in its bone's frame, fitted on one half of the frames and
     applied to the other (`constant_offsets`): None where the track does not say how its model is built.
@@ -72,7 +74,7 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
     `jitter_mm` and `coverage90` are about tracked frames alone: a held estimate neither moves nor says anew
     how sure it is.
     """
-    points = _compared(track, truth)
+    points = _compared(in_truths_landmarks(track, truth, landmarks), truth)
     error = np.linalg.norm(points.found - points.truth, axis=2)
     known = np.isfinite(error)
     tips = np.array([name.endswith("_tip") for name in points.names])
@@ -100,6 +102,19 @@ def evaluate(track: TrackResult, truth: TruthLike) -> dict[str, float | int | No
             for name, count in zip(points.names, known.sum(axis=0), strict=True)
         },
     }
+
+
+def in_truths_landmarks(
+    track: TrackResult, truth: TruthLike, landmarks: str | None = None
+) -> TrackResult:
+    """Return the track with the points that the truth has: in the definition asked for, else in that which the truth says
+    (`keypoint_definition`) if the track has it, else as they are. Raises HandtrackError for one asked for that it has not.
+    """
+    if landmarks is not None:
+        return track.in_landmarks(landmarks)
+    theirs = getattr(truth, "keypoint_definition", None)
+    known = theirs is not None and theirs in (JOINT_CENTRES, track.landmark_definition)
+    return track.in_landmarks(theirs) if known and theirs is not None else track
 
 
 def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:

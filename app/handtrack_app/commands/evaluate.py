@@ -6,13 +6,11 @@ import argparse
 import json
 import re
 
-from handtrack.diagnostics.metrics import evaluate
+from handtrack.diagnostics.metrics import evaluate, in_truths_landmarks
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import JOINT_CENTRES
 from handtrack.session.formats.given_truth import read_given_truth
 from handtrack.session.formats.tables import read_npz
-from handtrack.session.formats.truth import Truth
-from handtrack.tracking.frame.result import TrackResult
 from handtrack_app.commands.terminal.progress import say
 
 _FAR_MM = 1000.0
@@ -33,9 +31,10 @@ def run(args: argparse.Namespace) -> int:
     truth, note = read_given_truth(args.truth, track.side)
     if note:
         say(f"note: {note}")
-    compared = _like(track, truth, args)
     try:
-        metrics = evaluate(compared, truth)
+        compared = in_truths_landmarks(track, truth, args.landmarks)
+        definition = compared.keypoint_definition or JOINT_CENTRES
+        metrics = evaluate(compared, truth, definition)
     except HandtrackError as error:
         raise HandtrackError(f"{args.poses} and {args.truth}: {error}") from None
     median = metrics["mpjpe_median_mm"]
@@ -44,7 +43,13 @@ def run(args: argparse.Namespace) -> int:
             f"note: result and truth are {median / 1000:.3g} m apart (median). Is {args.truth} in metres, and in the world of "
             "the calibration?"
         )
-    definition = compared.keypoint_definition or JOINT_CENTRES
+    own, theirs = track.landmark_definition, truth.keypoint_definition
+    if theirs not in (None, definition):
+        say(f"note: the points of {args.truth} are {theirs}; compared are {definition}.")
+    elif own is not None and theirs is None and args.landmarks is None:
+        say(
+            f"note: compared are {definition}; --landmarks {own} compares the points as that detector means them."
+        )
     if args.json:
         told = metrics | {"keypoint_definition": definition}
         print(json.dumps(told, indent=1, allow_nan=False))
@@ -60,22 +65,6 @@ def run(args: argparse.Namespace) -> int:
     for joint, row in rows.items():
         print("".join([f"{joint:12s}", *(f"{_shown(metrics.get(name)):>18s}" for name in row)]))
     return 0
-
-
-def _like(track: TrackResult, truth: Truth, args: argparse.Namespace) -> TrackResult:
-    """Return the track with the points that the truth has: as asked, else as the truth says, else as they are."""
-    if args.landmarks is not None:
-        return track.in_landmarks(args.landmarks, str(args.poses))
-    own, theirs = track.landmark_definition, truth.keypoint_definition
-    if theirs is not None and theirs in (JOINT_CENTRES, own):
-        return track.in_landmarks(theirs, str(args.poses))
-    if theirs is not None:
-        say(f"note: the points of {args.truth} are {theirs}, of which the result has none.")
-    elif own is not None:
-        say(
-            f"note: compared are the model's joint centres; --landmarks {own} compares the points as that detector means them."
-        )
-    return track
 
 
 def _shown(value: float | int | None) -> str:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from handtrack.diagnostics.metrics import evaluate
 from handtrack.model.model_file import scale_table
-from handtrack.session.formats.tables import write_npz
+from handtrack.session.formats.tables import read_npz, write_npz
+from handtrack.session.formats.truth import read_truth
 from tests.app.command_line import CommandLine
 from tests.export.sequences import sample_sequence
 
@@ -45,6 +47,9 @@ def test_what_is_compared_is_what_the_truth_says_or_what_is_asked_for(
     assert errors(handtrack, poses, ours) == (pytest.approx(0.0, abs=1e-6), "joints")
     off, definition = errors(handtrack, poses, theirs, "--landmarks", "joints")
     assert (off, definition) == (pytest.approx(8.0 * 0.94 * 1.04 / 21, rel=1e-3), "joints")
+    track, truth = read_npz(poses), read_truth(theirs)
+    assert evaluate(track, truth)["mpjpe_mm"] == pytest.approx(0.0, abs=1e-6)
+    assert evaluate(track, truth, "joints")["mpjpe_mm"] == pytest.approx(off)
 
 
 def test_a_definition_that_a_result_has_not_is_refused(
