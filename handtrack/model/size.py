@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,6 +13,8 @@ from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, H
 from handtrack.model.kinematics import BonePoses
 
 _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
+POPULATION_SIGMA = 0.065
+"""by which adult hands differ in length, as a logarithm: men 193 ± 10 mm, women 181 ± 10 mm (ANSUR II, Gordon et al. 2014), both together"""
 _FINGER_SIGMA = 0.04  # and a finger's share of the hand by this (Alexander & Viktor 2010)
 _ARM_SIGMA = 0.12  # forearms differ more in girth than hands in length (ANSUR II: wrist to forearm circumference)
 _BODY_SIGMA = 0.10  # statures of men and women together: ±6 %; children and other markers beyond
@@ -38,6 +41,19 @@ def hand_length_mm(model: ArticulatedModel) -> float:
         return float("nan")
     points = model.keypoints21(model.bones(model.params_from({})))[[0, 9, 10, 11, 12]]
     return 1e3 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def is_held(scale: HandScale) -> bool:
+    """Return whether a size was not measured, but held at the population's."""
+    return scale.std.get("overall", 0.0) >= POPULATION_SIGMA
+
+
+def held_by_population(
+    build: Callable[[HandScale], ArticulatedModel], scale: HandScale
+) -> HandScale:
+    """Return a size that nothing measured, as uncertain as adults differ. build: the model of a size."""
+    std_mm = POPULATION_SIGMA * hand_length_mm(build(scale))
+    return replace(scale, std={"length_mm": std_mm, "overall": POPULATION_SIGMA})
 
 
 @dataclass(frozen=True, eq=False)

@@ -221,7 +221,8 @@ class TrackingRun:
 
     @property
     def tracker(self) -> Tracker:
-        return Tracker(self.model, self.settings)
+        sure = None if self.first is None else self.first.confidence
+        return Tracker(self.model, self.settings, start_confidence=1.0 if sure is None else sure)
 
     def initial(self) -> tuple[int, Floats[P]]:
         """Return the first pose: its frame, and solver parameters. HandtrackError without one."""

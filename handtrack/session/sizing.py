@@ -10,10 +10,13 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.size import held_by_population, is_held
 from handtrack.session.first_pose.image_first_pose import pose_in_space
 from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.search.poor_cloud import agreement
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.size.seen_around import (
     FEWEST_BY_JOINTS,
@@ -34,6 +37,7 @@ MOST_BY_JOINTS = 16
 """that are used where joints are their first poses: spread over all of a recording, they show different postures"""
 TRACKED_SHARE = 0.6
 """of the time that a fit takes, where its frames are to be tracked first"""
+_LEAST_MEASURED = 0.7  # share of the hand in view that clouds measured, median; behind a can 0.62 made a hand of 125 mm from one of 180
 _STRETCH = 40  # frames tracked to fit the hand's size
 
 
@@ -89,14 +93,20 @@ def size_of_frames(
     tell: Tell,
     sizes: bool = True,
 ) -> HandScale | None:
-    """Return the size that explains at most so many of the frames best, evenly spread; None where none can tell it.
+    """Return the size that explains at most so many of the frames best, evenly spread; None where none can tell it. Where clouds
+    alone show the hand, and measured less than 70 % of what they could, it is held at the population's mean and spread.
 
     Seen from around, every finger has a size of its own; clouds are one-sided and tell the whole hand's only. Where a
     detector's joints are seen from around, where it sees them is found with the size; alone, if `sizes` is not wished.
     """
+    results = list(results)
     tracked = sorted((r for r in results if r.fits), key=lambda r: r.frame)
     seen = [(result, run.seen_at(result)) for result in _spread(tracked, most)]
     around = [(r, known) for r, known in seen if seen_around(known, _middle(r))]
+    if sizes and not around and _measured(run, results, most) < _LEAST_MEASURED:
+        given = run.first is not None and run.first.xyz is not None  # a size that points tell
+        mean = replace(run.scale, overall=run.scale.overall if given else 1.0)
+        return held_by_population(lambda size: run.with_scale(size).model, mean)
     used = around or [pair for pair in seen if pair[1].cloud is not None]
     places = [(known, _middle(result)) for result, known in used]
     joints = joints_around(places) if run.sees_joints else ()
@@ -118,7 +128,7 @@ def size_of_frames(
 
 def who_is_open(run: TrackingRun) -> OpenPerson | None:
     """Return what of the person refining may find: not what was given, and nothing where `model.fit_size` says so."""
-    if not run.size_is_open:
+    if not run.size_is_open or is_held(run.scale):
         return None
 
     def build(scale: HandScale) -> ArticulatedModel:
@@ -132,6 +142,18 @@ def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     if len(results) <= most:
         return list(results)
     return [results[round(i)] for i in np.linspace(0, len(results) - 1, most)]
+
+
+def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> float:
+    """Return which share of the hand in view clouds measured, the median of frames; 1 where there are none."""
+    shares = []
+    posed = sorted((r for r in results if r.status != Status.LOST), key=lambda r: r.frame)
+    for result in _spread(posed, most):
+        bones = run.model.bones(run.model.transform.solver_params(result.parameters))
+        terms = frame_terms(run.model, run.settings, run.seen_at(result), bones, None)
+        found = None if terms.cloud is None else agreement(terms.cloud, run.model, bones)
+        shares += [] if found is None else [found.measured]
+    return float(np.median(shares)) if shares else 1.0
 
 
 def _middle(result: FrameResult) -> Floats[D3]:

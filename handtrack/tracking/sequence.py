@@ -11,8 +11,9 @@ import numpy as np
 from handtrack.arrays import Floats, P
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
+from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.pursuit import Observe, Pursuit
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import Step, TrackerState
@@ -103,8 +104,17 @@ def refine_recording(
 
     observe = observe_own if tracker.terms or tracker.priors else seen
     if changed is None:
-        return refined(model, settings, observe, tracked, control, held, pinned=pinned, who=who)
-    return refined_near(model, settings, observe, tracked, held or {}, changed, control, pinned)
+        again = refined(model, settings, observe, tracked, control, held, pinned=pinned, who=who)
+    else:
+        again = refined_near(
+            model, settings, observe, tracked, held or {}, changed, control, pinned
+        )
+    sure = {Status.TRACKED, Status.KEYFRAME}
+    if tracker.start_confidence >= SURE or held or any(r.status in sure for r in tracked):
+        return again
+    return [
+        unconfirmed(r, tracker.start_confidence) if r.status == Status.TRACKED else r for r in again
+    ]
 
 
 def track_frames(

@@ -55,20 +55,20 @@ def track(
     numbers = np.array(sorted(by_frame))
     times = np.array([by_frame[number].time_s for number in numbers])
     frames = range(int(numbers[0]), int(numbers[-1]) + 1)
-    first, params = frames.start, start
+    first, params, sure = frames.start, start, 1.0
     if params is not None:
         params = model.checked(params, "start")
     else:
         found = find_first_pose(
             model, [by_frame[number] for number in numbers], settings, control.should_stop
         )
-        first, params = found.frame, found.params
+        first, params, sure = found.frame, found.params, found.confidence
 
     def observe(frame: int, bones: BonePoses | None = None) -> Observation:
         missing = Observation(frame, float(np.interp(frame, numbers, times)))
         return by_frame.get(frame, missing)
 
-    tracker = Tracker(model, settings, tuple(terms), tuple(priors))
+    tracker = Tracker(model, settings, tuple(terms), tuple(priors), sure)
     results = track_recording(tracker, observe, first, model.clipped(params), frames, control)
     latest = {result.frame: result for result in results}
     labels = TrackLabels(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import takewhile
 from typing import Any
 
 from handtrack.arrays import Floats
@@ -15,11 +16,12 @@ from handtrack.observation.observation import Observation
 from handtrack.parallel import one_blas_thread
 from handtrack.sampling.chains import chains_of, prepare
 from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.prediction import predict
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import MixtureStep
@@ -28,6 +30,9 @@ from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
 from handtrack.tracking.state import TrackerState
+
+CONFIRMED_BY = 5
+"""frames in a row, tracked by their own evidence, by which an unsure first pose is confirmed; chosen by hand"""
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,8 @@ class Tracker:
     """costs of the caller's own, of bone poses: they count in every frame in which anything was seen"""
     priors: tuple[ParameterTerm, ...] = ()
     """the same, of joint parameters"""
+    start_confidence: float = 1.0
+    """0 to 1, how sure the pose is that a first frame begins with: no frame is called surer before some have confirmed it"""
 
     def step(
         self, state: TrackerState, observation: Observation, control: Control = Control()
@@ -72,7 +79,19 @@ class Tracker:
             solved = solve_frame(task)
             if self.settings.tracker.recovery:
                 solved = with_hand_found(task, solved)
+        solved = replace(solved, result=self._as_sure_as_the_start(state, solved.result))
         return state.after(solved, self.seen_with(observation, solved.result), hypotheses), solved
+
+    def _as_sure_as_the_start(self, state: TrackerState, result: FrameResult) -> FrameResult:
+        """Return a frame as doubtful as an unsure start, unless frames in a row have confirmed it by their own evidence."""
+        if self.start_confidence >= SURE or result.status != Status.TRACKED:
+            return result
+        if any(before.status == Status.TRACKED for before in state.results):
+            return result
+        row = list(takewhile(lambda before: before.is_unconfirmed, reversed(state.results)))
+        return (
+            result if len(row) >= CONFIRMED_BY - 1 else unconfirmed(result, self.start_confidence)
+        )
 
     def expected_bones(self, state: TrackerState, frame: int) -> BonePoses | None:
         """Return the hand where `step` will look for it; None where it was lost."""

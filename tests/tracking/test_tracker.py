@@ -13,9 +13,9 @@ from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.sequence import refine_recording, track_frames
 from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.tracker import CONFIRMED_BY, Tracker
 
 FIRST, COUNT = 8, 14
 SCENE = scene(3, 100, (320, 240), range(FIRST, FIRST + COUNT))
@@ -56,6 +56,22 @@ def test_the_hand_is_followed(forward):
     assert [r.frame for r in forward] == list(range(COUNT))
     assert {r.status for r in forward} == {Status.TRACKED}
     assert errors_mm(forward).max() < 0.4  # measured 0.27 mm at 320 × 240
+
+
+def test_no_frame_is_surer_than_an_unsure_start_until_five_have_confirmed_it(forward):
+    unsure = replace(TRACKER, start_confidence=0.3)
+    results = followed(tracker=unsure)
+    doubtful = [r.status == Status.DOUBTFUL for r in results]
+    assert doubtful == [True] * (CONFIRMED_BY - 1) + [False] * (COUNT - CONFIRMED_BY + 1)
+    assert all(r.reason.number == 0.3 and r.fits for r in results[: CONFIRMED_BY - 1])
+    for one, other in zip(results, forward, strict=True):
+        np.testing.assert_array_equal(one.parameters, other.parameters)
+    (single,) = followed(frames=range(1), tracker=unsure)
+    assert single.status == Status.DOUBTFUL
+    again = refine_recording(unsure, lambda f, _=None: SCENE.observations[f], results[:3])
+    assert {r.status for r in again} == {Status.DOUBTFUL}
+    confirmed = refine_recording(unsure, lambda f, _=None: SCENE.observations[f], results)
+    assert {r.status for r in confirmed} == {Status.TRACKED}
 
 
 def test_a_disturbed_first_frame_is_put_right(rng):

@@ -46,7 +46,7 @@ def one_frame(result: FrameResult, fit: OutlineFit | None) -> Notice:
     if result.status == Status.TRACKED:
         words = "The pose explains what was observed." if fit is None else fit.words
         return Notice("done", f"Frame {result.frame} is fitted", words)
-    if result.is_open or result.is_unlikely:
+    if result.is_open or result.is_unlikely or result.is_unconfirmed:
         return Notice(
             "warning",
             f"Frame {result.frame} fits, as far as it is seen",

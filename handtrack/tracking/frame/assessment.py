@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, C, Floats, Ints, J, N
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.size import SizeParameters, hand_length_mm
+from handtrack.model.size import SizeParameters, hand_length_mm, is_held
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.terms.silhouettes.unexplained import unexplained_mm2
@@ -29,6 +29,7 @@ from handtrack.tracking.frame.reason import (
     LARGEST_HAND_MM,
     NEAR_M,
     NEAR_SIGMAS,
+    SMALLEST_ADULT_MM,
     SMALLEST_HAND_MM,
     Reason,
 )
@@ -239,11 +240,18 @@ def hand_words(model: ArticulatedModel) -> str:
     odd, std_mm = odd_size(model), model.scale.std.get("length_mm")
     if odd is None and std_mm is None:
         return ""
+    length_mm = hand_length_mm(model)
     known = "" if std_mm is None else f" ± {max(std_mm, 1.0):.0f}"
-    people = "within what people have" if odd is None else "which nobody has"
-    if odd is not None and odd.part:
-        people = f"with a share of the {odd.part} that nobody has"
-    return f"hand {hand_length_mm(model):.0f} mm{known}, {people}"
+    people = "within the adult range" if length_mm >= SMALLEST_ADULT_MM else "a child's size"
+    if is_held(model.scale):
+        people = "held at the population's size, for too little of the hand was measured"
+    if odd is not None:
+        people = (
+            "which nobody has"
+            if not odd.part
+            else f"with a share of the {odd.part} that nobody has"
+        )
+    return f"hand {length_mm:.0f} mm{known}, {people}"
 
 
 def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:

@@ -10,6 +10,8 @@ NEAR_M = 0.006
 SMALLEST_HAND_MM, LARGEST_HAND_MM = 100.0, 225.0
 """from wrist to middle fingertip, of a child of two (Snyder et al. 1977) and of men: 3 standard deviations above the mean of 4,082 of
 them, 193 ± 10 (ANSUR II, Gordon et al. 2014)"""
+SMALLEST_ADULT_MM = 151.0
+"""3 standard deviations below the mean of women, 181 ± 10 mm (ANSUR II): a shorter hand is a child's"""
 NEAR_SIGMAS = 4.0
 """a keypoint this near is where it was seen; twice that a normal error rarely is, for detectors err more often"""
 
@@ -92,6 +94,9 @@ KINDS: dict[str, Callable[[Reason], str]] = {
         f"a piece of {r.number:.0f} mm² of the silhouette in {r.camera} lies beside the model, as large as a finger's end or larger, "
         f"though they overlap by {_percent(r.other)} where least"
     ),
+    "start": lambda r: (
+        f"it fits, but tracking began with a pose that was {_percent(r.number)} sure, and too few frames in a row have confirmed it"
+    ),
     "keypoints": lambda r: (
         f"{_percent(r.number)} of {r.other:.0f} keypoints lie within {NEAR_SIGMAS:g} sigma of the model"
     ),
@@ -127,6 +132,7 @@ BRIEF: dict[str, Callable[[Reason], str]] = {
     "overlap": lambda r: f"{r.camera} overlap {r.number:.2f}",
     "part outside": lambda r: f"{r.part}, {_percent(r.number)} outside in {r.camera}",
     "beside": lambda r: f"{r.number:.0f} mm² of {r.camera} beside the model",
+    "start": lambda r: f"first pose {_percent(r.number)} sure",
     "keypoints": lambda r: f"{_percent(r.number)} of keypoints near",
     "cloud": lambda r: f"{_percent(r.number)} of the cloud near",
     "poor cloud": lambda r: f"poor cloud, {_percent(r.number)} measured",

@@ -116,7 +116,14 @@ class FrameResult:
     @property
     def fits(self) -> bool:
         """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another."""
-        return self.status == Status.TRACKED or self.is_open or self.is_odd or self.is_unlikely
+        if self.status == Status.TRACKED or self.is_unconfirmed:
+            return True
+        return self.is_open or self.is_odd or self.is_unlikely
+
+    @property
+    def is_unconfirmed(self) -> bool:
+        """Whether it is doubtful only because the pose that tracking began with is."""
+        return self.reason is not None and self.reason.kind == "start"
 
     @property
     def is_odd(self) -> bool:
@@ -132,6 +139,11 @@ class FrameResult:
     def is_open(self) -> bool:
         """Whether it is doubtful only because what was seen leaves the joints open."""
         return self.reason is not None and self.reason.kind == "open"
+
+
+def unconfirmed(result: FrameResult, confidence: float) -> FrameResult:
+    """Return a frame as doubtful for the pose that tracking began with. confidence: of that, 0 to 1."""
+    return replace(result, status=Status.DOUBTFUL, reason=Reason("start", number=confidence))
 
 
 @dataclass(frozen=True)

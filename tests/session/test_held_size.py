@@ -1,0 +1,91 @@
+"""A size that too little of the hand was measured for is held at the population's, and what is stated says so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
+from handtrack.model.size import POPULATION_SIGMA, hand_length_mm, is_held
+from handtrack.session.sizing import size_of_frames, who_is_open
+from handtrack.simulation.motion import motion
+from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
+from handtrack.tracking.frame.assessment import hand_words
+from handtrack.tracking.frame.doubt.judgement import judged
+from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+
+MEAN = load_model("hand26")
+SMALL = HandScale(0.67)
+POSES = motion(MEAN, "open_fist_open", 100, np.random.default_rng(0))[:2]
+
+
+def run_of(scale: HandScale, observations, first=None) -> SimpleNamespace:
+    """Return what of a run a fit of the size asks for."""
+
+    def with_scale(size: HandScale) -> SimpleNamespace:
+        return run_of(size, observations, first)
+
+    return SimpleNamespace(
+        model=load_model("hand26", scale=scale), settings=TrackerSettings(), scale=scale, first=first, with_scale=with_scale,
+        seen_at=lambda result: observations[result.frame], sees_joints=False, size_is_open=True,
+        session=SimpleNamespace(hand_scale="fit"),
+    )  # fmt: skip
+
+
+def fitted(missing: float, scale: HandScale = HandScale(), first=None):
+    sensor = Sensor((160, 120), missing=missing)
+    seen = list(depth_views(MEAN, POSES, sensor, np.random.default_rng(3)))
+    run = run_of(scale, seen, first)
+    posed = [
+        posed_result(run.model, one, run.model.transform.solver_params(joint), Status.TRACKED, None)
+        for one, joint in zip(seen, POSES, strict=True)
+    ]
+    return run, size_of_frames(run, posed, 2, None, lambda share, words: None)  # type: ignore[arg-type]
+
+
+def test_half_a_hand_tells_no_size() -> None:
+    run, size = fitted(0.5, SMALL)
+    assert size is not None
+    assert size.overall == 1.0
+    held = run.with_scale(size)
+    assert size.std["length_mm"] == pytest.approx(POPULATION_SIGMA * hand_length_mm(MEAN))
+    assert who_is_open(held) is None
+    given = SimpleNamespace(xyz=np.zeros((21, 3)))
+    assert fitted(0.5, SMALL, given)[1].overall == SMALL.overall
+
+
+def test_a_whole_hand_tells_its_size() -> None:
+    _, size = fitted(0.0)
+    assert size is not None
+    assert not is_held(size)
+    assert size.std["length_mm"] < 0.5 * POPULATION_SIGMA * hand_length_mm(MEAN)
+
+
+def test_what_is_stated_of_joints_includes_a_size_that_is_held() -> None:
+    def stated(scale: HandScale) -> np.ndarray:
+        model = load_model("hand26", scale=scale)
+        params = model.rest_params()
+        seen = next(iter(depth_views(MEAN, POSES, Sensor((160, 120)), np.random.default_rng(0))))
+        terms = frame_terms(model, TrackerSettings(), seen, model.bones(params), None)
+        none = np.zeros((len(model.joint_names), 3, 3))
+        found = judged(terms, params, 1.0, {"cloud": 1.0}, none, ())
+        return np.trace(found.joint_covariance, axis1=1, axis2=2)
+
+    held = replace(HandScale(), std={"overall": POPULATION_SIGMA, "length_mm": 12.0})
+    more = np.sqrt(stated(held) - stated(HandScale()))
+    joints = MEAN.joint_positions(MEAN.bones(MEAN.rest_params()))
+    away = np.linalg.norm(joints - joints.mean(axis=0), axis=1)
+    np.testing.assert_allclose(more, POPULATION_SIGMA * away, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("overall", "child"), [(0.67, True), (0.9, False), (1.1, False)])
+def test_a_childs_size_is_called_one(overall: float, child: bool) -> None:
+    model = load_model("hand26", scale=HandScale(overall, std={"length_mm": 3.0, "overall": 0.02}))
+    assert ("child" in hand_words(model)) == child
