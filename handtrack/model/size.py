@@ -43,14 +43,12 @@ def hand_length_mm(model: ArticulatedModel) -> float:
     return 1e3 * float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def is_held(scale: HandScale) -> bool:
+def is_unmeasured(scale: HandScale) -> bool:
     """Return whether a size was not measured, but held at the population's."""
     return scale.std.get("overall", 0.0) >= POPULATION_SIGMA
 
 
-def held_by_population(
-    build: Callable[[HandScale], ArticulatedModel], scale: HandScale
-) -> HandScale:
+def unmeasured_size(build: Callable[[HandScale], ArticulatedModel], scale: HandScale) -> HandScale:
     """Return a size that nothing measured, as uncertain as adults differ. build: the model of a size."""
     std_mm = POPULATION_SIGMA * hand_length_mm(build(scale))
     return replace(scale, std={"length_mm": std_mm, "overall": POPULATION_SIGMA})

@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.size import held_by_population, is_held
+from handtrack.model.size import is_unmeasured, unmeasured_size
 from handtrack.session.first_pose.image_first_pose import pose_in_space
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
@@ -106,7 +106,7 @@ def size_of_frames(
     if sizes and not around and _measured(run, results, most) < _LEAST_MEASURED:
         given = run.first is not None and run.first.xyz is not None  # a size that points tell
         mean = replace(run.scale, overall=run.scale.overall if given else 1.0)
-        return held_by_population(lambda size: run.with_scale(size).model, mean)
+        return unmeasured_size(lambda size: run.with_scale(size).model, mean)
     used = around or [pair for pair in seen if pair[1].cloud is not None]
     places = [(known, _middle(result)) for result, known in used]
     joints = joints_around(places) if run.sees_joints else ()
@@ -128,7 +128,7 @@ def size_of_frames(
 
 def who_is_open(run: TrackingRun) -> OpenPerson | None:
     """Return what of the person refining may find: not what was given, and nothing where `model.fit_size` says so."""
-    if not run.size_is_open or is_held(run.scale):
+    if not run.size_is_open or is_unmeasured(run.scale):
         return None
 
     def build(scale: HandScale) -> ArticulatedModel:

@@ -10,7 +10,7 @@ import pytest
 
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
-from handtrack.model.size import POPULATION_SIGMA, hand_length_mm, is_held
+from handtrack.model.size import POPULATION_SIGMA, hand_length_mm, is_unmeasured
 from handtrack.session.sizing import size_of_frames, who_is_open
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
@@ -64,7 +64,7 @@ def test_half_a_hand_tells_no_size() -> None:
 def test_a_whole_hand_tells_its_size() -> None:
     _, size = fitted(0.0)
     assert size is not None
-    assert not is_held(size)
+    assert not is_unmeasured(size)
     assert size.std["length_mm"] < 0.5 * POPULATION_SIGMA * hand_length_mm(MEAN)
 
 

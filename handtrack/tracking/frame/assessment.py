@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, C, Floats, Ints, J, N
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.size import SizeParameters, hand_length_mm, is_held
+from handtrack.model.size import SizeParameters, hand_length_mm, is_unmeasured
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
 from handtrack.terms.silhouettes.unexplained import unexplained_mm2
@@ -243,7 +243,7 @@ def hand_words(model: ArticulatedModel) -> str:
     length_mm = hand_length_mm(model)
     known = "" if std_mm is None else f" ± {max(std_mm, 1.0):.0f}"
     people = "within the adult range" if length_mm >= SMALLEST_ADULT_MM else "a child's size"
-    if is_held(model.scale):
+    if is_unmeasured(model.scale):
         people = "held at the population's size, for too little of the hand was measured"
     if odd is not None:
         people = (

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, J, K, P
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.size import is_held
+from handtrack.model.size import is_unmeasured
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.assessment import assess, odd_size, what_is_open
 from handtrack.tracking.frame.doubt import figures
@@ -64,7 +64,9 @@ def judged(
     bad, by_cloud = misfit(energies, terms.views), terms.cloud is not None
     stated = stated_covariance(model, joint, joint_covariance, bad, by_cloud)
     stated += mirrored_covariance(terms, params)
-    if is_held(model.scale):  # a size that nothing measured may be another, about where the hand is
+    if is_unmeasured(
+        model.scale
+    ):  # a size that nothing measured may be another, about where the hand is
         joints = model.joint_positions(model.bones(params))
         grown = model.scale.std["overall"] * (joints - joints.mean(axis=0))
         stated += grown[:, :, None] * grown[:, None, :]
