@@ -170,7 +170,7 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     assert cloud_side.cost(bones) == pytest.approx(0.5 * 0.3 * 1e6 * e1, rel=1e-6)
     mesh = carried_mesh(BALL, bones, 1e3 * beta, distance)
     e2 = float((cdist(mesh.vertices, points).min(axis=1) ** 2).sum())
-    # by a map of 4 mm voxels, so within some percent
+    # far from the cloud the nearest of some near points, so within some percent
     assert model_side.cost(bones) == pytest.approx(0.5 * 0.7 * 1e6 * e2, rel=0.04)
     assert found.sharpened(BALL, bones, 0.1) is found
 

@@ -1,38 +1,48 @@
-"""Grid of distances to the cloud around the hand, made once a frame."""
+"""Distances to the cloud around the hand: a grid that knows where to look, made once a frame."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, N, X, Y, Z, check_shape
+from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z, check_shape
 from handtrack.errors import HandtrackError
-from handtrack.terms.clouds.distance_map_kernels import interpolate
-from handtrack.terms.clouds.nearest_cells_kernels import fill_cells, fill_distances
+from handtrack.terms.clouds.distance_map_kernels import fill_nodes, look_up_all
+from handtrack.terms.clouds.nearest_cells_kernels import fill_cells, fill_nearest
 
-SPACING_M = 0.004
+SPACING_M = 0.006
 MOST_VOXELS = 8_000_000
 """The grid gets coarser rather than larger; about 150 MB are in use while this many are computed."""
 
 
 @dataclass(frozen=True, eq=False)
 class DistanceMap:
-    """Unsigned distances to a cloud on a grid, trilinear between its nodes.
-
-    Beyond the grid: the value at the nearest place on its border plus the way there.
-    """
+    """Unsigned distances to a cloud: to the nearest of the points in those cells that are nearest to the 8 nodes around."""
 
     low: Floats[D3]
     """the first node, world [m]"""
     spacing: float
     """[m]"""
-    values: Array[X, Y, Z]
-    """float32 [m]; size 0 where there is no cloud at all"""
+    nearest: Array[X, Y, Z]
+    """int32, the number of the filled cell nearest to each node; size 0 where there is no cloud at all"""
+    first: Array[M]
+    """int32, where the points of each filled cell begin, and where the last ends"""
+    points: Floats[N, D3]
+    """the cloud in the box by cells, world [m]"""
 
     @property
     def is_empty(self) -> bool:
-        return self.values.size == 0
+        return self.nearest.size == 0
+
+    @cached_property
+    def values(self) -> Array[X, Y, Z]:
+        """float32 [m], the distance of each node."""
+        values = np.empty(self.nearest.shape, np.float32)
+        if not self.is_empty:
+            fill_nodes(self.nearest, self.first, self.points, self.low, self.spacing, values)
+        return values
 
     def at(self, points: Floats[N, D3]) -> tuple[Floats[N], Floats[N, D3]]:
         """Return distance [m] and its gradient at points world; zeros without a cloud."""
@@ -40,7 +50,9 @@ class DistanceMap:
         check_shape(points, (None, 3), "points")
         distance, gradient = np.zeros(len(points)), np.zeros(points.shape)
         if not self.is_empty:
-            interpolate(self.values, self.low, self.spacing, points, distance, gradient)
+            look_up_all(
+                self.nearest, self.first, self.points, self.low, self.spacing, points, distance, gradient
+            )  # fmt: skip
         return distance, gradient
 
 
@@ -53,10 +65,8 @@ def distance_map(
 ) -> DistanceMap:
     """Return the distance map of points in the box low, high, world [m]. 2004 paper, section 4.
 
-    The nearest filled voxel is found exactly; the distance is that to the mean of the points
-    in it, so that voxels do not round it. Points outside the box and points that are not finite are left out.
+    Points outside the box and points that are not finite are left out.
     """
-
     low, high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
     if not (np.isfinite([low, high]).all() and (high > low).all() and spacing_m > 0):
         raise HandtrackError(
@@ -71,10 +81,9 @@ def distance_map(
     check_shape(points, (None, 3), "cloud")
     with np.errstate(invalid="ignore"):
         inside = ((points >= low) & (points <= high)).all(axis=1)  # False for NaN
-    points = points[inside]
-    if not len(points):
-        return DistanceMap(low, spacing, np.zeros((0, 0, 0), np.float32))
-    place, values = np.empty(shape, np.int32), np.empty(shape, np.float32)
-    mean = fill_cells(np.ascontiguousarray(points), low, spacing, place)
-    fill_distances(mean, place, low, spacing, values)
-    return DistanceMap(low, spacing, values)
+    points, found = np.ascontiguousarray(points[inside]), shape if inside.any() else (0, 0, 0)
+    cells, nearest = np.empty(found, np.int32), np.empty(found, np.int32)
+    ordered, first = fill_cells(points, low, spacing, cells)
+    if len(points):
+        fill_nearest(cells, nearest)
+    return DistanceMap(low, spacing, nearest, first, ordered)

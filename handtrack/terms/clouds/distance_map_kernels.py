@@ -18,55 +18,95 @@ from handtrack.terms.term_table import (
     array3,
 )
 
+_AROUND = 2.0
+"""[nodes apart]"""
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def look_up(values, low, spacing, x, y, z):  # pragma: no cover - compiled
-    """Return distance and gradient (3) at a point: trilinear; beyond the grid, the border's value plus the way there."""
-    u = (x - low[0]) / spacing
-    v = (y - low[1]) / spacing
-    w = (z - low[2]) / spacing
-    a = min(max(u, 0.0), values.shape[0] - 1.0)
-    b = min(max(v, 0.0), values.shape[1] - 1.0)
-    c = min(max(w, 0.0), values.shape[2] - 1.0)
-    i = min(np.int64(a), values.shape[0] - 2)
-    j = min(np.int64(b), values.shape[1] - 2)
-    k = min(np.int64(c), values.shape[2] - 2)
-    p, q, r = a - i, b - j, c - k
-    f000, f001 = np.float64(values[i, j, k]), np.float64(values[i, j, k + 1])
-    f010, f011 = np.float64(values[i, j + 1, k]), np.float64(values[i, j + 1, k + 1])
-    f100, f101 = np.float64(values[i + 1, j, k]), np.float64(values[i + 1, j, k + 1])
-    f110, f111 = np.float64(values[i + 1, j + 1, k]), np.float64(values[i + 1, j + 1, k + 1])
-    e00, e01 = f000 + r * (f001 - f000), f010 + r * (f011 - f010)
-    e10, e11 = f100 + r * (f101 - f100), f110 + r * (f111 - f110)
-    d0, d1 = e00 + q * (e01 - e00), e10 + q * (e11 - e10)
-    distance = d0 + p * (d1 - d0)
-    gx = (d1 - d0) / spacing
-    gy = ((1.0 - p) * (e01 - e00) + p * (e11 - e10)) / spacing
-    gz = (
-        (1.0 - p) * ((1.0 - q) * (f001 - f000) + q * (f011 - f010))
-        + p * ((1.0 - q) * (f101 - f100) + q * (f111 - f110))
-    ) / spacing
-    out = np.sqrt((u - a) ** 2 + (v - b) ** 2 + (w - c) ** 2)
-    if out > 0.0:
-        distance += spacing * out
-        gx = (u - a) / out if u != a else gx
-        gy = (v - b) / out if v != b else gy
-        gz = (w - c) / out if w != c else gz
-    return distance, gx, gy, gz
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _nearest_in(m, first, points, x, y, z, least, best):  # pragma: no cover - compiled
+    """Return the least square of a distance to the points of cell m, or least, and whose it is."""
+    m = max(m, -1 - m)
+    for n in range(first[m], first[m + 1]):
+        dx, dy, dz = x - points[n, 0], y - points[n, 1], z - points[n, 2]
+        square = dx * dx + dy * dy + dz * dz
+        if square < least:
+            least, best = square, n
+    return least, best
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _gap(u, i):  # pragma: no cover - compiled
+    """Return the square of what is between u and the cell around i."""
+    return max(abs(u - i) - 0.5, 0.0) ** 2
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def interpolate(values, low, spacing, points, distance, gradient):  # pragma: no cover - compiled
-    """Fill distance (N,) and gradient (N, 3) at points (N, 3)."""
-    for n in range(points.shape[0]):
+def look_up(nearest, first, points, low, spacing, x, y, z):  # pragma: no cover - compiled
+    """Return distance and gradient (3) at a point: to the nearest of all points where that is within about `_AROUND`, further
+    away to the nearest of those in the cells that are nearest to its 8 nodes.
+    """
+    u, v, w = (x - low[0]) / spacing, (y - low[1]) / spacing, (z - low[2]) / spacing
+    size_x, size_y, size_z = nearest.shape
+    i = min(max(np.int64(np.floor(u)), 0), size_x - 2)
+    j = min(max(np.int64(np.floor(v)), 0), size_y - 2)
+    k = min(max(np.int64(np.floor(w)), 0), size_z - 2)
+    before = nearest[i + (u - i > 0.5), j + (v - j > 0.5), k + (w - k > 0.5)]
+    least, best = _nearest_in(before, first, points, x, y, z, np.inf, 0)
+    if least >= (_AROUND * spacing) ** 2:
+        for node in range(8):
+            m = nearest[i + (node >> 2), j + (node >> 1 & 1), k + (node & 1)]
+            if m != before:  # neighbours often share theirs
+                least, best = _nearest_in(m, first, points, x, y, z, least, best)
+            before = m
+    reach = np.sqrt(least) / spacing
+    if reach < _AROUND:
+        for i in range(
+            max(np.int64(np.rint(u - reach)), 0), min(np.int64(np.rint(u + reach)) + 1, size_x)
+        ):
+            for j in range(
+                max(np.int64(np.rint(v - reach)), 0), min(np.int64(np.rint(v + reach)) + 1, size_y)
+            ):
+                for k in range(
+                    max(np.int64(np.rint(w - reach)), 0),
+                    min(np.int64(np.rint(w + reach)) + 1, size_z),
+                ):
+                    m = nearest[i, j, k]
+                    if m >= 0 and spacing**2 * (_gap(u, i) + _gap(v, j) + _gap(w, k)) < least:
+                        least, best = _nearest_in(m, first, points, x, y, z, least, best)
+    distance = np.sqrt(least)
+    share = 1.0 / distance if distance > 0.0 else 0.0
+    return (
+        distance,
+        share * (x - points[best, 0]),
+        share * (y - points[best, 1]),
+        share * (z - points[best, 2]),
+    )
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def look_up_all(
+    nearest, first, points, low, spacing, at, distance, gradient
+):  # pragma: no cover - compiled
+    """Fill distance (N,) and gradient (N, 3) at places (N, 3)."""
+    for n in range(at.shape[0]):
         distance[n], gradient[n, 0], gradient[n, 1], gradient[n, 2] = look_up(
-            values, low, spacing, points[n, 0], points[n, 1], points[n, 2]
+            nearest, first, points, low, spacing, at[n, 0], at[n, 1], at[n, 2]
         )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
+def fill_nodes(nearest, first, points, low, spacing, values):  # pragma: no cover - compiled
+    """Fill values (X, Y, Z), float32, with each node's distance."""
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            for k in range(values.shape[2]):
+                x, y, z = low[0] + spacing * i, low[1] + spacing * j, low[2] + spacing * k
+                values[i, j, k] = look_up(nearest, first, points, low, spacing, x, y, z)[0]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
 def emptiness_system(
-    values, low, spacing, rotation, position, reference, bone, local, share, slack, sigma, loss, scale, weight,
+    nearest, first, points, low, spacing, rotation, position, reference, bone, local, share, slack, sigma, loss, scale, weight,
     width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Add E2 to gradient (width · B,) and hessian; width: 6, 7 with growth, 0 for the cost alone. Returns ½ weight Σ share ρ.
@@ -81,7 +121,7 @@ def emptiness_system(
             x += rotation[b, 0, i] * local[n, i]
             y += rotation[b, 1, i] * local[n, i]
             z += rotation[b, 2, i] * local[n, i]
-        distance, gx, gy, gz = look_up(values, low, spacing, x, y, z)
+        distance, gx, gy, gz = look_up(nearest, first, points, low, spacing, x, y, z)
         residual = (distance - slack) / sigma
         if residual <= 0.0:
             continue
@@ -108,13 +148,14 @@ def emptiness_system(
     return 0.5 * weight * cost
 
 
-@TermKernel("f4 f8 i8 f8 f8")
+@TermKernel("i4 i4 f8 f8 i8 f8 f8")
 def emptiness_kernel(term, place, width):  # pragma: no cover - compiled
     """E2; the table is made by `CloudEmptinessTerm.tables`."""
-    bone, chosen = array1(term, 2, np.int64), array1(term, 4, np.float64)
+    bone, chosen = array1(term, 4, np.int64), array1(term, 6, np.float64)
     return emptiness_system(
-        array3(term, 0, np.float32), array1(term, 1, np.float64), chosen[0], array3(place, ROTATION, np.float64),
-        array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64), bone, array2(term, 3, np.float64),
+        array3(term, 0, np.int32), array1(term, 1, np.int32), array2(term, 2, np.float64),
+        array1(term, 3, np.float64), chosen[0], array3(place, ROTATION, np.float64),
+        array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64), bone, array2(term, 5, np.float64),
         np.ones(bone.shape[0]), chosen[1], chosen[2], np.int64(chosen[3]), chosen[4], chosen[5], width,
         array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
     )  # fmt: skip

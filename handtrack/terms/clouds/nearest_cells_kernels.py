@@ -1,4 +1,4 @@
-"""Compiled distances from every node of a grid to the points in its nearest filled cell, exact.
+"""Compiled: which filled cell of a grid is nearest to each of its cells, exact.
 
 The nearest filled cell along x, then along y of those, then along z (the transform is separable). In the last two steps, cells
 1, 2, 3 … further are tried until none can be nearer: 16 at once. The plain form: tests/terms/test_cloud_emptiness.py.
@@ -77,44 +77,43 @@ def _nearest(typing, best, who, at, far, whose, row, stride, low, high, start, s
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def fill_cells(points, low, spacing, place):  # pragma: no cover - compiled
-    """Fill place (X, Y, Z) with the row of each cell, −1 where it is empty; returns the mean (M, 3) of each cell's points.
+def fill_cells(points, low, spacing, cells):  # pragma: no cover - compiled
+    """Fill cells (X, Y, Z) with the number of each filled cell, −1 where it is empty; return the points (N, 3) by cell, and
+    first (M + 1,): the points of cell m are those from first[m] to first[m + 1].
 
     points (N, 3) lie inside the grid.
     """
     count, room = 0, points.shape[0]
-    mean, members = np.zeros((room, 3)), np.zeros(room)
-    place[:] = -1
+    first, cell = np.zeros(room + 1, np.int32), np.empty(room, np.int32)
+    cells[:] = -1
     for n in range(room):
         i = np.int64(np.rint((points[n, 0] - low[0]) / spacing))
         j = np.int64(np.rint((points[n, 1] - low[1]) / spacing))
         k = np.int64(np.rint((points[n, 2] - low[2]) / spacing))
-        m = place[i, j, k]
-        if m < 0:
-            m = count
-            place[i, j, k] = m
+        if cells[i, j, k] < 0:
+            cells[i, j, k] = count
             count += 1
-        members[m] += 1.0
+        cell[n] = cells[i, j, k]
+        first[cell[n] + 1] += 1
+    first = np.cumsum(first[: count + 1]).astype(np.int32)
+    filled, ordered = first.copy(), np.empty((room, 3))
+    for n in range(room):
+        at = filled[cell[n]]
+        filled[cell[n]] += 1
         for axis in range(3):
-            mean[m, axis] += points[n, axis]
-    for m in range(count):
-        for axis in range(3):
-            mean[m, axis] /= members[m]
-    return mean[:count]
+            ordered[at, axis] = points[n, axis]
+    return ordered, first
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def fill_distances(mean, place, low, spacing, values):  # pragma: no cover - compiled
-    """Fill values (X, Y, Z), float32: each node's distance to the mean of the points in its nearest filled cell.
-
-    place: as of `fill_cells`.
-    """
-    size_x, size_y, size_z = values.shape
-    lows, highs = np.array(values.shape), np.full(3, -1)
+def fill_nearest(cells, nearest):  # pragma: no cover - compiled
+    """Fill nearest (X, Y, Z), int32, with the number of the filled cell that is nearest to each cell. cells: as of `fill_cells`."""
+    size_x, size_y, size_z = cells.shape
+    lows, highs = np.array(cells.shape), np.full(3, -1)
     for i in range(size_x):
         for j in range(size_y):
             for k in range(size_z):
-                if place[i, j, k] >= 0:
+                if cells[i, j, k] >= 0:
                     lows[0], highs[0] = min(lows[0], i), max(highs[0], i)
                     lows[1], highs[1] = min(lows[1], j), max(highs[1], j)
                     lows[2], highs[2] = min(lows[2], k), max(highs[2], k)
@@ -123,7 +122,7 @@ def fill_distances(mean, place, low, spacing, values):  # pragma: no cover - com
     room = (wide + _LANES - 1) // _LANES * _LANES
     far = np.zeros((size_x, last - first, room), np.float32)  # what fills rows up is soon found
     whose = np.zeros(far.shape, np.int32)
-    _along_x(place[:, first:last, begin : begin + wide], far, whose)
+    _along_x(cells[:, first:last, begin : begin + wide], far, whose)
     long = (size_z + _LANES - 1) // _LANES * _LANES
     # beyond the row's ends there is nothing, as far as anybody looks
     row, owner = np.empty(3 * long + room, np.float32), np.zeros(3 * long + room, np.int32)
@@ -143,11 +142,7 @@ def fill_distances(mean, place, low, spacing, values):  # pragma: no cover - com
             for n in range(0, long, _LANES):
                 _nearest(best, who, n, row, owner, long + n, 1, -long, long, 0, long, least)
             for k in range(size_z):
-                m = who[k]
-                x = mean[m, 0] - (low[0] + spacing * i)
-                y = mean[m, 1] - (low[1] + spacing * j)
-                z = mean[m, 2] - (low[2] + spacing * k)
-                values[i, j, k] = np.sqrt(x * x + y * y + z * z)
+                nearest[i, j, k] = who[k] if cells[i, j, k] >= 0 else -1 - who[k]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -161,13 +156,13 @@ def _least(far, wide):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _along_x(place, far, whose):  # pragma: no cover - compiled
+def _along_x(cells, far, whose):  # pragma: no cover - compiled
     """Fill far with the square of how many cells along x the nearest filled one is away, whose with its row."""
     last = far.shape[0] - 1
     for i in range(last + 1):
-        for j in range(place.shape[1]):
-            for k in range(place.shape[2]):
-                m = place[i, j, k]
+        for j in range(cells.shape[1]):
+            for k in range(cells.shape[2]):
+                m = cells[i, j, k]
                 if m >= 0:
                     far[i, j, k], whose[i, j, k] = 0.0, m
                 elif i > 0:
@@ -175,11 +170,11 @@ def _along_x(place, far, whose):  # pragma: no cover - compiled
                 else:
                     far[i, j, k], whose[i, j, k] = _NOWHERE, 0
     for i in range(last - 1, -1, -1):
-        for j in range(place.shape[1]):
-            for k in range(place.shape[2]):
+        for j in range(cells.shape[1]):
+            for k in range(cells.shape[2]):
                 if far[i + 1, j, k] + 1.0 < far[i, j, k]:
                     far[i, j, k], whose[i, j, k] = far[i + 1, j, k] + 1.0, whose[i + 1, j, k]
     for i in range(last + 1):
-        for j in range(place.shape[1]):
-            for k in range(place.shape[2]):
+        for j in range(cells.shape[1]):
+            for k in range(cells.shape[2]):
                 far[i, j, k] = min(far[i, j, k] * far[i, j, k], np.float32(_NOWHERE))
