@@ -99,7 +99,7 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):
-        return f"`{','.join(f'{item:g}' for item in value)}`"
+        return f"`{','.join(item if isinstance(item, str) else f'{item:g}' for item in value)}`"
     return f"`{value:g}`" if isinstance(value, float) else f"`{value}`" if value != "" else "empty"
 
 

@@ -48,7 +48,7 @@ class Setting:
     choices: tuple[str, ...] = ()
     """all values there are"""
     many: bool = False
-    """several numbers"""
+    """several numbers or names"""
     optional: bool = False
     """None, written `false`, switches off what it is about"""
 
@@ -60,9 +60,11 @@ class Setting:
             raise NotAcceptedError(f"a value of kind {self.kind_words}") from None
         if self.choices and found not in self.choices:
             raise NotAcceptedError(f"one of {', '.join(self.choices)}")
-        numbers = found if self.many else () if self.kind in (bool, str) else (found,)
-        if self.many and not numbers:
+        if self.many and not found:
             raise NotAcceptedError(self.range_words)
+        if self.kind in (bool, str):
+            return found
+        numbers = found if self.many else (found,)
         if any(n < self.low or n <= self.above or n > self.high for n in numbers):
             raise NotAcceptedError(self.range_words)
         return found
@@ -74,6 +76,8 @@ class Setting:
     @property
     def range_words(self) -> str:
         """What numbers are accepted, in words."""
+        if self.kind is str:
+            return "names"
         kind = "numbers" if self.many else "a whole number" if self.kind is int else "a number"
         unit = f" [{self.unit}]" if self.unit else ""
         if self.above > -math.inf and self.high < math.inf:
@@ -89,6 +93,8 @@ class Setting:
             return _boolean(value)
         if self.many:
             items = value.split(",") if isinstance(value, str) else value
+            if self.kind is str:
+                return tuple(str(item).strip() for item in items)
             return tuple(self._number(item) for item in items)
         if self.kind in (float, int):
             return self._number(value)

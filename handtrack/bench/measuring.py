@@ -126,12 +126,14 @@ def normal_equations(rows: int, width: int) -> list[Callable[[], Any]]:
 
 def tracked(
     model: ArticulatedModel,
-    settings: Mapping[str, object],
+    settings: Mapping[str, object] | TrackerSettings,
     seen: Sequence[Observation],
     start: Floats[P],
 ) -> list[FrameResult]:
     """Return frames 0, 1, … tracked from solver parameters on, with settings that differ from the defaults."""
-    tracker = Tracker(model, TrackerSettings().with_values(settings))
+    if not isinstance(settings, TrackerSettings):
+        settings = TrackerSettings().with_values(settings)
+    tracker = Tracker(model, settings)
     return list(track_frames(tracker, lambda frame, *_: seen[frame], 0, start, range(len(seen))))
 
 

@@ -24,6 +24,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.session.run import TrackingRun
 from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 
 Figures = dict[str, float | int | str]
@@ -42,6 +43,8 @@ STEREO: Mapping[str, dict[str, object]] = {
     "ours": OURS,
 }
 
+INSIDE = (-1.0, -0.6, -0.5)
+"""other values of a mask's inside, which the 2007 paper does not say"""
 WHY: Mapping[str, dict[str, bool]] = {
     "as_the_paper": {},
     "robust_likelihood": {"plain_sums": False},
@@ -92,18 +95,28 @@ def fields(poses: int) -> Figures:
     return {f"{scale}_scale_found": share for scale, share in near.items()}
 
 
-def fist_errors(cameras: int, settings: Mapping[str, object]) -> Floats[N]:
+def fist_errors(cameras: int, settings: Mapping[str, object] | TrackerSettings) -> Floats[N]:
     """Return the mean joint error [mm] of each frame of the fist, masks of so many cameras."""
-    return binary_fist.track(binary_fist.scene(cameras), dict(settings)).error_mm
+    return binary_fist.track(binary_fist.scene(cameras), settings).error_mm
 
 
 def fist() -> Figures:
     """Return errors of a hand that closes and opens, seen as masks by two and by six cameras."""
     figures: Figures = {}
     closed = slice(binary_fist.FIST.start, binary_fist.FIST.stop)
+    faithful = TrackerSettings().with_values({"method": "paper2007"})
+    ways: dict[str, Mapping[str, object] | TrackerSettings] = {
+        "paper2007": faithful,
+        "paper2007_limits": faithful.with_values({"solver.limits": "bounds"}),
+        **{
+            f"paper2007_inside_{inside}": replace(
+                faithful, traits=replace(faithful.traits, inside=inside)
+            )
+            for inside in INSIDE
+        },
+        "ours": OURS,
+    }
     for cameras in (2, 6):
-        limited: dict[str, object] = {"method": "paper2007", "solver.limits": "bounds"}
-        ways = {"paper2007": {"method": "paper2007"}, "paper2007_limits": limited, "ours": OURS}
         for way, settings in ways.items():
             error = fist_errors(cameras, settings)
             figures |= {

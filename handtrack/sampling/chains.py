@@ -74,8 +74,11 @@ class PreparedChain:
         return np.flatnonzero(self.link == link)
 
 
-def chains_of(model: ArticulatedModel) -> tuple[Chain, ...]:
-    """Return the chains that a model's joints offer: fingers of a hand; neck, arms and legs of a body."""
+def chains_of(model: ArticulatedModel, wanted: Sequence[str] = ("all",)) -> tuple[Chain, ...]:
+    """Return the chains that a model's joints offer: fingers of a hand; neck, arms and legs of a body.
+
+    wanted: only those of these names. HandtrackError for a name that none has.
+    """
     names = keypoint_names()[1:]
     offered = [(finger, names[4 * i : 4 * i + 4]) for i, finger in enumerate(FINGERS)]
     offered.append(("neck", ("neck", "head_top")))
@@ -85,11 +88,12 @@ def chains_of(model: ArticulatedModel) -> tuple[Chain, ...]:
             there = tuple(joint for joint in named if joint in model.joint_names)
             if there[:3] == named[:3]:
                 offered.append((f"{side}_{limb}", _flipping(model, there)))
-    return tuple(
-        chain_along(model, name, joints)
-        for name, joints in offered
-        if set(joints) <= set(model.joint_names)
-    )
+    there = {name: joints for name, joints in offered if set(joints) <= set(model.joint_names)}
+    names = tuple(there) if tuple(wanted) == ("all",) else tuple(dict.fromkeys(wanted))
+    for name in names:
+        if name not in there:
+            raise unknown_name("chain", name, tuple(there), "mixture.chains")
+    return tuple(chain_along(model, name, there[name]) for name in names)
 
 
 def _flipping(model: ArticulatedModel, joints: tuple[str, ...]) -> tuple[str, ...]:

@@ -43,6 +43,8 @@ class CloudSettings(CloudSource):
 
     given: Mapping[str, Any] = field(default_factory=dict)
     """settings by name, as far as they are given; False: off. The others are as usual for the source."""
+    by_method: Mapping[str, Any] = field(default_factory=dict)
+    """what the tracking method sets where nothing is given"""
 
     @property
     def filters(self) -> CloudFilters:
@@ -107,11 +109,12 @@ class CloudSettings(CloudSource):
         return changed
 
     def _given_of(self, table: type[Any], prefix: str = "") -> dict[str, Any]:
-        """Return what is given of a class of settings, by its fields."""
+        """Return what is given, or the method's, of a class of settings, by its fields."""
+        said = {**self.by_method, **self.given}
         return {
-            name.removeprefix(prefix): None if self.given[name] is False else self.given[name]
+            name.removeprefix(prefix): None if said[name] is False else said[name]
             for name in declared(table, prefix)
-            if name in self.given
+            if name in said
         }
 
 

@@ -44,6 +44,7 @@ from handtrack.session.sizing import (
 from handtrack.tracking.frame.assessment import OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -85,7 +86,7 @@ class TrackingRun:
         that is put off; a forearm is modelled where silhouettes show one beyond the wrist. Raises HandtrackError.
         """
         settings = session.settings.with_values(overrides or {})
-        session = session.with_seed(settings.tracker.seed)
+        session = session.as_tracked_by(settings)
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
             first = given_in_images(session, settings, first)[0].first_pose
@@ -151,12 +152,14 @@ class TrackingRun:
         settings = self.settings.with_values(overrides)
         wanted = settings.model.forearm
         forearm = self.forearm if wanted == "auto" else wanted == "true"
-        session = self.session.with_seed(settings.tracker.seed)
+        session = self.session.as_tracked_by(settings)
         model = _model(session, settings, self.scale, forearm)
         return replace(self, session=session, settings=settings, model=model, forearm=forearm)
 
     def with_clouds(self, clouds: CloudSettings | None) -> TrackingRun:
         """Return the run with other settings of [clouds]. Raises HandtrackError when they cannot be used."""
+        if clouds is not None:
+            clouds = replace(clouds, by_method=METHODS[self.settings.method].clouds)
         return replace(self, session=self.session.with_clouds(clouds))
 
     @property

@@ -44,6 +44,7 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
+from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 
 _T = TypeVar("_T")
@@ -233,12 +234,25 @@ class Session:
 
         Raises HandtrackError when they cannot be used.
         """
+        return self._measuring(clouds, self.cloud_filters.seed)
+
+    def as_tracked_by(self, settings: TrackerSettings) -> Session:
+        """Return this session as these settings look at it: clouds as the method has them where [clouds] says nothing, and
+        with the seed of what is random, which of their points stay.
+        """
+        clouds, seed = self.file.clouds, settings.tracker.seed
+        if clouds is not None:
+            clouds = replace(clouds, by_method=METHODS[settings.method].clouds)
+        same = clouds == self.file.clouds and seed == self.cloud_filters.seed
+        return self if same else self._measuring(clouds, seed)
+
+    def _measuring(self, clouds: CloudSettings | None, seed: int) -> Session:
         changed, known = copy(self), self.file.clouds
         changed.file = replace(self.file, clouds=clouds)
         if clouds is None or known is None or clouds.sources != known.sources:
             changed._clouds = cloud_source(changed.file, self.cloud_files, self.views, self.rig)
             changed._measured = Memory()
-        changed.cloud_filters = changed._filters(self.cloud_filters.seed)
+        changed.cloud_filters = changed._filters(seed)
         changed._observations = Memory()
         return changed
 
@@ -261,15 +275,6 @@ class Session:
         """Forget what was seen: masks were corrected, which may cut clouds, too."""
         self._observations.clear()
         self._measured.clear()
-
-    def with_seed(self, seed: int) -> Session:
-        """Return this session with another seed of what is random: which points of a cloud stay."""
-        if seed == self.cloud_filters.seed:
-            return self
-        changed = copy(self)
-        changed.cloud_filters = self._filters(seed)
-        changed._observations = Memory()
-        return changed
 
     def _views(self) -> tuple[View, ...]:
         by_time = self._times.cameras

@@ -163,8 +163,8 @@ class Tracker:
 
     @cached_property
     def _mixture_step(self) -> MixtureStep:
-        chains = [prepare(self.model, chain) for chain in chains_of(self.model)]
-        return MixtureStep(self.model, self.settings, chains)
+        chains = chains_of(self.model, self.settings.mixture.chains)
+        return MixtureStep(self.model, self.settings, [prepare(self.model, c) for c in chains])
 
 
 def _joined(seen: tuple[Any, ...], own: tuple[Any, ...]) -> tuple[Any, ...]:

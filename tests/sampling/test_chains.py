@@ -20,6 +20,17 @@ def test_a_hand_offers_its_fingers():
     )
 
 
+def test_chains_are_chosen_by_name():
+    model = load_model("hand26")
+    assert [chain.name for chain in chains_of(model, ("ring", "thumb", "ring"))] == [
+        "ring",
+        "thumb",
+    ]
+    assert chains_of(model, ("all",)) == chains_of(model)
+    with pytest.raises(HandtrackError, match="left_arm"):
+        chains_of(model, ("left_arm",))
+
+
 def test_what_a_coupling_takes_is_not_a_fingers_own():
     linked = chains_of(load_model("hand26", coupling="18"))[1]
     # all four fingers spread together

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -222,6 +223,27 @@ def test_other_settings_of_clouds_are_another_run(folder, rng):
     assert other.session.measured_cloud(0) is measured
     assert not run.with_clouds(None).session.has_clouds
     assert run.session.has_clouds
+
+
+def test_a_method_has_its_own_clouds_where_the_session_says_nothing(folder, rng):
+    """2004: correlation, and neither thinned nor cleaned; taken back with the method, and kept when [clouds] is tuned."""
+    write_clouds(folder, rng)
+    add(folder, 'files = "c/*"')
+    ours = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
+    paper = ours.with_values({"method": "paper2004"})
+    opened = TrackingRun.open(
+        Session.open(folder), {"model.fit_size": False, "method": "paper2004"}
+    )
+    assert len(ours.session.observation(0).cloud) < 2000
+    for run in (paper, opened, paper.with_clouds(ours.session.file.clouds)):
+        assert len(run.session.observation(0).cloud) == 3000
+    tuned = paper.with_clouds(paper.session.file.clouds.with_values({"max_points": 70}))
+    assert len(tuned.session.observation(0).cloud) == 70
+    back = tuned.with_values({"method": "default"}).session.cloud_filters
+    assert back == replace(ours.session.cloud_filters, max_points=70)
+    pair = CloudSettings(stereo=(("cam0", "cam1"),), by_method=paper.session.file.clouds.by_method)
+    assert pair.matching.method == "correlation"
+    assert pair.with_values({"stereo_method": "sgbm"}).matching.method == "sgbm"
 
 
 def test_what_is_usual_comes_with_the_source():

@@ -59,9 +59,15 @@ def test_a_method_sets_what_it_says(name):
 
 
 def test_what_is_given_beside_a_method_wins_and_the_method_over_what_was_there():
-    of_session = TrackerSettings().with_values({"solver.iterations": 12, "cloud.balance": 0.3})
+    before = {
+        "solver.iterations": 12,
+        "cloud.balance": 0.3,
+        "cloud.doubt_depth": True,
+        "cloud.distance": "d1",
+    }
+    of_session = TrackerSettings().with_values(before)
     asked = of_session.with_values({"solver.damping": 1, "method": "paper2004"})
-    assert (asked.solver.iterations, asked.cloud.balance) == (100, 0.3)
+    assert (asked.solver.iterations, asked.cloud) == (100, settings("paper2004").cloud)
     assert settings("paper2004", **{"solver.iterations": "20"}).solver.iterations == 20
     both = of_session.with_values({"solver.iterations": 20, "method": "paper2004"})
     assert both.solver.iterations == 20
@@ -113,14 +119,27 @@ def test_silhouettes_cost_half_the_sum_of_all_pixels_squares(fist):
     bones = fist.model.bones(params)
     terms = frame_terms(fist.model, settings("paper2007"), seen, bones, None)
     assert (terms.priors, terms.parts, terms.stages) == ((), (), 1)
-    (term,) = terms.stage(0, bones)
     kept = [
         replace(s, valid=p.valid)  # without what lies behind the wrist
         for s, p in zip(seen.silhouettes, terms.prepared, strict=True)
     ]
     plain = dense_field(kept, fist.model.flesh["fine"], bones)
-    expected = 0.5 * float(((plain.predicted - plain.observed) ** 2).sum())
-    assert term.cost(bones) == pytest.approx(expected, rel=1e-5)
+    for inside in (settings("paper2007").traits.inside, -1.0):
+        chosen = settings("paper2007")
+        chosen = replace(chosen, traits=replace(chosen.traits, inside=inside))
+        (term,) = frame_terms(fist.model, chosen, seen, bones, None).stage(0, bones)
+        expected = 0.5 * float(((plain.predicted + inside * plain.observed) ** 2).sum())
+        assert term.cost(bones) == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_inside_of_a_mask_is_about_the_mean_of_the_field_that_a_hand_has_there(fist):
+    """A constant that is far from it bends fingers until the field is nearer (six cameras: docs/reports/papers.md)."""
+    means = []
+    for params, seen in zip(fist.joint_params, fist.observations, strict=True):
+        bones = fist.model.bones(fist.model.transform.solver_params(params))
+        plain = dense_field(list(seen.silhouettes), fist.model.flesh["fine"], bones)
+        means.append(plain.predicted.mean(where=plain.predicted < 0.0))
+    assert settings("paper2007").traits.inside == pytest.approx(np.mean(means), abs=0.05)
 
 
 def test_without_limits_a_joint_bends_where_it_never_could(fist):

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.state import TrackerState
@@ -51,12 +53,12 @@ def observations(body, camera, truth):
     return seen
 
 
-def _track(body, observations, start, **settings):
+def _track(body, observations, start, on_search=None, **settings):
     chosen = {name.replace("__", "."): value for name, value in settings.items()}
     tracker = Tracker(body, TrackerSettings().with_values(FEW | chosen))
     state, results = TrackerState.beginning_at(start), []
     for observation in observations:
-        state, result = tracker.step(state, observation)
+        state, result = tracker.step(state, observation, Control(on_search=on_search))
         assert len(state.hypotheses) == len(result.alternatives)
         results.append(result)
     return results
@@ -159,6 +161,17 @@ def test_the_seed_decides_on_what_is_sampled(body, truth, observations):
     first, again, other = sampled(0), sampled(0), sampled(1)
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
+
+
+def test_samples_are_flipped_along_the_chains_of_the_users_choice(body, observations, truth):
+    """2003 paper, section 4: the user specifies a set of kinematic sub-chains."""
+    for chains, limbs in (("left_arm", {"left_arm"}), ("right_leg, neck", {"right_leg", "neck"})):
+        told = []
+        _track(body, observations[:3], truth[0], told.append, mixture__chains=chains)
+        tried = {trial.origin for report in told for _, trials in report.rounds for trial in trials}
+        assert {f"{limb} jumped" for limb in limbs} == {x for x in tried if x.endswith("jumped")}
+    with pytest.raises(HandtrackError, match="tail"):
+        _track(body, observations[:1], truth[0], mixture__chains="tail")
 
 
 def test_a_hand_without_chains_carries_hypotheses(camera):

@@ -28,7 +28,7 @@ def test_there_are_no_more_settings_than_people_can_use():
     levels = [known.level for known in (*SETTINGS.values(), *CLOUD_SETTINGS.values())]
     assert levels.count("user") <= 26
     assert levels.count("expert") <= 40
-    assert len(levels) <= 64
+    assert len(levels) <= 66
 
 
 def test_page_and_docs_show_what_is_declared_and_nothing_else():

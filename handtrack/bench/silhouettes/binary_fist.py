@@ -5,6 +5,7 @@ Two cameras cannot see the fingers in the fist: the estimate drifts along poses 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.settings import TrackerSettings
 
 FRAMES = 100
 FIST = range(40, 60)
@@ -95,7 +97,7 @@ def scene(
     return Scene(model, joint, views)
 
 
-def track(what: Scene, settings: dict[str, object]) -> FistTrack:
+def track(what: Scene, settings: Mapping[str, object] | TrackerSettings) -> FistTrack:
     """Return the whole scene tracked from the first frame's true pose."""
     start = what.model.transform.solver_params(what.joint_params[0])
     results = tuple(tracked(what.model, settings, what.observations, start))

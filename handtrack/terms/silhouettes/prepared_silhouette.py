@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -58,6 +58,15 @@ class PreparedSilhouette:
     def energy(self, step: int) -> float:
         """Return Σ Z² over valid pixels, by one row of each `step`."""
         return step * float(self.row_energy[step // 2 :: step].sum())
+
+    def times(self, factor: float) -> PreparedSilhouette:
+        """Return the observation factor · Z; factor > 0."""
+        return replace(
+            self,
+            values=factor * self.values,
+            row_energy=factor**2 * self.row_energy,
+            area=factor * self.area,
+        )
 
 
 def prepare(

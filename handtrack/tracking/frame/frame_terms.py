@@ -130,7 +130,9 @@ class FrameTerms:
                 if self.settings.traits.plain_sums
                 else self._weight(_FIELD_BAND_MM * scale)
             )
-            terms.append(ConicFieldTerm(self.prepared, flesh, weight=weight))
+            inside = -self.settings.traits.inside
+            fields = [silhouette.times(inside) for silhouette in self.prepared]
+            terms.append(ConicFieldTerm(fields, flesh, weight=weight))
             return terms
         band = np.maximum(band_mm * scale, _LEAST_BAND_PX)
         terms.append(

@@ -14,6 +14,9 @@ class Traits:
     """each pixel and each point counts 1, squared: no robust loss, no neighbours that err alike, nothing that is near enough"""
     whole_surface: bool = False
     """E2 asks for a cloud on all of the model's surface, not only on what is in view"""
+    inside: float = -1.0
+    """what an observed field is inside a mask, before fields of −1 in the middle of an ellipsoid; the 2007 paper
+    does not say it, and −0.7 is the mean of the model's own field over a hand"""
     narrowing: bool = True
     """bent fingers spread less: the range of abduction shrinks with flexion"""
     shifts_each_frame: bool = False
@@ -40,6 +43,8 @@ class Method:
     values: Mapping[str, object] = field(default_factory=dict)
     """the settings that it sets, by dotted name"""
     traits: Traits = Traits()
+    clouds: Mapping[str, object] = field(default_factory=dict)
+    """settings of [clouds] where that says nothing; False: off"""
 
 
 _NO_PRIORS: dict[str, object] = {"prior.rest_sigma_deg": 0.0, "prior.posture": 0.0}
@@ -74,7 +79,7 @@ METHODS: dict[str, Method] = {
                 **_FRAME_BY_FRAME,
                 "tracker.smoothing": 0.0,
             },
-            Traits(plain_sums=True, narrowing=False),
+            Traits(plain_sums=True, inside=-0.7, narrowing=False),
         ),
         Method(
             "paper2004",
@@ -86,7 +91,11 @@ METHODS: dict[str, Method] = {
                 "model.fallback": "none",
                 "silhouettes.weight": 0.0,
                 "silhouettes.bands_mm": (1.2,),
+                "cloud.balance": 0.5,
                 "cloud.sigma_mm": 1.0,
+                "cloud.distance": "d3",
+                "cloud.sharpness_per_mm": 1.0,
+                "cloud.doubt_depth": False,
                 "cloud.crop_mm": 100.0,
                 "keypoints.weight": 0.0,
                 **_NO_PRIORS,
@@ -97,6 +106,13 @@ METHODS: dict[str, Method] = {
                 "tracker.smoothing": 0.0,
             },
             Traits(plain_sums=True, narrowing=False, whole_surface=True, shifts_each_frame=True),
+            {
+                "stereo_method": "correlation",
+                "component": "all",
+                "voxel_m": False,
+                "outlier_neighbours": False,
+                "max_points": False,
+            },
         ),
         Method(
             "paper2003",
@@ -122,9 +138,10 @@ METHODS: dict[str, Method] = {
 
 
 def table(method: Method) -> str:
-    """Return what a method sets, settings then traits, as a table in Markdown."""
+    """Return what a method sets, settings of tracking and of clouds, then traits, as a table in Markdown."""
     ours = Traits()
     rows = [(f"`{name}`", _shown(value)) for name, value in method.values.items()]
+    rows += [(f"[clouds] `{name}`", _shown(value)) for name, value in method.clouds.items()]
     rows += [
         (f"trait `{item.name}`", _shown(getattr(method.traits, item.name)))
         for item in fields(Traits)
@@ -137,5 +154,5 @@ def _shown(value: object) -> str:
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     if isinstance(value, tuple):
-        return f"`{','.join(f'{item:g}' for item in value)}`"
+        return f"`{','.join(item if isinstance(item, str) else f'{item:g}' for item in value)}`"
     return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"

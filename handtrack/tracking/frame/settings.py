@@ -268,6 +268,10 @@ class MixtureSettings:
         20, "Hypotheses carried in all: `tracker.hypotheses` that differ, and the heaviest of those that do not yet. "
         "Keypoints alone: anything else takes too long.", low=0,
     )  # fmt: skip
+    chains: tuple[str, ...] = setting(
+        ("all",), "Chains that samples may be flipped along, by name: `thumb`, `index`, … of a hand; `neck`, `left_arm`, "
+        "`right_leg`, … of a body.",
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
