@@ -24,7 +24,7 @@ MODEL_ONLY = (0, 114, 178)
 MASK_ONLY = (230, 159, 0)
 UNKNOWN_TINT = (204, 121, 167)
 _DARKER = 0.35
-_DOT = (
+DOT = (
     1 / 600
 )  # half a dot's radius, of the image's longer side: seen on a thumbnail, and smaller than a detector's error
 OUTLINE = (255, 194, 10)
@@ -112,7 +112,7 @@ def joint_pairs(
 def joints_picture(image: Bytes[H, W, D3], pairs: Floats[N, D2, D2]) -> Bytes[H, W, D3]:
     """Return the picture RGB with a dot where each joint was seen, and a line from there to where the model has it."""
     picture = np.ascontiguousarray(image).copy()
-    size = max(round(max(image.shape[:2]) * _DOT), 1)
+    size = max(round(max(image.shape[:2]) * DOT), 1)
     for seen, there in np.rint(pairs).astype(int)[np.isfinite(pairs).all(axis=(1, 2))]:
         cv2.line(picture, seen.tolist(), there.tolist(), MODEL_ONLY, size, cv2.LINE_AA)
         cv2.circle(picture, seen.tolist(), 2 * size, MASK_ONLY, -1, cv2.LINE_AA)

@@ -18,13 +18,17 @@ import numpy as np
 
 from handtrack.arrays import Array, Floats, P
 from handtrack.diagnostics.residual_image import predicted_image, residual_image
+from handtrack.diagnostics.residual_points import dots, image_residuals, space_residuals
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack_app.engine.run import Run
 from handtrack_app.protocol.snapshots import Notice, RerunPage
 from handtrack_app.rerun.space import JudgedFrame, SpaceEntry
@@ -37,6 +41,9 @@ _BEHIND = (
 )
 _ENTRIES = 1_000_000  # that the stream may hold: nearly all of them without pictures
 _PAUSE_S = 0.02
+_FULL_SIGMAS = (
+    3.0  # where a residual's colour is full: hardly any of a normal distribution is beyond
+)
 
 
 class Step(NamedTuple):
@@ -73,6 +80,8 @@ class ResidualRecorder:
         self._run = run
         self._closely = closely
         self._steps: list[Step] = []
+        self._results: dict[int, FrameResult] = {}
+        self._watched: tuple[_Entry, _Painter] | None = None
         self._failure = ""
         self._waiting: deque[_Entry] = deque()
         self._closing = False
@@ -110,7 +119,10 @@ class ResidualRecorder:
         """Hand in a tracked frame; returns at once."""
         with self._changed:
             if not self._closing:
-                self._waiting.append(_Entry(self._run, result, self._steps))
+                steps: list[Step] = []
+                if result.frame == self._closely:
+                    steps, self._steps = self._steps, steps
+                self._waiting.append(_Entry(self._run, result, steps))
                 self._changed.notify()
 
     def go_on_with(self, run: Run) -> None:
@@ -131,6 +143,7 @@ class ResidualRecorder:
         try:
             for entry in self._entries():
                 self._record(entry)
+            self._record_watched()
         except Exception as error:  # tracking goes on without the recording
             log.exception("recording residuals stopped")
             self._failure = f"recording residuals stopped: {error}"
@@ -152,7 +165,7 @@ class ResidualRecorder:
             threading.Event().wait(_PAUSE_S)  # a file alone is to have everything: here we can wait
         if result.frame == self._closely or not (self._live and self._is_behind()):
             params = model.transform.solver_params(result.parameters)
-            painter = _Painter(entry.run, result.frame, params)
+            painter = _Painter(entry.run, result.frame, params, self._before(entry))
         else:
             self.without_pictures += 1
         self._stream.log(
@@ -172,8 +185,25 @@ class ResidualRecorder:
                 space=None if painter is None else painter.space(),
             )
         )
-        if painter is None or result.frame != self._closely:
+        self._results[result.frame] = result
+        if painter is not None and entry.steps:
+            self._watched = entry, painter
+
+    def _before(self, entry: _Entry) -> Before | None:
+        """Return the frame whose texture is carried into this one, and the first; None where none is, or none is looked at."""
+        around = (entry.result.frame - 1, entry.result.frame + 1)
+        last = next((self._results[n] for n in around if n in self._results), None)
+        if last is None or entry.run.settings.intensity.weight == 0:
+            return None
+        first = next(iter(self._results.values()))
+        return replace(_solved(entry.run, last), first=_solved(entry.run, first))
+
+    def _record_watched(self) -> None:
+        """Record the iterations of the frame `closely`, of its last pass: each once, however often the frame was handed in."""
+        if self._watched is None:
             return
+        entry, painter = self._watched
+        model, result = entry.run.model, entry.result
         for count, step in enumerate(entry.steps, start=1):
             while self._stream.waiting > _BEHIND and not self._stream.problem:
                 threading.Event().wait(_PAUSE_S)  # every iteration was asked for: here we can wait
@@ -194,7 +224,7 @@ class ResidualRecorder:
 class _Painter:
     """Pictures of one frame at different poses: the observation and bands as the solver's last stage has them."""
 
-    def __init__(self, run: Run, frame: int, params: Floats) -> None:
+    def __init__(self, run: Run, frame: int, params: Floats, before: Before | None) -> None:
         """params: (P,) the frame's pose, which fixes the bands and where the forearm is cut off."""
         self.params = params
         self._model = run.model
@@ -202,14 +232,20 @@ class _Painter:
         self._observation = run.session.observation(
             frame, silhouettes=use, cloud=run.session.has_clouds
         )
-        self._images = {
-            view.camera.name: view.pixels[..., ::-1] for view in run.session.images(frame)
-        }
+        images = tuple(run.session.images(frame))
+        self._images = {view.camera.name: view.pixels[..., ::-1] for view in images}
+        if run.settings.looks_at_images:
+            self._observation = replace(self._observation, images=images)
+        cameras = [view.camera for view in (*self._observation.silhouettes, *images)]
+        self._cameras = {c.name: c for c in cameras or run.session.rig.cameras}
         bones = run.model.bones(params)
-        self._terms = frame_terms(run.model, run.settings, self._observation, bones, None)
+        self._terms = frame_terms(
+            run.model, run.settings, self._observation, bones, None, before=before
+        )
+        self._inside = -run.settings.traits.inside
         kinds = (CoverageTerm, ConicFieldTerm)
-        last = self._terms.stage(self._terms.stages - 1, bones)
-        self._term = next((term for term in last if isinstance(term, kinds)), None)
+        self._last = self._terms.stage(self._terms.stages - 1, bones)
+        self._term = next((term for term in self._last if isinstance(term, kinds)), None)
 
     def pictures(self, params: Floats) -> tuple[CameraPictures, ...]:
         """Return what each camera saw and what a pose (P,) predicts there; black and white beyond what counts."""
@@ -222,12 +258,38 @@ class _Painter:
             predicted = residual = None
             if self._term is not None:
                 field = predicted_image(self._term, i, bones)
-                predicted, residual = -field, np.where(counts, residual_image(field, mask), 0.0)
+                inside = self._inside if isinstance(self._term, ConicFieldTerm) else 1.0
+                predicted, residual = (
+                    -field,
+                    np.where(counts, residual_image(field, inside * mask), 0.0),
+                )
             name = silhouette.camera.name
             views.append(CameraPictures(name, mask, predicted, residual, self._images.get(name)))
-        seen = {view.camera for view in views}
-        views += [CameraPictures(n, image=i) for n, i in self._images.items() if n not in seen]
-        return tuple(views)
+        seen, dotted = {view.camera for view in views}, self._dotted(bones)
+        others = [name for name in self._cameras if name not in seen]
+        views += [CameraPictures(name, image=self._images.get(name)) for name in others]
+        return tuple(replace(view, dots=dotted.get(view.camera, {})) for view in views)
+
+    def _dotted(self, bones: BonePoses) -> dict[str, dict[str, Floats]]:
+        """Return by camera and kind the residuals of clouds, edges and texture where they lie in its image."""
+        found: dict[str, dict[str, list[tuple[Floats, Floats]]]] = {}
+        for term in self._last:
+            space = space_residuals(term, bones)
+            for camera in self._cameras.values() if space is not None else ():
+                assert space is not None
+                ahead = camera.to_camera(space.points)[:, 2] > 0
+                pixels = camera.project(space.points[ahead])
+                kinds = found.setdefault(camera.name, {})
+                kinds.setdefault(space.kind, []).append((pixels, space.sigmas[ahead]))
+            for kind, camera, pixels, sigmas in image_residuals(term, bones):
+                found.setdefault(camera.name, {}).setdefault(kind, []).append((pixels, sigmas))
+        pictures: dict[str, dict[str, Floats]] = {}
+        for name, kinds in found.items():
+            for kind, parts in kinds.items():
+                pixels, sigmas = (np.concatenate(part) for part in zip(*parts, strict=True))
+                drawn = dots(self._cameras[name].size, pixels, sigmas / _FULL_SIGMAS)
+                pictures.setdefault(name, {})[kind] = drawn
+        return pictures
 
     def overlap(self) -> dict[str, float]:
         """Return how far model and mask overlap in each camera."""
@@ -240,7 +302,21 @@ class _Painter:
         """Return the hand in space."""
         cloud = self._observation.cloud
         points = None if cloud is None else cloud.points
-        return SpaceEntry.of(self._model, self._model.bones(self.params), points)
+        bones = self._model.bones(self.params)
+        found = (space_residuals(term, bones) for term in self._last)
+        residuals = {
+            space.kind: (space.points, space.sigmas / _FULL_SIGMAS)
+            for space in found
+            if space is not None
+        }
+        return SpaceEntry.of(self._model, bones, points, residuals)
+
+
+def _solved(run: Run, result: FrameResult) -> Before:
+    """Return a tracked frame as texture is carried from it."""
+    images = tuple(run.session.images(result.frame))
+    seen = Observation(result.frame, result.time_s, images=images)
+    return Before(seen, run.model.bones(run.model.transform.solver_params(result.parameters)))
 
 
 def _error_mm(run: Run, result: FrameResult) -> float:

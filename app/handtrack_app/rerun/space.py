@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, B, E, Floats, N
+from handtrack.arrays import D2, D3, D4, Axes, B, Bytes, E, Floats, N
 from handtrack.diagnostics.review import Stretch
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import quaternion_wxyz
@@ -37,18 +37,24 @@ class SpaceEntry:
     quaternion_xyzw: Floats[E, D4]
     """of the flesh's ellipsoids"""
     cloud: Floats[N, D3] = field(default_factory=lambda: np.zeros((0, 3)))
+    residuals: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
+    """places (N, 3) and signed values (N,), full at −1 and 1, by kind"""
 
     @classmethod
     def of(
-        cls, model: ArticulatedModel, bones: BonePoses, cloud: Floats[N, D3] | None
+        cls,
+        model: ArticulatedModel,
+        bones: BonePoses,
+        cloud: Floats[N, D3] | None,
+        residuals: Mapping[str, tuple[Floats, Floats]],
     ) -> SpaceEntry:
-        """Return a posed model, and what a cloud had of it."""
+        """Return a posed model, what a cloud had of it, and what is left between them."""
         along = bones.rotation[:, :, 1] * model.skeleton.length[:, None]
         flesh = model.flesh["fine"].posed(bones)
         points = np.zeros((0, 3)) if cloud is None else cloud[:: max(len(cloud) // _MOST_POINTS, 1)]
         return cls(
             np.stack([bones.position, bones.position + along], axis=1), flesh.centre, flesh.radii,
-            quaternion_wxyz(flesh.rotation)[:, [1, 2, 3, 0]], points,
+            quaternion_wxyz(flesh.rotation)[:, [1, 2, 3, 0]], points, residuals,
         )  # fmt: skip
 
 
@@ -93,6 +99,18 @@ def log_space(recording: RecordingStream, entry: SpaceEntry) -> None:
     if len(entry.cloud):
         cloud = rr.Points3D(entry.cloud, radii=0.0006, colors=[0, 158, 115])
         recording.log("world/cloud", cloud)
+    for kind, (points, values) in entry.residuals.items():
+        found = rr.Points3D(points, radii=0.0012, colors=signed_colours(values))
+        recording.log(f"world/residual_{kind}", found)
+
+
+def signed_colours(residual: Floats[*Axes]) -> Bytes[*Axes]:
+    """Return colours, RGB last: red where the hand was seen and not predicted (+1), blue the other way, white at 0."""
+    value = np.clip(np.nan_to_num(residual), -1.0, 1.0)
+    fade = np.rint(255 * (1 - np.abs(value))).astype(np.uint8)
+    full = np.full_like(fade, 255)
+    red, blue = np.where(value >= 0, full, fade), np.where(value <= 0, full, fade)
+    return np.stack([red, fade, blue], axis=-1)
 
 
 def queue_text(queue: Sequence[Stretch]) -> str:

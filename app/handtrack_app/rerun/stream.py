@@ -10,19 +10,27 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Bytes, Floats, H, W
 from handtrack.diagnostics.review import Judged, Stretch, worth_a_look
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack_app.rerun.space import SpaceEntry, log_cameras, log_space, queue_text, worst_first
+from handtrack_app.rerun.space import (
+    SpaceEntry,
+    log_cameras,
+    log_space,
+    queue_text,
+    signed_colours,
+    worst_first,
+)
 from handtrack_app.rerun.viewer import RerunViewer
 
 if TYPE_CHECKING:
@@ -33,6 +41,7 @@ log = logging.getLogger(__name__)
 
 _QUEUE = 64
 _JPEG = 75
+_UNSEEN = 40  # grey where nothing was measured: white is a residual of 0
 _CLOSING_S = 30.0
 
 
@@ -49,6 +58,8 @@ class CameraPictures:
     """signed, −1…1: observed − predicted"""
     image: Bytes[H, W, D3] | None = None
     """RGB, without its lens's distortion"""
+    dots: Mapping[str, Floats[H, W]] = field(default_factory=dict)
+    """residuals of clouds, edges and texture by kind: signed, full at −1 and 1, NaN where nothing was measured"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +118,7 @@ class RerunStream:
         self._viewer = RerunViewer() if live else None
         self._name, self._cameras = name, cameras
         self._queue: dict[int, Judged | None] = {}
+        self._kinds: set[str] = set()
         self._waiting: deque[FrameEntry | IterationEntry] = deque()
         self._most, self._closing = queue, False
         self._changed = threading.Condition()
@@ -157,6 +169,10 @@ class RerunStream:
         try:
             recording = self._begin()
             for entry in self._entries():
+                kinds = {kind for view in entry.pictures for kind in view.dots}
+                if not kinds <= self._kinds:
+                    self._kinds |= kinds
+                    recording.send_blueprint(_layout([], self._kinds))
                 if isinstance(entry, FrameEntry):
                     _log_frame(recording, entry)
                     self._queue[entry.frame] = entry.judged
@@ -193,7 +209,7 @@ class RerunStream:
         queue = worth_a_look([judged for judged in known if judged is not None])
         text = rr.TextDocument(queue_text(queue), media_type=rr.MediaType.MARKDOWN)
         recording.log("queue", text, static=True)
-        recording.send_blueprint(_layout(queue))
+        recording.send_blueprint(_layout(queue, self._kinds))
 
     def _entries(self) -> Iterator[FrameEntry | IterationEntry]:
         while True:
@@ -259,6 +275,11 @@ def _log_pictures(
             if picture is not None:
                 image = rr.Image(picture).compress(jpeg_quality=_JPEG)
                 recording.log(f"{root}/{view.camera}/{kind}", image)
+        for kind, values in view.dots.items():
+            colours = np.where(np.isnan(values)[..., None], _UNSEEN, signed_colours(values))
+            contents = cv2.imencode(".png", colours[..., ::-1].astype(np.uint8))[1].tobytes()
+            found = rr.EncodedImage(contents=contents, media_type="image/png")
+            recording.log(f"{root}/{view.camera}/residual_{kind}", found)
 
 
 def grey(picture: Array[H, W]) -> Bytes[H, W]:
@@ -268,24 +289,16 @@ def grey(picture: Array[H, W]) -> Bytes[H, W]:
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 
-def signed_colours(residual: Floats[H, W]) -> Bytes[H, W, D3]:
-    """Return colours: red where the hand was seen and not predicted (+1), blue the other way, white at 0."""
-    value = np.clip(np.nan_to_num(residual), -1.0, 1.0)
-    fade = np.rint(255 * (1 - np.abs(value))).astype(np.uint8)
-    full = np.full_like(fade, 255)
-    red, blue = np.where(value >= 0, full, fade), np.where(value <= 0, full, fade)
-    return np.stack([red, fade, blue], axis=-1)
-
-
-def _layout(queue: Sequence[Stretch]) -> Blueprint:
+def _layout(queue: Sequence[Stretch], kinds: Set[str] = frozenset()) -> Blueprint:
     import rerun.blueprint as rrb
 
-    kinds = ("image", "residual", "observed", "predicted")
+    dotted = [f"residual_{kind}" for kind in sorted(kinds)]
+    shown = ("image", "residual", "observed", "predicted", *dotted)
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 rrb.Spatial3DView(origin="/world", name="Space"),
-                rrb.Grid(*[_pictures_view(kind) for kind in kinds]),
+                rrb.Grid(*[_pictures_view(kind) for kind in shown]),
             ),
             rrb.Vertical(
                 rrb.TextDocumentView(origin="/queue", name="Worth a look"),
@@ -305,7 +318,7 @@ def _pictures_view(kind: str) -> Spatial2DView:
     import rerun.blueprint as rrb
 
     return rrb.Spatial2DView(
-        origin="/cameras", contents=f"/cameras/*/{kind}", name=kind.capitalize()
+        origin="/cameras", contents=f"/cameras/*/{kind}", name=kind.capitalize().replace("_", ": ")
     )
 
 

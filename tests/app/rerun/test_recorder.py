@@ -14,12 +14,15 @@ import pytest
 from handtrack.diagnostics.review import Stretch
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
+from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import ResidualRecorder
 from handtrack_app.rerun.space import SpaceEntry, log_cameras, queue_text, worst_first
+from tests.app.cloud_session import cloud_recording
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.rerun.test_stream import chunks, picture, scalars
 
@@ -84,7 +87,7 @@ def test_frames_and_the_iterations_of_one(run: TrackingRun, results, tmp_path: P
 def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run: TrackingRun) -> None:
     pytest.importorskip("rerun")
     bones = run.model.bones(run.initial()[1])
-    entry = SpaceEntry.of(run.model, bones, None)
+    entry = SpaceEntry.of(run.model, bones, None, {})
     names = run.model.skeleton.bone_names
     at, after = names.index("index_proximal"), names.index("index_intermediate")
     np.testing.assert_allclose(entry.bones[at, 1], bones.position[after], atol=1e-12)
@@ -182,3 +185,88 @@ def test_the_viewer_opens_on_the_worst_frame() -> None:
     assert "| 30–34 | 32 | the thumb may be off |" in queue_text(queue)
     assert worst_first([]).time_selection is None
     assert queue_text([]) == "No frame is doubtful or lost."
+
+
+def signed(colours: np.ndarray) -> np.ndarray:
+    """Return the values that colours of a residual stand for; NaN where nothing was measured."""
+    red, fade, blue = np.moveaxis(colours.astype(float), -1, 0)
+    value = np.where(red >= blue, 1.0, -1.0) * (1.0 - fade / 255.0)
+    return np.where((red == fade) & (fade == blue) & (red < 255), np.nan, value)
+
+
+def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path: Path) -> None:
+    """Signed distances at the points' pixels; and the model where the cloud is empty."""
+    folder = cloud_recording(tmp_path / "cloud")
+    run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
+    model, camera = run.model, run.session.rig.cameras[0]
+    result = next(iter(run.track(range(1), *run.initial())))
+    moved = result.parameters.copy()
+    moved[model.parameter_names.index("index_mcp_flex")] += 0.5  # away from its points
+    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
+    recorder.show(replace(result, parameters=moved))
+    recorder.close()
+    assert recorder.problem == ""
+    bones = model.bones(model.transform.solver_params(moved))
+    (batch,) = chunks(tmp_path / "run.rrd", "/world/residual_cloud")
+    points = np.array(batch.column("Points3D:positions")[0].as_py())
+    packed = np.array(batch.column("Points3D:colors")[0].as_py(), np.uint32)
+    found = signed(np.stack([packed >> 24, packed >> 16 & 255, packed >> 8 & 255], axis=1))
+    distance = fitted_surface(model, run.settings.cloud).distance(bones, points)
+    full = 3e-3 * run.settings.cloud.sigma_mm
+    np.testing.assert_allclose(found, np.clip(distance / full, -1, 1), atol=0.01)
+    assert found.max() == 1.0 and np.median(np.abs(found)) < 0.3
+
+    shown = signed(picture(tmp_path / "run.rrd", f"/cameras/{camera.name}/residual_cloud"))
+    u, v = np.rint(camera.project(points)).astype(int).T
+    inside = (u >= 0) & (v >= 0) & (u < camera.size[0]) & (v < camera.size[1])
+    at = np.abs(shown[v[inside], u[inside]])
+    assert (at >= np.abs(found[inside]) - 0.01).all()  # of several in one place the largest
+    assert np.isnan(shown).mean() > 0.2
+
+    (batch,) = chunks(tmp_path / "run.rrd", "/world/residual_empty")
+    places = np.array(batch.column("Points3D:positions")[0].as_py())
+    packed = np.array(batch.column("Points3D:colors")[0].as_py(), np.uint32)
+    empty = (packed >> 24) < 10  # as blue as can be
+    tip = model.joint_positions(bones)[model.joint_names.index("index_tip")]
+    near = np.linalg.norm(places - tip, axis=1) < 0.015
+    assert empty[near].mean() > 0.9 > 0.2 > empty.mean()
+
+
+def test_what_is_left_of_edges_and_texture_is_in_the_images(tmp_path: Path) -> None:
+    masks = TrackingRun.open(Session.open(bundled_session()), {"tracker.estimate": "forward"})
+    first, start = masks.initial()
+    results = list(masks.track(range(first, first + 2), first, start))
+    run = masks.with_values({"silhouettes.weight": 0, "edges.weight": 1, "intensity.weight": 1})
+    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
+    for result in results:
+        recorder.show(result)
+    recorder.close()
+    assert recorder.problem == ""
+    for kind, frames in (("edges", 2), ("texture", 1)):
+        for camera in run.session.rig.cameras:
+            entity = f"/cameras/{camera.name}/residual_{kind}"
+            assert sum(batch.num_rows for batch in chunks(tmp_path / "run.rrd", entity)) == frames
+            left = signed(picture(tmp_path / "run.rrd", entity))
+            there = np.isfinite(left)
+            assert 0.001 < there.mean() < 0.6
+            assert np.median(np.abs(left[there])) < 0.5
+            image = run.session.images(first)[0]
+            assert left.shape == image.pixels.shape[:2]
+
+
+def test_a_watched_frames_iterations_are_recorded_once(run: TrackingRun, tmp_path: Path) -> None:
+    """However often the frame is handed in: while it is tracked, and refined with the others."""
+    whole = run.with_values({"tracker.estimate": "whole"})
+    path, told = tmp_path / "run.rrd", []
+    recorder = ResidualRecorder(whole, path=path, closely=2)
+    for result in whole.track_with(recorder.watching(Control()), FRAMES, *whole.initial()):
+        told.append(result.frame)
+        recorder.show(result)
+    recorder.close()
+    assert told.count(2) == 2
+    rows = [
+        time
+        for batch in chunks(path, "/closely/frame_2/energy/total")
+        for time in batch.column("iteration").to_pylist()
+    ]
+    assert sorted(rows) == list(range(1, len(rows) + 1))
