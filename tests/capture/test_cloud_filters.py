@@ -110,6 +110,17 @@ def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
         fit_skin_ellipse(tone[:3].astype(np.uint8))
 
 
+def test_background_in_a_third_of_the_samples_does_not_move_the_ellipse(rng):
+    skin = np.clip(rng.normal((190, 140, 115), 4, (500, 3)), 0, 255).astype(np.uint8)
+    caught = np.clip(rng.normal((60, 90, 200), 4, (230, 3)), 0, 255).astype(np.uint8)
+    found, alone = (
+        fit_skin_ellipse(np.vstack([skin, caught]), size=3.0),
+        fit_skin_ellipse(skin, size=3.0),
+    )
+    assert found.mean == pytest.approx(alone.mean, abs=1e-3)
+    assert not filters.skin_coloured(caught, 230, found).any()
+
+
 def test_several_images_make_one_ellipse_and_the_smaller_patch_is_no_outlier(rng):
     """Skin in daylight, and a fifth as much of it by a lamp, each with some background caught in it."""
     day = np.clip(rng.normal((190, 140, 115), 4, (500, 3)), 0, 255).astype(np.uint8)

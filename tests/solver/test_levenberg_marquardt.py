@@ -138,6 +138,23 @@ def test_projection_is_slow_where_joints_work_together():
     assert papers.cost > exact + 1e-6
 
 
+@pytest.mark.parametrize("limits", ["bounds", "projection"])
+def test_no_step_is_longer_than_allowed_whatever_the_limits(limits):
+    """Translations and angles each have a longest step, and a step that is cut keeps its direction."""
+    goal = np.array([1.0, -0.4, 0.2, 3.0, 1.5])
+    problem = Linear(np.eye(5), goal, np.full(5, -9.0), np.full(5, 9.0))
+    settings = SolverSettings(
+        iterations=50, limits=limits, damping=1e-9, step_limit_m=0.05, step_limit_rad=0.5
+    )
+    path = [np.zeros(5)]
+    solve(problem, path[0], settings, on_iteration=lambda k, x, cost: path.append(x.copy()))
+    steps = np.diff(path, axis=0)
+    assert np.abs(steps[:, :3]).max() == pytest.approx(0.05)
+    assert np.abs(steps[:, 3:]).max() < 0.5
+    np.testing.assert_allclose(steps[0] / steps[0, 0], goal, atol=1e-6)
+    np.testing.assert_allclose(path[-1], goal, atol=1e-3)
+
+
 def test_without_limits_in_the_way_both_are_the_same():
     a, b = np.random.default_rng(3).normal(size=(9, 4)), np.ones(9)
     problem = Linear(a, b, np.full(4, -9.0), np.full(4, 9.0))

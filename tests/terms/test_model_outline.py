@@ -78,3 +78,14 @@ def test_beyond_the_image_nothing_is_outline(camera):
     found = outline(camera, bones, flesh)
     assert len(found.bone) > 10
     assert (found.pixel[:, 0] <= 319).all()
+
+
+def test_the_outline_of_a_coarse_mesh_is_where_its_normals_turn_away(camera):
+    """Between a corner that looks to the camera and one that looks away: on their edge, nearer to whichever is nearer to turning."""
+    bones, flesh = balls((0.03, -0.01, 0.5))
+    mesh = ellipsoid_mesh(flesh, 1)
+    found = outline_points(mesh, bones, depth_picture(mesh, bones, camera), STEP_M)
+    place = bones.to_world(found.bone, found.local)
+    out = place - bones.position[0]
+    across = (out / np.linalg.norm(out, axis=1)[:, None] * (camera.centre - place)).sum(axis=1)
+    assert np.abs(across).max() / 0.5 < 0.06

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import UNKNOWN, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
@@ -145,6 +148,20 @@ def test_the_mask_counts_no_further_than_its_own_end_and_the_setting():
     assert reached(0.2, 0.1) == pytest.approx(0.1, abs=0.003)
     assert reached(0.2, 0.06) == pytest.approx(0.06, abs=0.003)
     assert 0.04 < reached(0.06, 0.1) < 0.06
+
+
+def test_a_cloud_shows_an_arm_where_it_goes_on_behind_the_wrist(rng):
+    hand, whole = without_arm(posed()), WHOLE.transform.solver_params(posed())
+    of_hand, _ = sample_surface(MetaballSurface.of(HAND), HAND.bones(hand), 1500, rng)
+    bones = WHOLE.bones(whole)
+    turned, share = rng.uniform(0, 2 * np.pi, 500), rng.uniform(size=500)
+    clouds = [(of_hand, False)]
+    for length, shown in ((0.012, False), (0.1, True)):  # the wrist's own end is no arm
+        arm = np.stack([0.03 * np.cos(turned), -length * share, 0.018 * np.sin(turned)], axis=1)
+        clouds.append((np.concatenate([of_hand, bones.to_world(0, arm)]), shown))
+    for points, shown in clouds:
+        seen = Observation(0, 0.0, cloud=PointCloud(points))
+        assert forearm_in_view(HAND, hand, seen) is shown
 
 
 def test_other_models_are_not_cut():

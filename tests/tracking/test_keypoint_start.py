@@ -11,7 +11,13 @@ from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.search.keypoint_start import hands_from_images, triangulated
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.search.engine import Candidate, Fit
+from handtrack.tracking.search.keypoint_start import (
+    ImageJointLandscape,
+    hands_from_images,
+    triangulated,
+)
 
 MODEL = load_model()
 CAMERAS = [camera.without_distortion() for camera in simulated_rig(3, (640, 480)).cameras]
@@ -76,6 +82,15 @@ def test_one_camera_leaves_a_choice_with_the_hand_in_it(rng, turn):
     for h in found[:2]:
         off = CAMERAS[0].project(points_of(h.params)) - seen[0].pixels
         assert np.median(np.linalg.norm(off, axis=1)) < 5.0, "all of them look like what was seen"
+
+
+def test_the_cheapest_attitudes_are_those_that_are_polished():
+    seen = ImageKeypoints(CAMERAS[0], MODEL.joint_names, np.zeros((len(MODEL.joint_names), 2)), 1.0)
+    landscape = ImageJointLandscape(MODEL, (seen,), seen)
+    start = MODEL.rest_params()
+    candidates = [Candidate(MODEL, start, cost) for cost in (3.0, 1.0, 5.0, 2.0)]
+    kept = landscape.fit(Fit("cheapest", 2), candidates, Control())
+    assert [candidate.cost for candidate in kept] == [1.0, 2.0]
 
 
 def test_too_few_joints_are_refused(rng):

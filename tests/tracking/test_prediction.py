@@ -13,6 +13,7 @@ from handtrack.observation.observation import Keypoints, Observation
 from handtrack.tracking.frame.prediction import predict
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 
@@ -60,6 +61,18 @@ def test_a_prediction_stays_within_limits():
     flex = MODEL.skeleton.parameter("index_pip_flex")
     a[flex], b[flex] = 0.5, 1.5
     assert predict(MODEL, [frame(0, a), frame(1, b)], 2)[flex] <= MODEL.limits.interval[flex, 1]
+
+
+def test_more_smoothing_pulls_more_and_a_longer_gap_less():
+    """A displacement costs in proportion to `tracker.smoothing`, and inversely to the frames since the last one."""
+    expected = load_model().rest_params()
+    moved, settings = expected + 0.01, TrackerSettings().prior
+
+    def cost(smoothing: float, ahead: int) -> float:
+        return motion_prior(expected, settings, smoothing, ahead).cost(moved)
+
+    once = cost(1.0, 1)
+    assert [cost(4.0, 1), cost(1.0, 4), cost(2.0, 2)] == pytest.approx([4 * once, once / 4, once])
 
 
 def test_the_longer_a_finger_is_hidden_the_less_is_known_of_it():

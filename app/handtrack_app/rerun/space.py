@@ -37,7 +37,7 @@ class SpaceEntry:
     quaternion_xyzw: Floats[E, D4]
     """of the flesh's ellipsoids"""
     cloud: Floats[N, D3] = field(default_factory=lambda: np.zeros((0, 3)))
-    residuals: Mapping[str, tuple[Floats, Floats]] = field(default_factory=dict)
+    residuals: Mapping[str, tuple[Floats[N, D3], Floats[N]]] = field(default_factory=dict)
     """places (N, 3) and signed values (N,), full at −1 and 1, by kind"""
 
     @classmethod
@@ -46,7 +46,7 @@ class SpaceEntry:
         model: ArticulatedModel,
         bones: BonePoses,
         cloud: Floats[N, D3] | None,
-        residuals: Mapping[str, tuple[Floats, Floats]],
+        residuals: Mapping[str, tuple[Floats[N, D3], Floats[N]]],
     ) -> SpaceEntry:
         """Return a posed model, what a cloud had of it, and what is left between them."""
         along = bones.rotation[:, :, 1] * model.skeleton.length[:, None]
