@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tests.mutation.mutants import Mutant
 
 UNJUDGED = "**open**"
+DRAWN, DRAWN_END = "<!-- drawn -->", "<!-- /drawn -->"
 _ROW = re.compile(r"^\| \d+ \| `(?P<line>.*)` \| (?P<change>`.*` → `.*`) \| (?P<judgement>.*) \|$")
 
 
@@ -47,3 +49,25 @@ def written(page: Path, outcome: Outcome, seed: int) -> None:
         section.append(f"| {mutant.line} | `{code}` | {mutant.change} | {judgement} |")
     before = before.rstrip("\n") + "\n\n"
     page.write_text(before + "\n".join(section) + "\n" + after, encoding="utf-8")
+
+
+def drawn(page: Path, outcomes: Sequence[Outcome], seed: int) -> None:
+    """Write the section of mutants drawn from all rooms anew; judgements stay as in `written`."""
+    text = page.read_text(encoding="utf-8")
+    before, rest = text.split(DRAWN)
+    old, after = rest.split(DRAWN_END)
+    cells = (line.strip("| ").split(" | ") for line in old.splitlines() if line.startswith("| `"))
+    known = {(row[0], row[2]): row[3] for row in cells if len(row) == 4}
+    left = [(o, mutant) for o in outcomes for mutant in o.survivors]
+    section = [
+        f"{len(outcomes) - len(left)} of {len(outcomes)} noticed, seed {seed}.",
+        "",
+        "| module | line | change | judgement |",
+        "|---|---|---|---|",
+    ]
+    for outcome, mutant in left:
+        name = f"`{outcome.module}`"
+        judgement = known.get((name, mutant.change), UNJUDGED)
+        section.append(f"| {name} | {mutant.line} | {mutant.change} | {judgement} |")
+    whole = "\n".join([DRAWN, *section, DRAWN_END])
+    page.write_text(before + whole + after, encoding="utf-8")
