@@ -57,6 +57,11 @@ class Silhouette:
             object.__setattr__(self, "valid", maps.valid)
 
     @property
+    def fills_image(self) -> bool:
+        """Whether more than half of the image is hand: a mask that is inverted, or white all over, outlines no hand."""
+        return float((self.mask > 0.5).mean()) > 0.5
+
+    @property
     def known(self) -> Array[H, W]:
         """Whether each pixel was observed, and is known to be hand or background."""
         column = np.arange(self.mask.shape[1])

@@ -169,3 +169,21 @@ def test_flipped_fingers_look_the_same():
     off = np.linalg.norm(camera.project(joints) - camera.project(here), axis=2).max(axis=1)
     sideways = apart * camera.matrix[0, 0] / camera.to_camera(here)[:, 2].mean()
     assert (off / sideways)[apart > 0.01].min() < 0.5, "but seen to move half as much at most"
+
+
+@pytest.mark.parametrize("spoil", [np.ones_like, lambda mask: 1 - mask], ids=["white", "inverted"])
+def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known, spoil):
+    good = mask_views(MODEL, posed(), RIG.cameras, 1)
+    spoilt = [replace(one, mask=spoil(one.mask)) for one in good.silhouettes]
+    searched = []
+    control = Control(on_search=lambda report: searched.append(report.search.situation))
+    seen = replace(good, silhouettes=tuple(spoilt))
+    result = Tracker(MODEL, JUMPS).step(TrackerState.resumed([known]), seen, control)[1]
+    assert result.status == Status.LOST
+    assert result.reason.kind == "filled mask"
+    assert lost_hand.LOST_HAND.situation not in searched
+    assert EvidenceLandscape.of(seen, JUMPS) is None
+    some = EvidenceLandscape.of(
+        replace(good, silhouettes=(*good.silhouettes[:2], spoilt[2])), JUMPS
+    )
+    assert [len(source.whole) for source in some.sources] == [2]

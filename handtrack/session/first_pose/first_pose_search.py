@@ -146,8 +146,15 @@ def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
 
 def no_hand_found(run: TrackingRun) -> HandtrackError:
     """Return what to tell the user where no frame shows a hand."""
+    seen = run.seen(next(iter(spread_order(run.session.frame_range))))
+    filled = [s.camera.name for s in seen.silhouettes if s.fills_image]
+    why = (
+        f"In frame {seen.frame} more than half of the image is hand in the masks of {', '.join(filled)}: are they inverted? "
+        if filled
+        else ""
+    )
     return HandtrackError(
-        f"{run.session.folder}: no first pose was found: no frame that was looked at shows a {_SHOWN_BY[run.model.kind]}. "
+        f"{run.session.folder}: no first pose was found: no frame that was looked at shows a {_SHOWN_BY[run.model.kind]}. {why}"
         f"Look at them with `handtrack doctor`, or pose the {run.model.kind} in the workbench (`handtrack open`)."
     )
 
@@ -230,5 +237,7 @@ def _may_show_a_hand(run: TrackingRun, seen: Observation) -> bool:
         return _most_joints(seen) >= _FEWEST_IN_ONE
     if seen.cloud is not None and len(seen.cloud) >= _SEEN_PX:
         return True
-    full = sum(int((s.mask > 0.5).sum()) >= _SEEN_PX for s in seen.silhouettes)
+    full = sum(
+        int((s.mask > 0.5).sum()) >= _SEEN_PX and not s.fills_image for s in seen.silhouettes
+    )
     return full >= min(2, len(seen.silhouettes)) > 0

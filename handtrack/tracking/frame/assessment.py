@@ -263,8 +263,12 @@ def _by_outline(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | N
         return Status.LOST, Reason("out of view")
     share = found.iou
     worst = int(np.argmin(share))
-    camera = terms.prepared[worst].camera.name
-    overlap = Reason("overlap", camera=camera, number=float(share[worst]))
+    camera = terms.prepared[worst].camera
+    filled_mask = (
+        found.mask[worst] > 0.5 * camera.size[0] * camera.size[1]
+    )  # as Silhouette.fills_image
+    kind = "filled mask" if filled_mask else "overlap"
+    overlap = Reason(kind, camera=camera.name, number=float(share[worst]))
     if np.median(share[filled]) < LOST_OVERLAP:
         return Status.LOST, overlap
     if share[worst] < DOUBTFUL_OVERLAP:

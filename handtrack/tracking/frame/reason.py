@@ -87,6 +87,9 @@ KINDS: dict[str, Callable[[Reason], str]] = {
     "overlap": lambda r: (
         f"model and silhouette overlap by {_percent(r.number)} in {r.camera}"
     ),
+    "filled mask": lambda r: (
+        f"more than half of the image is hand in {r.camera}: is the mask inverted, or white all over?"
+    ),
     "part outside": lambda r: (
         f"{_percent(r.number)} of the {r.part} and the bone before it lie outside the silhouette in {r.camera}"
     ),
@@ -130,6 +133,7 @@ BRIEF: dict[str, Callable[[Reason], str]] = {
     "given keypoints": lambda r: "held by given keypoints alone",
     "out of view": lambda r: "out of view",
     "overlap": lambda r: f"{r.camera} overlap {r.number:.2f}",
+    "filled mask": lambda r: f"{r.camera}'s mask fills the image",
     "part outside": lambda r: f"{r.part}, {_percent(r.number)} outside in {r.camera}",
     "beside": lambda r: f"{r.number:.0f} mm² of {r.camera} beside the model",
     "start": lambda r: f"first pose {_percent(r.number)} sure",

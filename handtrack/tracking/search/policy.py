@@ -42,7 +42,7 @@ SHIFTED_FINGERS = Search(
 )
 LOST_HAND = Search(
     situation="the hand may be lost",
-    when="a frame is doubtful or lost, unless what was seen only leaves the hand open, or its cloud is poor (`tracker.recovery`)",
+    when="a frame is doubtful or lost, unless what was seen only leaves the hand open, or its cloud is poor (`tracker.recovery`); masks of more than half of an image do not count",
     rounds=(
         Round((Propose("rigid grid nearby", 28), Propose("standing pose"), Propose("depth flips")), keep=0, enter=60, fits=(Fit("wide", 8),)),
         Round(enter=10, fits=(Fit("wide", 12),)),

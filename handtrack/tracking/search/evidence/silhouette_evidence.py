@@ -160,8 +160,8 @@ def _outline_px(silhouette: Silhouette) -> float:
 
 
 def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence | None:
-    """Return silhouettes made ready for the search; None where they show nothing in common."""
-    seen = [s for s in silhouettes if (s.mask > 0.5).any()]
+    """Return silhouettes made ready for the search; None where they outline nothing, or nothing in common."""
+    seen = [s for s in silhouettes if (s.mask > 0.5).any() and not s.fills_image]
     hull = visual_hull(seen)
     if not len(hull.centres):
         return None
