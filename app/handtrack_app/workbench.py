@@ -7,6 +7,7 @@ import socket
 import sys
 import threading
 import webbrowser
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.page.editing import Editing
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page
-from handtrack_app.page.player import Demo, Player
+from handtrack_app.page.player import Demo, Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.state import UserState
 from handtrack_app.process.engine_child import EngineChild
@@ -64,7 +65,9 @@ class Workbench:
         self._open_pages = open_pages
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
-        self._snapshots: Mailbox[snapshots.Snapshot] = Mailbox(snapshots.kind_of)
+        self._snapshots: Mailbox[snapshots.Snapshot | Drawn] = Mailbox(snapshots.kind_of)
+        self._held: snapshots.PoseSnapshot | None = None
+        """of a frame that is played, until the page has drawn the one before"""
         self.worker: Worker | EngineProcess
         if plan is not None:
             self.worker = EngineProcess(plan, self._snapshots.put, child)
@@ -106,7 +109,9 @@ class Workbench:
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
         self.page.on(self.layout.session.others, lambda _: self.left.set())
-        self.player = Player(self.state, self.go_to, self.redraw)
+        self.in_flight = InFlight(self.page, self._snapshots.put)
+        self.server.on_client_disconnect(lambda _: self.in_flight.clear())
+        self.player = Player(self.state, self._ask_for, self.in_flight, self.redraw)
         self.server.on_client_connect(self._welcome)
         self.server.on_client_connect(self.layout.room.welcome)
         self.layout.help.offers_tour = self._demo is not None
@@ -165,6 +170,13 @@ class Workbench:
         self.layout.timeline.show_frame(target)
         self.send(commands.ShowFrame(target))
 
+    def _ask_for(self, frame: int) -> None:
+        """Ask for a frame that is played. The page stays at the one shown until all of it comes."""
+        target = self.state.clamp_frame(frame)
+        if target is not None:
+            self.in_flight.begin(target)
+            self.send(commands.ShowFrame(target, is_played=True))
+
     def redraw(self) -> None:
         """Apply changed display options."""
         self.stage.apply()
@@ -187,7 +199,7 @@ class Workbench:
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)
 
-    def _show(self, snapshot: snapshots.Snapshot) -> None:
+    def _show(self, snapshot: snapshots.Snapshot | Drawn) -> None:
         match snapshot:
             case snapshots.SessionSnapshot():
                 with self.state.lock:
@@ -200,8 +212,16 @@ class Workbench:
                 self.stage.fit(snapshot)
                 self.layout.fit(snapshot)
                 self.redraw()
-            case snapshots.PoseSnapshot():
-                self._show_pose(snapshot)
+            case snapshots.PoseSnapshot(beside=pictures):
+                if pictures is None:
+                    self.in_flight.clear()  # somebody went elsewhere, or another engine began
+                self._held = snapshot if self.in_flight.is_drawing else None
+                if self._held is None:
+                    self._show_pose(snapshot)
+            case Drawn():
+                held, self._held = self._held, None
+                if held is not None:
+                    self._show_pose(held)
             case snapshots.PictureSnapshot():
                 self.stage.show_pictures(snapshot)
                 self.layout.session.show_pictures(snapshot)
@@ -281,10 +301,20 @@ class Workbench:
                 if not self.state.looks_before:  # edits go on from what is
                     self.state.values_at = pose.frame
                     self.state.values = tuple(pose.values.tolist())
-        with self.server.atomic():  # hand, card and sliders are of one pose, in motion too
+        clients = list(self.server.get_clients().values())
+        with (
+            ExitStack() as block
+        ):  # hand, card, sliders and pictures are of one pose, in motion too
+            for one in (self.server, *clients):
+                block.enter_context(one.atomic())
             self.stage.show_pose(pose, move_handle=newest)
             self.layout.show_pose(pose, newest)
-        self.server.flush()
+            for picture in pose.beside or ():
+                self._show(picture)
+            if pose.beside is not None:
+                self.in_flight.told(pose.frame)
+        for one in (*clients, self.server):
+            one.flush()
         self._ready.set()
 
 

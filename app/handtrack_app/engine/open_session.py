@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence, Sized
+from dataclasses import replace
 
 from handtrack.errors import HandtrackError
 from handtrack.store.history import NOTE
@@ -167,7 +168,7 @@ class OpenSession:
                 if self.store.write_what_rests(at_once=True):
                     self._announce(timeline_snapshot(document))
                 document.show(request.frame)
-                self._show_pose()
+                self._show_pose(request.is_played)
             case commands.Undo() | commands.Redo():
                 self._travel(request)
             case commands.RestoreTake():
@@ -350,19 +351,26 @@ class OpenSession:
         self._publish(snapshot)
         self._review.seen(snapshot)
         if isinstance(snapshot, PoseSnapshot):
-            self.painter.is_stale, self.painter.hurried = True, self.jobs.busy
+            whole = snapshot.beside is not None
+            self.painter.is_stale, self.painter.hurried = not whole, self.jobs.busy
             self._score.shown()
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self._publish(guesses)
             self._clouds.show(hurried=self.jobs.busy)
-            self._masks.show(hurried=self.jobs.busy)
+            if not whole:
+                self._masks.show(hurried=self.jobs.busy)
 
     def _show_session(self) -> None:
         self._publish(session_snapshot(self.document))
 
-    def _show_pose(self) -> None:
-        self._announce(pose_snapshot(self.document))
+    def _show_pose(self, is_played: bool = False) -> None:
+        """Publish the pose; of a frame that is played, with its pictures."""
+        pose = pose_snapshot(self.document)
+        if is_played:
+            made = self.painter.painted(), self._masks.made()
+            pose = replace(pose, beside=tuple(one for one in made if one is not None))
+        self._announce(pose)
 
     def _show_all(self) -> None:
         self._show_pose()

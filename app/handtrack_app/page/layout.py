@@ -147,7 +147,7 @@ class PageLayout:
         self.certainty.content = certainty_table(self.pose.names, pose.std)
         if not newest:
             return
-        self.timeline.show_frame(pose.frame)
+        self.timeline.show_pose(pose)
         self.review.show_frame()
         self.tracking.show_frame()
         self.compared.show_frame(pose.frame)

@@ -21,6 +21,7 @@ from handtrack_app.page.worded import Worded
 from handtrack_app.protocol.commands import Command, LookBefore, Redo, SetPose, Undo
 
 if TYPE_CHECKING:
+    from viser._gui_handles import GuiModalHandle
     from viser._messages import HotkeyKey, KeyModifier, Message
 
 log = logging.getLogger(__name__)
@@ -59,10 +60,10 @@ class Page:
     everyones: set[str] = field(default_factory=set)
     """ids of commands that also a page may give that looks on"""
     words: Worded = field(default_factory=Worded)
-    _dialogs: dict[int, viser.GuiModalHandle] = field(default_factory=dict)
+    _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
     """by client, those that are open"""
 
-    def dialog(self, client: viser.ClientHandle, title: str) -> viser.GuiModalHandle:
+    def dialog(self, client: viser.ClientHandle, title: str) -> GuiModalHandle:
         """Open a dialog of one page, in the place of another. Whoever opens it adds a button that closes it."""
         self.close_dialog(client)
         self._dialogs[client.client_id] = opened = client.gui.add_modal(title)

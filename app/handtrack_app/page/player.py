@@ -4,12 +4,104 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
+
+from viser._messages import LocalStorageGetItemRequestMessage, LocalStorageGetItemResponseMessage
 
 from handtrack_app.page.page import Page
 from handtrack_app.page.state import UserState
 from handtrack_app.protocol.commands import Track
 from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
+
+_MOST = 2
+"""frames under way: one is made while one is drawn"""
+_QUESTION = "handtrack.drawn"
+_TIMES = 2
+"""the page answers as it takes what it is told; when it answers again, it has drawn that, and loaded the pictures"""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The page that edits has drawn the frame that it was told last."""
+
+
+class InFlight:
+    """Frames that are played and that the page which edits has not drawn yet: a slow page gets fewer, each of them whole.
+
+    The page tells by answering a question that comes behind all that is of the frame: what its browser keeps under a name.
+    """
+
+    def __init__(self, page: Page, drawn: Callable[[Drawn], None]) -> None:
+        """drawn: is told when the page has drawn a frame."""
+        self._page, self._tell = page, drawn
+        self._frames = deque[int]()
+        self._drawing: int | None = None
+        self._asked: dict[str, tuple[int, int, int]] = {}
+        """by question: the client that is to answer it, the frame, and how often it answered for that"""
+        self._count = 0
+        self._lock = threading.Lock()
+        page.server._websock_server.register_handler(
+            LocalStorageGetItemResponseMessage, self._answered
+        )
+
+    @property
+    def has_room(self) -> bool:
+        """Whether another frame may be asked for."""
+        return len(self._frames) < _MOST
+
+    @property
+    def is_drawing(self) -> bool:
+        """Whether a frame was told and is not drawn yet: the next one waits for that."""
+        return self._drawing is not None
+
+    def begin(self, frame: int) -> None:
+        """A frame is asked for."""
+        with self._lock:
+            self._frames.append(frame)
+
+    def clear(self) -> None:
+        """Wait for none of them any more."""
+        with self._lock:
+            self._frames.clear()
+            self._drawing = None
+
+    def told(self, frame: int) -> None:
+        """All that is of a frame was told: ask the page that edits, behind it. Where there is none, nobody is waited for."""
+        editor = self._page.state.editor
+        if editor is None or editor not in self._page.server.get_clients():
+            self._drawn(frame)
+            return
+        with self._lock:
+            self._drawing = frame
+        self._ask(editor, frame, 1)
+
+    def _ask(self, client: int, frame: int, times: int) -> None:
+        with self._lock:
+            self._count += 1
+            question = f"drawn {self._count % 8}"  # viser keeps one of each for those who come
+            self._asked[question] = client, frame, times
+        self._page.server._websock_server.queue_message(
+            LocalStorageGetItemRequestMessage(_QUESTION, question)
+        )
+
+    def _answered(self, client: int, message: LocalStorageGetItemResponseMessage) -> None:
+        of, frame, times = self._asked.get(message.request_uuid, (None, -1, 0))
+        if of != client or frame != self._drawing:
+            return
+        if times < _TIMES:
+            self._ask(client, frame, times + 1)
+        else:
+            self._drawn(frame)
+
+    def _drawn(self, frame: int) -> None:
+        with self._lock:
+            self._drawing = None
+            while frame in self._frames:  # those before it gave way to it
+                if self._frames.popleft() == frame:
+                    break
+        self._tell(Drawn())
 
 
 class Player:
@@ -18,12 +110,13 @@ class Player:
     def __init__(
         self,
         state: UserState,
-        go_to: Callable[[float], None],
+        ask: Callable[[int], None],
+        in_flight: InFlight,
         ended: Callable[[], None] = lambda: None,
     ) -> None:
-        """ended: called when playback ends, or whoever edits has ended it."""
+        """ask: for a frame with all that is of it. ended: called when playback ends, or whoever edits has ended it."""
         self.fps = 25.0
-        self._state, self._go_to, self._ended = state, go_to, ended
+        self._state, self._ask, self._in_flight, self._ended = state, ask, in_flight, ended
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._work, name="player", daemon=True)
 
@@ -43,16 +136,17 @@ class Player:
             if first >= state.stop - 1:
                 first = state.start
             last_asked = -1
+            self._in_flight.clear()
             pace = self.fps * state.speed
             while state.playing and pace == self.fps * state.speed and not self._stopping.is_set():
                 due = first + int((time.monotonic() - began) * pace)
                 if due > state.stop - 1:
                     began, first, due = time.monotonic(), state.start, state.start
-                if due != last_asked:
+                if due != last_asked and self._in_flight.has_room:
                     last_asked = due
                     with state.lock:  # an edit that begins now comes first, and ends it
                         if state.playing:
-                            self._go_to(due)
+                            self._ask(due)
                 time.sleep(0.4 / max(pace, 1.0))
             if not state.playing:
                 self._ended()

@@ -38,6 +38,8 @@ class ShowFrame:
     """Show another frame. A newer one replaces an older one that still waits."""
 
     frame: int
+    is_played: bool = False
+    """it is told with all its pictures at one time; of a frame that somebody went to, they come later"""
 
 
 @dataclass(frozen=True)

@@ -162,6 +162,8 @@ class PoseSnapshot:
     pins: tuple[PinCard, ...] = ()
     accepted: bool = False
     """no tracking changes it"""
+    beside: tuple[PictureSnapshot | MaskPicture, ...] | None = None
+    """of a frame that is played: its pictures; None: they come later"""
 
     @property
     def middle(self) -> Floats[D3]:

@@ -114,7 +114,7 @@ class Witness:
         np.testing.assert_allclose(bench.stage.root.control.position, pose.values[:3], atol=1e-6)
         timeline = bench.layout.timeline
         assert timeline.slider is not None and timeline.slider.value == pose.frame
-        assert timeline.cursor.content == cursor_picture(timeline._lanes, pose.frame)
+        assert timeline.cursor.content == cursor_picture(timeline._lanes, pose.frame, pose)
         assert f"Frame {pose.frame}<" in panel.card.content
 
 

@@ -16,7 +16,7 @@ from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.mask_commands import FILES, NO_MASKS
-from handtrack_app.protocol.masks import MaskCameraCard, MaskCard
+from handtrack_app.protocol.masks import MaskCameraCard, MaskCard, MaskPicture
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 MaskChange = (
@@ -69,9 +69,20 @@ class MaskService:
         if not (self._on_all or self._screens) or (hurried and now - self._shown_at < _HURRIED_S):
             return
         self._shown_at = now
-        document, maker = self._document, self._maker
-        moment = MaskMoment(document.frame, document.run.session, self._on_all, self._screens)
-        self._render_thread.ask("masks", lambda: maker.picture(moment))
+        moment = self._moment()
+        self._render_thread.ask("masks", lambda: self._maker.picture(moment))
+
+    def made(self) -> MaskPicture | None:
+        """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
+        if not (self._on_all or self._screens):
+            return None
+        moment = self._moment()
+        made = self._render_thread.made("masks", lambda: self._maker.picture(moment))
+        return made if isinstance(made, MaskPicture) else None
+
+    def _moment(self) -> MaskMoment:
+        document = self._document
+        return MaskMoment(document.frame, document.run.session, self._on_all, self._screens)
 
     def tell(self) -> None:
         """Say where masks come from."""

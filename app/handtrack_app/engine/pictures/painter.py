@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sized
+from collections.abc import Callable, Iterator, Sized
 
 import numpy as np
 
@@ -53,6 +53,23 @@ class Painter:
     def paint(self) -> None:
         """Paint what the page wants; a command that comes meanwhile goes first, and painting begins anew."""
         self.is_stale, self._painted = False, time.monotonic()
+        for picture in self._pictures():
+            if picture is not None:
+                self._publish(picture)
+            elif len(self._waiting):
+                self.is_stale = True
+                return
+
+    def painted(self) -> PictureSnapshot | None:
+        """Return all that the page wants of the frame shown, in one; None where it wants none. Commands wait meanwhile."""
+        self.is_stale, self._painted = False, time.monotonic()
+        whole = None
+        for picture in self._pictures():
+            whole = picture or whole
+        return whole
+
+    def _pictures(self) -> Iterator[PictureSnapshot | None]:
+        """Yield the large pictures, and all of them at last; None in between, where painting may end."""
         document, maker, wanted = self._document, self._maker, self._wanted
         session, frame = document.run.session, document.frame
         bones = document.model.bones(params_of(document.model, document.seen))
@@ -71,16 +88,14 @@ class Painter:
             screen = maker.screen(camera, frame, paint, flesh, silhouette, aside)
             large[camera, paint] = screen if joints is None else joints_picture(screen, joints)
         if large:
-            self._publish(PictureSnapshot(frame, screens=large, version=document.version))
+            yield PictureSnapshot(frame, screens=large, version=document.version)
         small = {}
         for name in session.rig.names if wanted.thumbnails else ():
-            if len(self._waiting):
-                self.is_stale = True
-                return
+            yield None
             small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
         if small:
             sheet = contact_sheet({f"{name}  {frame}": image for name, image in small.items()})
-            self._publish(PictureSnapshot(frame, small, sheet, large, document.version))
+            yield PictureSnapshot(frame, small, sheet, large, document.version)
 
     def _joints(self, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
         """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""

@@ -44,6 +44,22 @@ class RenderThread:
         """Have something made and published; a waiting order of this kind is dropped."""
         self._mail.put(_Order(kind, make))
 
+    def made(self, kind: str, make: Make) -> Snapshot | None:
+        """Have something made, and wait for it; None where it cannot be."""
+        made, done = list[Snapshot | None](), threading.Event()
+
+        def make_and_tell() -> None:
+            try:
+                made.append(make())
+            finally:
+                done.set()
+
+        self.ask(f"{kind}, waited for", make_and_tell)
+        while not done.wait(0.1):
+            if self._stopping.is_set():
+                return None
+        return made[0] if made else None
+
     def _work(self) -> None:
         while not self._stopping.is_set():
             order = self._mail.take(0.2)

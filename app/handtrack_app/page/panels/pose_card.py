@@ -52,12 +52,17 @@ def _change(now: float, before: float | None, digits: int) -> str:
     return f" ({moved:+.{digits}f})" if moved else ""
 
 
+def status_of(pose: PoseSnapshot) -> tuple[str, str]:
+    """Return where a pose comes from, in a word, and the word's colour."""
+    return _ORIGINS.get(pose.origin, STATUS.get(pose.status, STATUS[-1]))
+
+
 def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     """Return the lines above the sliders: frame, where the pose comes from, error against the truth, its score.
 
     score: of this pose, or of another, which is passed over.
     """
-    word, colour = _ORIGINS.get(pose.origin, STATUS.get(pose.status, STATUS[-1]))
+    word, colour = status_of(pose)
     facts = []
     if math.isfinite(pose.error_mm):
         facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import base64
 import html
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 import viser
 
+from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app.page.page import Keys, Page, number, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.camera_names import CameraNames
@@ -93,6 +96,7 @@ class SessionPanel:
         with self.tab:
             blank = np.full((8, 8, 3), 36, np.uint8)
             self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
+            self.played = gui.add_html("", visible=False)
             self.overlaps = gui.add_html("", visible=False)
             self.mode = gui.add_dropdown(
                 "Drawn as", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
@@ -158,18 +162,24 @@ class SessionPanel:
         """Show what the cameras see, side by side."""
         if not self.built:
             return
-        wanted = self.page.state.display.images
+        wanted, playing = self.page.state.display.images, self.page.state.playing
         if wanted and pictures.sheet is not None:
-            self.sheet.image = pictures.sheet
-        put(self.sheet, visible=wanted)
+            if playing:
+                self.played.content = _at_once(pictures.sheet)
+            else:
+                self.sheet.image = pictures.sheet
+        put(self.sheet, visible=wanted and not playing)
+        put(self.played, visible=wanted and playing)
 
     def show_names(self, names: CameraNames) -> None:
         """Show below the cameras' pictures how far the hand shown overlaps each mask, where that is known."""
-        if not self.built or self.page.state.playing:
+        if not self.built:
             return
         told = [names.of(camera) for camera in self.cameras]
         words = " · ".join(html.escape(one) for one in told)
-        known = told != list(self.cameras) and self.page.state.display.images
+        known = told != list(self.cameras)
+        known |= self.page.state.playing and self.overlaps.visible  # the line keeps its place
+        known &= self.page.state.display.images
         put(self.overlaps, visible=known)
         if known:
             put(self.overlaps, content=self.page.words.of(_OVERLAPS).replace("{}", words))
@@ -204,6 +214,16 @@ class SessionPanel:
         display = self.page.state.display
         if self.built:
             put(self.mode, value=_word_of(_MODE_WORDS, display.mode))
+
+
+def _at_once(picture: Bytes[H, W, D3]) -> str:
+    """Return a picture that the browser shows together with the words that come with it; viser's own widget loads it first."""
+    _, packed = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 80))
+    data = base64.b64encode(packed.tobytes()).decode()
+    return (
+        "<div style='padding:0 var(--mantine-spacing-xs) .5em'><img decoding='sync' style='max-width:100%;display:block' "
+        f"src='data:image/jpeg;base64,{data}'></div>"
+    )
 
 
 def _word_of(words: dict[str, str], value: str) -> str:

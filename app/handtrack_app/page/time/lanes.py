@@ -5,13 +5,15 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from handtrack.arrays import Floats, Ints, N
+from handtrack_app.page.panels.pose_card import status_of
 from handtrack_app.page.time.window import WIDTH, Window, extremes, runs
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
+from handtrack_app.protocol.snapshots import PoseSnapshot
 from handtrack_app.protocol.timeline import (
     APART,
     AT_LIMITS,
@@ -24,8 +26,18 @@ from handtrack_app.protocol.timeline import (
 LEFT, RIGHT = 120, 66  # [px] where viser's slider begins and ends: it lies over the lanes
 _CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 36, 16, 26, 13, 13, 24  # heights [px]
 _REST = 66  # [px] of the panel besides its lanes: its edge, the legend, the buttons
-_BADNESS = (-1, 0, 4, 3, 1, 2)  # status, from what is drawn least to what is drawn above all
-_HEIGHTS = {-1: 3, 0: 7, 4: 7, 3: 10, 1: 10, 2: 14}
+_FOUND = 5  # beside the codes of contracts §5: a search's pose, which no frame was tracked from
+_SHOWN_AS = {**STATUS, _FOUND: FOUND}
+_BADNESS = (
+    -1,
+    0,
+    4,
+    _FOUND,
+    3,
+    1,
+    2,
+)  # status, from what is drawn least to what is drawn above all
+_HEIGHTS = {-1: 3, 0: 7, 4: 7, _FOUND: 10, 3: 10, 1: 10, 2: 14}
 _DOUBT, _ACCEPTED, _GAP, _LIMIT, _CHANGED, _OTHER = (
     "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#f0e442",
 )  # fmt: skip
@@ -44,12 +56,15 @@ class Lane:
     parts: Sequence[str]
     """SVG, from 0 to WIDTH across and to `height` down"""
     value: Callable[[int], str]
-    """what stands behind it for a frame"""
+    """what stands behind it for a frame, as it was tracked or set"""
     hint: str = ""
+    of_pose: Callable[[PoseSnapshot], str] | None = None
+    """what stands there for the pose shown, where that tells it; else `value` does, of a tracked one"""
 
 
 def lanes_of(strip: TimelineSnapshot, window: Window, every: bool = True) -> list[Lane]:
     """Return the lanes that have something to show. every: not only the curve and the status."""
+    strip = _of_poses(strip)
     curve, title, unit = _main_curve(strip)
     found = [_curve_lane(strip, window, curve, title, unit), _status_lane(strip, window)]
     if not every:
@@ -59,6 +74,24 @@ def lanes_of(strip: TimelineSnapshot, window: Window, every: bool = True) -> lis
         _take_lane(strip, window), *_thin_lanes(strip, window),
     ]  # fmt: skip
     return found + [lane for lane in more if lane is not None]
+
+
+def _of_poses(strip: TimelineSnapshot) -> TimelineSnapshot:
+    """Return it with the status of poses that were set, and without what is of the tracked ones beneath them."""
+    rows = [f - strip.start for f in strip.by_hand if 0 <= f - strip.start < len(strip.status)]
+    if not rows:
+        return strip
+    status, energy = strip.status.copy(), strip.energy.copy()
+    status[rows], energy[rows] = 3, np.nan
+    status[[f - strip.start for f in strip.found if f - strip.start in rows]] = _FOUND
+    terms, lanes = ({name: _without(row, rows) for name, row in kept.items()} for kept in (strip.terms, strip.lanes))  # fmt: skip
+    return replace(strip, status=status, energy=energy, terms=terms, lanes=lanes)
+
+
+def _without(values: Floats[N], rows: list[int]) -> Floats[N]:
+    left = np.asarray(values, dtype=float).copy()
+    left[rows] = np.nan
+    return left
 
 
 def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window) -> str:
@@ -84,11 +117,19 @@ def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window
     )
 
 
-def cursor_picture(lanes: Sequence[Lane], frame: int) -> str:
-    """Return the numbers beside the lanes for the frame shown. It is sent for each frame; the line itself is the slider's."""
+def cursor_picture(lanes: Sequence[Lane], frame: int, pose: PoseSnapshot | None = None) -> str:
+    """Return the numbers beside the lanes for the frame shown. It is sent for each frame; the line itself is the slider's.
+
+    pose: the one shown, if it is of that frame.
+    """
     rows, top = "", 0
     for lane in lanes:
-        value = lane.value(frame)
+        if pose is None:
+            value = lane.value(frame)
+        elif lane.of_pose is not None:
+            value = lane.of_pose(pose)
+        else:
+            value = lane.value(frame) if pose.origin == "tracked" else ""
         rows += (
             f"<div style='position:absolute;top:{top}px;height:{lane.height}px;line-height:{lane.height}px'>{value}</div>"
             if value and "<" not in value
@@ -124,22 +165,26 @@ def _curve_lane(
         for f in strip.by_hand
         if window.first <= f <= window.last
     ]
+
+    def of_pose(pose: PoseSnapshot) -> str:
+        value = pose.error_mm if unit else pose.energy
+        return f"{_number(value)} {unit}" if math.isfinite(value) else ""
+
     return Lane(
         f"<span>{title}</span><span style='opacity:.7'>{top}</span>", _CURVE,
         [_ground(_CURVE), *curve(values, strip.start, window, _CURVE), *diamonds],
         _value_of(strip, values, lambda v: f"{_number(v)} {unit}"),
-        "Of frames that stand in one place the largest counts. Diamonds are poses that were set.",
+        "Of frames that stand in one place the largest counts. Diamonds are poses that were set.", of_pose,
     )  # fmt: skip
 
 
 def _status_lane(strip: TimelineSnapshot, window: Window) -> Lane:
-    words = {code: word for code, (word, _) in STATUS.items()}
-
     def value(frame: int) -> str:
         row = frame - strip.start
-        return words[int(strip.status[row])] if 0 <= row < len(strip.status) else ""
+        return _SHOWN_AS[int(strip.status[row])][0] if 0 <= row < len(strip.status) else ""
 
-    return Lane("", _STATUS, bars(strip.status, strip.start, window), value)
+    found = bars(strip.status, strip.start, window)
+    return Lane("", _STATUS, found, value, of_pose=lambda pose: status_of(pose)[0])
 
 
 def _probability_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
@@ -203,7 +248,7 @@ def _accepted_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     parts = _blocks(marked.astype(float), strip.start, window, _ACCEPTED, 1.0)
     return Lane(
         "accepted", _THIN, parts, lambda f: "locked" if f in strip.accepted else "",
-        "Frames that neither tracking nor refining changes.",
+        "Frames that neither tracking nor refining changes.", lambda pose: "locked" if pose.accepted else "",
     )  # fmt: skip
 
 
@@ -224,7 +269,9 @@ def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     def value(frame: int) -> str:
         return next((f"take {s.take}" for s in strip.takes if s.first <= frame <= s.last), "")
 
-    return Lane("takes", _THIN, parts, value, "Which tracking shows where.")
+    return Lane(
+        "takes", _THIN, parts, value, "Which tracking shows where.", lambda pose: value(pose.frame)
+    )
 
 
 def _thin_lanes(strip: TimelineSnapshot, window: Window) -> list[Lane | None]:
@@ -295,7 +342,7 @@ def bars(status: Ints[N], start: int, window: Window) -> list[str]:
     found = []
     for code, x, width in _pieces(worst, window):
         height = _HEIGHTS[code]
-        colour = "currentColor' opacity='.25" if code == -1 else STATUS[code][1]
+        colour = "currentColor' opacity='.25" if code == -1 else _SHOWN_AS[code][1]
         found.append(
             f"<rect x='{x:.1f}' y='{_STATUS - height}' width='{width:.1f}' height='{height}' fill='{colour}'/>"
         )

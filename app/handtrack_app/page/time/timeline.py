@@ -11,7 +11,7 @@ from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.time.lanes import Lane, cursor_picture, lanes_of, lanes_picture
 from handtrack_app.page.time.window import Window, whole
 from handtrack_app.protocol.commands import ShowTake
-from handtrack_app.protocol.snapshots import SessionSnapshot, TimelineSnapshot
+from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, TimelineSnapshot
 
 _PLAY: tuple[str, ...] = ("First", "Back", "Play", "Next", "Last")
 _ZOOM: tuple[str, ...] = ("In", "Out", "All", "Lanes")
@@ -34,6 +34,7 @@ class TimelinePanel:
     """called when another part of the recording is shown"""
     _lanes: list[Lane] = field(default_factory=list)
     _shown: int | None = None
+    _pose: PoseSnapshot | None = None
 
     def __post_init__(self) -> None:
         with self.tab:
@@ -120,7 +121,12 @@ class TimelinePanel:
         if self.slider is not None and self.slider.value != frame:
             put(self.slider, max=max(self.slider.max, frame))
             self.slider.value = frame
-        self.draw()
+        self.draw(frame)
+
+    def show_pose(self, pose: PoseSnapshot) -> None:
+        """Stand at a pose, and show its own numbers."""
+        self._pose, self._shown = pose, None
+        self.show_frame(pose.frame)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the recording's new status and energies."""
@@ -144,14 +150,16 @@ class TimelinePanel:
         put(self.picture, content=lanes_picture(self._lanes, self.strip, self.window))
         if self.slider is not None:
             put(self.slider, min=self.window.first, max=self.window.last)
+        frame = self.page.state.frame if self._shown is None else self._shown
         self._shown = None
-        self.draw()
+        self.draw(frame)
 
-    def draw(self) -> None:
-        """Show the numbers of the frame shown, if something changed."""
-        if self._shown != self.page.state.frame:
-            self._shown = self.page.state.frame
-            put(self.cursor, content=cursor_picture(self._lanes, self._shown))
+    def draw(self, frame: int) -> None:
+        """Show the numbers of a frame, if something changed: those of the pose shown, where it is of that frame."""
+        if self._shown != frame:
+            self._shown = frame
+            pose = self._pose if self._pose is not None and self._pose.frame == frame else None
+            put(self.cursor, content=cursor_picture(self._lanes, frame, pose))
 
 
 def hidden_words(strip: TimelineSnapshot) -> str:

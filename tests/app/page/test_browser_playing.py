@@ -1,0 +1,92 @@
+"""While a recording plays, all that the page shows is of one frame, however slow the browser; and no more frames come than it draws."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from handtrack_app.protocol import commands
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import FRAMES, fake_document
+from tests.app.page.test_browser import browsing, eventually
+from tests.app.wire import WireClient
+
+SAMPLE = """() => {
+  const card = [...document.querySelectorAll('b')].find((one) => /^Frame \\\\d+$/.test(one.textContent));
+  const lanes = document.querySelector('.handtrack-timeline').closest('.mantine-Paper-root');
+  const grey = (image) => {
+    const canvas = document.createElement('canvas'), ink = canvas.getContext('2d');
+    [canvas.width, canvas.height] = [image.naturalWidth || image.width, image.naturalHeight || image.height];
+    ink.drawImage(image, 0, 0);
+    return Math.round(ink.getImageData(12, 12, 1, 1).data[0] / 10);
+  };
+  const sheet = [...document.querySelectorAll('img')].find((one) => one.naturalWidth === 620);
+  return {card: Number(card.textContent.slice(6)), word: card.nextElementSibling.textContent,
+          cursor: Number(lanes.querySelector('.mantine-Slider-thumb').getAttribute('aria-valuenow')),
+          lanes: lanes.innerText, sheet: sheet ? grey(sheet) : null};
+}""".replace("\\\\", "\\")
+
+
+@pytest.mark.browser
+def test_a_slow_page_shows_all_of_one_frame(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.0))
+    with browsing(bench, size=(1280, 800)) as view:
+        bench.send(commands.Track(0, FRAMES, 3))
+        eventually(lambda: np.all(bench.layout.timeline.strip.status >= 0), "tracked")
+        bench.page.go_to(5)
+        eventually(lambda: bench.stage.pose.frame == 5, "another frame")
+        bench.page.edit_pose({"root_tx": 0.02}, "Move")
+        eventually(lambda: 5 in bench.layout.timeline.strip.by_hand, "set by hand")
+        slow = view.page.context.new_cdp_session(view.page)
+        slow.send("Emulation.setCPUThrottlingRate", {"rate": 4})
+        bench.page.play(True)
+        rng, samples = np.random.default_rng(0), list[dict[str, Any]]()
+        for _ in range(20):
+            view.page.wait_for_timeout(float(rng.uniform(100, 500)))
+            samples.append(view.page.evaluate(SAMPLE))
+        bench.page.play(False)
+        for one in samples:
+            frame = one["card"]
+            assert (one["cursor"], one["sheet"]) == (frame, frame), one
+            word = {5: "set by hand", 7: "doubtful"}.get(frame, "tracked")
+            assert one["word"] == word
+            assert word in one["lanes"].splitlines()
+        assert len({one["card"] for one in samples}) >= 5, "it plays"
+
+
+def test_no_more_than_two_frames_are_on_their_way(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=fake_document).start()
+    assert bench.wait_ready(60.0)
+    try:
+        with WireClient(bench.url, draws=False) as wire:
+            eventually(lambda: bench.state.editor is not None, "it edits")
+            asked, send = list[int](), bench.worker.send
+
+            def sent(command: commands.Command) -> None:
+                if isinstance(command, commands.ShowFrame):
+                    asked.append(command.frame)
+                send(command)
+
+            bench.worker.send = sent
+            bench.page.play(True)
+            time.sleep(1.0)
+            assert len(asked) == 2, "it draws none of them"
+            for known in (
+                0,
+                1,
+            ):  # a page answers once it takes the frame, and again once it drew it
+                eventually(lambda known=known: len(_questions(wire)) > known, "a question")
+                assert len(asked) == 2
+                wire.answer(_questions(wire)[known], None)
+                time.sleep(0.3)
+            assert len(asked) == 3, "one is drawn, one more is asked for"
+    finally:
+        bench.stop()
+
+
+def _questions(wire: WireClient) -> list[dict[str, Any]]:
+    return [message for _, message in wire.messages if message.get("key") == "handtrack.drawn"]
