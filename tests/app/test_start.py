@@ -19,6 +19,7 @@ from handtrack_app.start.start_page import StartPage
 from tests.app.commands.test_new_project import project
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
+from tests.capture.calibration_forms.writers import opencv_files, rig_of_two
 from tests.conftest import REPOSITORY
 
 BUNDLED = REPOSITORY / "sessions" / "open_fist_open"
@@ -47,12 +48,52 @@ def start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StartPage
 def test_videos_are_found_by_the_calibrations_names(folder: Path) -> None:
     found = find_files(folder)
     names = read_rig(BUNDLED / "calibration.toml").names
-    assert found.calibration == folder / "a calibration.toml"
+    assert found.calibrations == (folder / "a calibration.toml",)
     assert {name: path.name for name, path in found.videos.items()} == {
         n: f"take3_{n}.mp4" for n in names
     }
     shutil.copy(folder / "take3_cam1.mp4", folder / "zoom.mp4")
     assert [path.name for path in find_files(folder).unused] == ["zoom.mp4"]
+
+
+def test_one_opencv_file_a_camera_is_taken_whole(
+    tmp_path: Path, start: StartPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = rig_of_two()
+    files = opencv_files(tmp_path, rig)
+    video = BUNDLED / "cam0.mp4"
+    for name in rig.names:
+        shutil.copy(video, tmp_path / f"{name}.mp4")
+    found = find_files(tmp_path)
+    assert set(found.calibrations) == set(files) and not found.unused
+    assert {name: path.name for name, path in found.videos.items()} == {
+        n: f"{n}.mp4" for n in rig.names
+    }
+    asked: list[list[str]] = []
+    monkeypatch.setattr(start, "_run", lambda args, _then: asked.append(args))
+    start.folder.value = str(tmp_path)
+    for _ in range(2):  # the second time by what the page wrote into the field
+        start.look()
+        assert start.make.visible
+        start.make_session()
+        words = asked.pop()
+        given = {words[n + 1] for n, word in enumerate(words) if word == "--calibration"}
+        assert given == {str(path) for path in files}
+        assert words.count("--video") == 2
+
+
+def test_no_session_of_one_camera_is_offered_while_other_videos_lie_there(
+    tmp_path: Path, start: StartPage
+) -> None:
+    files = opencv_files(tmp_path, rig_of_two())
+    for path in files[1:]:
+        path.unlink()
+    for name in rig_of_two().names:
+        shutil.copy(BUNDLED / "cam0.mp4", tmp_path / f"{name}.mp4")
+    start.folder.value = str(tmp_path)
+    with pytest.raises(HandtrackError, match=r"2 videos"):
+        start.look()
+    assert not start.make.visible and "handtrack-warning" in start.found.content
 
 
 def test_a_folder_without_videos_is_told(tmp_path: Path) -> None:

@@ -125,9 +125,9 @@ class OpenSession:
         if blind:
             say("warning", "Nothing to track by yet", blind)
         elif self._live is not None:
-            say("info", "Live", _LIVE)
+            say("guide", "Live", _LIVE)
         elif not document.is_posed:
-            say("info", "No first pose yet", NO_POSE[document.model.kind])
+            say("guide", "No first pose yet", NO_POSE[document.model.kind])
         self._say_warnings(self.store.warning)
         self._tuning.say_notes(document.run.session.warnings)
         self.jobs.show_progress()

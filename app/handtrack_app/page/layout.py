@@ -5,6 +5,7 @@ from __future__ import annotations
 import viser
 
 from handtrack_app.page.masks.mask_panel import MaskPanel
+from handtrack_app.page.messages import Messages
 from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
@@ -68,6 +69,7 @@ class PageLayout:
         self.failure = gui.add_markdown("", visible=False)
         self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
         page.on(self.again, lambda _: page.send(StartAgain()))
+        self.messages = Messages(page)
         tabs = gui.add_tab_group()
         self.keys = Keys(gui, page.words)
         self.help = Help(page, self.keys)
@@ -91,6 +93,8 @@ class PageLayout:
         refits = RefitSwitch(page, self.keys)
         self.settings = SettingsPanel(page, tabs.add_tab("Settings"), refits)
         self.export = ExportPanel(page, tabs.add_tab("Export"))
+        self.messages.build(tabs.add_tab("Messages"))
+        page.heard.append(self.messages.take)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTHS[REST])
 
@@ -162,6 +166,7 @@ class PageLayout:
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""
         self.timeline.show_timeline(strip)
+        self.messages.see_pose(bool(strip.by_hand) or bool((strip.status >= 0).any()))
         self.review.show_timeline(strip)
         self.takes.show_timeline(strip)
         self.tracking.show_timeline(strip)

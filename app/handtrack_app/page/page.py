@@ -19,6 +19,7 @@ from viser._messages import GuiUpdateMessage
 from handtrack_app.page.state import UserState
 from handtrack_app.page.worded import Worded
 from handtrack_app.protocol.commands import Command, LookBefore, Redo, SetPose, Undo
+from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:
     from viser._gui_handles import GuiModalHandle
@@ -60,6 +61,8 @@ class Page:
     everyones: set[str] = field(default_factory=set)
     """ids of commands that also a page may give that looks on"""
     words: Worded = field(default_factory=Worded)
+    heard: list[Callable[[Notice], None]] = field(default_factory=list)
+    """called with all that is said"""
     _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
     """by client, those that are open"""
 
@@ -118,11 +121,11 @@ class Page:
     def notify(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
     ) -> None:
-        """Show a notification, on one client or on all."""
-        colour = {"info": "blue", "done": "teal", "warning": "orange", "error": "red"}.get(
-            level, "gray"
-        )
-        close = {"info": 8.0, "done": 8.0, "warning": 15.0}.get(level)
+        """Show a notification for a while, on one client or on all; it can be read later, too."""
+        colour = {"done": "teal", "warning": "orange", "error": "red"}.get(level, "blue")
+        close = 8.0 if level in ("info", "done") else 15.0
+        for hear in self.heard:
+            hear(Notice(level, title, text))
         clients = [client] if client is not None else list(self.server.get_clients().values())
         for target in clients:
             target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]

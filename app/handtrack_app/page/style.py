@@ -52,13 +52,13 @@ div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; t
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) div[style*="padding-top: var(--mantine-spacing-xs)"] {
   padding-top: 0 !important; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 684px) !important; }
-/* notices as low bars above the hand, in a strip that a hand that is zoomed to leaves free; all of a long one under the pointer */
+/* notices above the hand, in a strip that a hand that is zoomed to leaves free */
 .mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 670px)) !important; }
-.mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; }
-.mantine-Notification-body { display: flex; gap: .7em; align-items: baseline; }
-.mantine-Notification-title { white-space: nowrap; flex: none; max-width: 50%; margin-bottom: 0 !important; }
-.mantine-Notification-description { font-size: .8em !important; line-height: 1.3; max-height: 2.6em; overflow: hidden; }
-.mantine-Notification-root:hover .mantine-Notification-description { max-height: none; }
+.mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; max-height: none !important; }
+.mantine-Notification-title, .mantine-Notification-description { overflow: visible !important; white-space: normal !important;
+  text-overflow: clip !important; margin-bottom: 0 !important; }
+.mantine-Notification-description { font-size: .8em !important; line-height: 1.3; }
+div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important; margin: 0 .3em .4em; width: auto !important; padding: .15em .6em !important; font-size: .8em; }
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
   background-color: #c3c9d2 !important; }
 .handtrack-warning { color: #f0e442; }

@@ -231,7 +231,7 @@ class Notice:
     """Something to tell the user in words."""
 
     level: str
-    """`info`, `done`, `warning` or `error`"""
+    """`info`, `done`, `guide` (what to do first), `warning` or `error`"""
     title: str
     text: str
 

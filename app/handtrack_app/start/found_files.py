@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +23,8 @@ class FoundFiles:
     """Videos by camera, and the calibration."""
 
     videos: dict[str, Path]
-    calibration: Path | None
+    calibrations: tuple[Path, ...]
+    """one file of all cameras, or one a camera"""
     given: GivenRig | None
     """its cameras, in its own unit"""
     unused: tuple[Path, ...]
@@ -31,13 +33,13 @@ class FoundFiles:
     """the folder, where it is a Pose2Sim project: `new` finds videos and 2D joints in it"""
 
 
-def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
-    """Look into a folder, and the folders in it, for a recording. calibration: if it lies elsewhere.
+def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> FoundFiles:
+    """Look into a folder, and the folders in it, for a recording. calibrations: if they lie elsewhere.
 
     Raises HandtrackError for what is no folder, has no video, and for a calibration that is none.
     """
     if is_pose2sim(folder):
-        return _project(folder, calibration)
+        return _project(folder, next(iter(calibrations), None))
     if not folder.is_dir():
         raise HandtrackError(
             f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
@@ -49,27 +51,37 @@ def find_files(folder: Path, calibration: Path | None = None) -> FoundFiles:
     if not videos:
         raise HandtrackError(f"{folder}: no video in it ({', '.join(_VIDEOS)}).")
     given: GivenRig | None = None
-    if calibration is not None:
-        given = read_calibration([calibration])
+    if calibrations:
+        given = read_calibration(calibrations)
     else:
-        for path in (p for p in files if p.suffix.lower() in _CALIBRATIONS):
-            try:
-                given = read_calibration([path])
-            except HandtrackError:
-                continue
-            calibration = path
-            break
+        calibrations, given = _calibrated([p for p in files if p.suffix.lower() in _CALIBRATIONS])
     cameras = () if given is None else given.cameras
     by_camera = _matched(videos, [camera.name for camera in cameras if camera.name is not None])
     unused = tuple(path for path in videos if path not in by_camera.values())
-    return FoundFiles(by_camera, calibration, given, unused)
+    return FoundFiles(by_camera, tuple(calibrations), given, unused)
+
+
+def _calibrated(files: Sequence[Path]) -> tuple[tuple[Path, ...], GivenRig | None]:
+    """Return the first file that has several cameras; else all that have one each, together. Raises HandtrackError for several that are no rig."""
+    alone: dict[Path, GivenRig] = {}
+    for path in files:
+        try:
+            rig = read_calibration([path])
+        except HandtrackError:
+            continue
+        if len(rig.cameras) > 1:
+            return (path,), rig
+        alone[path] = rig
+    if len(alone) > 1:
+        return tuple(alone), read_calibration(list(alone))
+    return tuple(alone), next(iter(alone.values()), None)
 
 
 def _project(folder: Path, calibration: Path | None) -> FoundFiles:
     project = read_pose2sim(folder, calibration)
     cameras = list(project.keypoints)
     given, _ = named(read_calibration([project.calibration]), cameras, str(project.calibration))
-    return FoundFiles(dict(project.videos), project.calibration, given, (), folder)
+    return FoundFiles(dict(project.videos), (project.calibration,), given, (), folder)
 
 
 def _matched(videos: list[Path], names: list[str]) -> dict[str, Path]:

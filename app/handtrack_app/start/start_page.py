@@ -112,22 +112,26 @@ class StartPage:
 
     def look(self) -> None:
         """Find the videos and the calibration of a folder, and show how they belong together."""
-        given = self.calibration.value.strip()
+        given = [one.strip() for one in self.calibration.value.split(";")]
         folder = Path(self.folder.value.strip()).expanduser()
-        found = self._found = find_files(folder, Path(given).expanduser() if given else None)
-        if found.calibration is None:
+        self.make.visible = self.out.visible = False
+        found = self._found = find_files(folder, [Path(one).expanduser() for one in given if one])
+        if not found.calibrations:
             raise HandtrackError(
                 f"{folder}: {len(found.videos)} videos, but no calibration. Give its file above; or make one: `handtrack board`, film it, "
                 "`handtrack calibrate`."
             )
-        self.calibration.value = str(found.calibration)
+        self.calibration.value = "; ".join(map(str, found.calibrations))
         if not self.out.value.strip():
             self.out.value = str(folder.parent / f"{folder.name}_handtrack")
         rows = "".join(
             f"<tr><td><b>{html.escape(name)}</b></td><td>{html.escape(str(path))}</td></tr>"
             for name, path in found.videos.items()
         )
-        unused = "".join(f"<div>not used: {html.escape(path.name)}</div>" for path in found.unused)
+        unused = "".join(
+            f"<div class='handtrack-warning'><b>Not used:</b> {html.escape(path.name)}, of no camera of the calibration</div>"
+            for path in found.unused
+        )
         family = found.given.family if found.given else ""
         if found.project is not None:
             family = f"a Pose2Sim project, with the cameras' 2D joints; {family}"
@@ -135,8 +139,13 @@ class StartPage:
             f"<div style='padding:.2em .9em;font-size:.8em'><table>{rows}</table>{unused}"
             f"<div style='opacity:.7'>{html.escape(family)}</div></div>"
         )
-        self.make.visible = self.out.visible = True
         self._show_rig(found)
+        if found.unused and len(found.videos) == 1:
+            raise HandtrackError(
+                f"{folder}: the calibration has one camera alone ({next(iter(found.videos))}), but there are "
+                f"{1 + len(found.unused)} videos. Give the calibration of all cameras above: one file, or one a camera with semicolons between."
+            )
+        self.make.visible = self.out.visible = True
 
     def _show_rig(self, found: FoundFiles) -> None:
         """Draw the cameras, where their names and sizes are known."""
@@ -153,10 +162,12 @@ class StartPage:
     def make_session(self) -> None:
         """Make the session from what was found."""
         found = self._found
-        if found is None or found.calibration is None:
+        if found is None or not found.calibrations:
             raise HandtrackError("first look into a folder with videos and a calibration.")
         out = Path(self.out.value.strip()).expanduser()
-        args = ["new", "--out", str(out), "--calibration", str(found.calibration)]
+        args = ["new", "--out", str(out)]
+        for calibration in found.calibrations:
+            args += ["--calibration", str(calibration)]
         if found.project is not None:
             args += ["--project", str(found.project)]
         for name, path in found.videos.items() if found.project is None else ():
@@ -193,7 +204,7 @@ class StartPage:
         self.calibration = gui.add_text(
             "Calibration",
             "",
-            hint="Its file, if it lies elsewhere: Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, JSON, NPZ …",
+            hint="Its file, if it lies elsewhere; of one file a camera all, with semicolons between: Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, JSON, NPZ …",
         )
         self._on(gui.add_button("Look into it", icon=viser.Icon.SEARCH), self.look)
         self.found = gui.add_html("")

@@ -179,12 +179,16 @@ def _curve_lane(
 
 
 def _status_lane(strip: TimelineSnapshot, window: Window) -> Lane:
+    words = {code: word for code, (word, _) in _SHOWN_AS.items()}
+
     def value(frame: int) -> str:
         row = frame - strip.start
-        return _SHOWN_AS[int(strip.status[row])][0] if 0 <= row < len(strip.status) else ""
+        return words[int(strip.status[row])] if 0 <= row < len(strip.status) else ""
 
-    found = bars(strip.status, strip.start, window)
-    return Lane("", _STATUS, found, value, of_pose=lambda pose: status_of(pose)[0])
+    def of_pose(pose: PoseSnapshot) -> str:
+        return words[-1] if pose.origin == "carried" else status_of(pose)[0]
+
+    return Lane("", _STATUS, bars(strip.status, strip.start, window), value, of_pose=of_pose)
 
 
 def _probability_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:

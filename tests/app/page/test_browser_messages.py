@@ -1,0 +1,41 @@
+"""What is said to the user in a real browser: read whole, and there as long as it is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import fake_document
+from tests.app.page.test_browser import browsing, eventually
+
+LONG = " ".join(f"Word{n} of a reason that has to be read to its end." for n in range(12))
+CUT = """() => [...document.querySelectorAll('.mantine-Notification-root')].filter((one) => one.innerText.includes('Word11')).map(
+  (root) => [root, ...root.querySelectorAll('*')].some((one) => getComputedStyle(one).overflow !== 'visible'
+    && (one.scrollHeight > one.clientHeight + 1 || one.scrollWidth > one.clientWidth + 1)))"""
+
+
+@pytest.mark.browser
+def test_what_matters_is_read_whole_and_stays(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    with browsing(bench, size=(1280, 800)) as view:
+        page = view.page
+        bench.page.notify("guide", "What to do first", "Press the button that finds the hand.")
+        bench.page.notify("error", "A title that is longer than some", LONG)
+        assert eventually(lambda: page.evaluate(CUT), "a notice") == [False]
+        notices = page.locator(".mantine-Notification-closeButton")
+        while notices.count():
+            notices.first.click()
+            page.wait_for_timeout(500)
+
+        def read(text: str) -> bool:
+            return page.locator(".handtrack-note:visible", has_text=text).count() == 1
+
+        assert read("Word11"), "gone from the scene, not from the page"
+        view.press("Put away")
+        eventually(lambda: read("Press the button") and not read("Word11"), "the one before it")
+        bench.page.edit_pose({"root_tx": 0.01}, "Move")
+        eventually(lambda: not read("Press the button"), "it has done its work")
+        view.show_tab("Messages")
+        eventually(lambda: read("Press the button") and read("Word11"), "all can be read again")
