@@ -71,8 +71,13 @@ if (document.getElementById("handtrack-style") === null) {
   sheet.textContent = %s;
   document.head.append(sheet);
   // keys are heard by the document's root: a dialog's end before it, all but Escape, which closes it
+  let awaited = false;  // the palette, which takes a moment to open
   document.body.addEventListener("keydown", (event) => {
-    if (event.key !== "Escape" && document.querySelector('[role="dialog"]') !== null) event.stopPropagation();
+    const open = document.querySelector('[role="dialog"]') !== null;
+    if (event.key === "Escape") awaited = false;
+    else if (open || awaited) event.stopPropagation();
+    else awaited = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === (event.shiftKey ? "p" : "k");
+    if (open) awaited = false;
   });
 }
 """

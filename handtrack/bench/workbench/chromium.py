@@ -62,7 +62,10 @@ def chromium(size: tuple[int, int]) -> Iterator[tuple[Any, list[str]]]:
 
 
 def _hear(said: Any, errors: list[str]) -> None:
-    if said.type == "error" and not said.text.startswith(_NOISE):
+    given_up = said.location.get("url", "").startswith(
+        "blob:"
+    )  # a picture that a newer one replaced
+    if said.type == "error" and not given_up and not said.text.startswith(_NOISE):
         errors.append(said.text)
 
 
