@@ -312,7 +312,7 @@ class Workbench:
             for picture in pose.beside or ():
                 self._show(picture)
             if pose.beside is not None:
-                self.in_flight.told(pose.frame)
+                self.in_flight.show(pose.frame)
         for one in (*clients, self.server):
             one.flush()
         self._ready.set()

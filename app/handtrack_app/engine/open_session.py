@@ -368,7 +368,7 @@ class OpenSession:
         """Publish the pose; of a frame that is played, with its pictures."""
         pose = pose_snapshot(self.document)
         if is_played:
-            made = self.painter.painted(), self._masks.made()
+            made = self.painter.painted(), self._masks.picture()
             pose = replace(pose, beside=tuple(one for one in made if one is not None))
         self._announce(pose)
 

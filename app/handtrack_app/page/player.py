@@ -67,7 +67,7 @@ class InFlight:
             self._frames.clear()
             self._drawing = None
 
-    def told(self, frame: int) -> None:
+    def show(self, frame: int) -> None:
         """All that is of a frame was told: ask the page that edits, behind it. Where there is none, nobody is waited for."""
         editor = self._page.state.editor
         if editor is None or editor not in self._page.server.get_clients():

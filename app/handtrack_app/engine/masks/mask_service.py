@@ -72,12 +72,12 @@ class MaskService:
         moment = self._moment()
         self._render_thread.ask("masks", lambda: self._maker.picture(moment))
 
-    def made(self) -> MaskPicture | None:
+    def picture(self) -> MaskPicture | None:
         """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
         if not (self._on_all or self._screens):
             return None
         moment = self._moment()
-        made = self._render_thread.made("masks", lambda: self._maker.picture(moment))
+        made = self._render_thread.wait_for("masks", lambda: self._maker.picture(moment))
         return made if isinstance(made, MaskPicture) else None
 
     def _moment(self) -> MaskMoment:

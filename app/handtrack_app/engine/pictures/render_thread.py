@@ -44,7 +44,7 @@ class RenderThread:
         """Have something made and published; a waiting order of this kind is dropped."""
         self._mail.put(_Order(kind, make))
 
-    def made(self, kind: str, make: Make) -> Snapshot | None:
+    def wait_for(self, kind: str, make: Make) -> Snapshot | None:
         """Have something made, and wait for it; None where it cannot be."""
         made, done = list[Snapshot | None](), threading.Event()
 
