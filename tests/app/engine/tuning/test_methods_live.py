@@ -25,7 +25,7 @@ def store(tmp_path: Path) -> Persistence:
     """A user had changed two settings, of which the papers' methods set one to what it is then."""
     store = opened(tmp_path)
     did(store, edits.setting("keypoints.weight", 0.0))
-    did(store, edits.setting("cloud.balance", 0.3))
+    did(store, edits.setting("edges.sigma_px", 3.0))
     return store
 
 
@@ -39,7 +39,7 @@ def test_a_method_sets_all_that_it_has_and_undo_takes_all_back(
     now = document.run.settings
     assert (now.method, now.traits) == (name, METHODS[name].traits)
     assert METHODS[name].values.items() <= now.flat().items()
-    assert now.cloud.balance == 0.3  # no method says it
+    assert now.edges.sigma_px == 3.0  # no method says it
     store.undo()
     assert document.run.settings == before
 
@@ -48,7 +48,7 @@ def test_from_method_to_method_and_home_again(store: Persistence) -> None:
     document = store.document
     for name in (*PAPERS, "default"):
         did(store, edits.method(document, name))
-    usual = TrackerSettings().with_values({"cloud.balance": 0.3})
+    usual = TrackerSettings().with_values({"edges.sigma_px": 3.0})
     assert document.run.settings == usual
 
 
@@ -69,7 +69,7 @@ def test_the_command_line_is_told_no_more_than_it_needs(store: Persistence) -> N
     did(store, edits.method(document, "paper2004"))
     did(store, edits.setting("solver.iterations", 20))
     said = to_be_said(document.run.settings.flat(), own)
-    assert said == {"method": "paper2004", "cloud.balance": 0.3, "solver.iterations": 20}
+    assert said == {"method": "paper2004", "edges.sigma_px": 3.0, "solver.iterations": 20}
     assert TrackerSettings().with_values(said) == document.run.settings
 
 
