@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Floats, H, Ints, J, K, W, check_shape
+from handtrack.arrays import D2, D3, Array, Axes, Floats, H, Ints, J, K, W, check_shape
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
@@ -90,7 +90,7 @@ class Keypoints:
 
     def __post_init__(self) -> None:
         """Take lists for arrays. Raises HandtrackError where they do not fit together."""
-        _check_points(self, "positions", 3, self.sigma_m)
+        _check_points(self, "positions", 3, np.asarray(self.sigma_m))
 
     @property
     def count(self) -> int:
@@ -106,13 +106,14 @@ class ImageKeypoints:
     names: tuple[str, ...]
     pixels: Floats[J, D2]
     """[px], NaN where unknown."""
-    sigma_px: float
-    confidence: Floats[J] | None = None
-    """as the detector states it, 0 to 1; None where it was not kept"""
+    sigma_px: Floats[J]
+    """[px] standard deviation of each point in each direction; one number given stands for all"""
 
     def __post_init__(self) -> None:
         """Take lists for arrays. Raises HandtrackError where they do not fit together."""
+        object.__setattr__(self, "sigma_px", np.asarray(self.sigma_px, float))
         _check_points(self, "pixels", 2, self.sigma_px)
+        object.__setattr__(self, "sigma_px", np.broadcast_to(self.sigma_px, len(self.names)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,14 +176,16 @@ def check_kind(value: object, kinds: type | tuple[type, ...], where: str, how: s
 
 
 def _check_points(
-    points: Keypoints | ImageKeypoints, field_name: str, width: int, sigma: float
+    points: Keypoints | ImageKeypoints, field_name: str, width: int, sigma: Floats[*Axes]
 ) -> None:
     names = tuple(points.names)
     values = np.asarray(getattr(points, field_name), float)
     check_shape(values, (len(names), width), f"{field_name} of {len(names)} keypoints")
-    if not sigma > 0.0:
+    if sigma.ndim:
+        check_shape(sigma, (len(names),), f"sigma_px of {len(names)} keypoints")
+    if not (sigma > 0.0).all():
         raise HandtrackError(
-            f"keypoints: their standard deviation is {sigma}; expected a number above 0: how far off they usually are."
+            f"keypoints: their standard deviation is {sigma}; expected numbers above 0: how far off they usually are."
         )
     object.__setattr__(points, "names", names)
     object.__setattr__(points, field_name, values)

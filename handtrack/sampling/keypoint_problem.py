@@ -177,9 +177,9 @@ def _observations(
     for seen in observed:
         in_space = isinstance(seen, Keypoints)
         places = seen.positions if in_space else seen.pixels
-        sigma = seen.sigma_m if in_space else seen.sigma_px
+        sigmas = np.broadcast_to(seen.sigma_m if in_space else seen.sigma_px, len(places))
         index = -1 if in_space else cameras.index(seen.camera)
-        for name, place in zip(seen.names, places, strict=True):
+        for name, place, sigma in zip(seen.names, places, sigmas, strict=True):
             if name not in model.joint_names:
                 raise unknown_name(
                     "joint", name, model.joint_names, f"the keypoints of {model.name}"
@@ -188,7 +188,7 @@ def _observations(
                 target = np.zeros(3)
                 target[: len(place)] = place
                 meant = (model.joint_names.index(name), in_space)
-                rows.append((meant, index, target, 1.0 / sigma**2))
+                rows.append((meant, index, target, 1.0 / float(sigma) ** 2))
     rows.sort(key=lambda row: (row[0], row[1]))
     meant = sorted({row[0] for row in rows})
     starts = np.cumsum([0, *(sum(row[0] == m for row in rows) for m in meant)])

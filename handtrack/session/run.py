@@ -27,7 +27,7 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.image_first_pose import poses_from_images
 from handtrack.session.idle_settings import idle_settings
-from handtrack.session.seen.joint_errors import joint_errors
+from handtrack.session.seen.joint_errors import joint_sigma_px
 from handtrack.session.seen.look_ahead import LookAhead
 from handtrack.session.seen.seen_keypoints import of_model
 from handtrack.session.session import Session
@@ -338,8 +338,9 @@ def _seen(
     silhouettes, cloud = settings.silhouettes.weight > 0, settings.cloud.weight > 0
     seen = session.observation(frame, silhouettes, cloud, near)
     if settings.keypoints.weight > 0:
-        errors, least = joint_errors(tuple(session.views)), settings.keypoints.sigma_px
-        points = tuple(p for view in session.views for p in view.keypoints(frame, least, errors))
+        measured = None if settings.keypoints.sigma_px else joint_sigma_px(tuple(session.views))
+        sigma = measured or settings.keypoints.detected_px
+        points = tuple(p for view in session.views for p in view.keypoints(frame, sigma))
         seen = replace(seen, keypoints=points) if points else seen
     return replace(seen, images=session.images(frame)) if settings.looks_at_images else seen
 

@@ -18,9 +18,9 @@ from handtrack.terms.term_table import (
 )
 
 
-@TermKernel("i8 f8 f8 f8 f8")
+@TermKernel("i8 f8 f8 f8 f8 f8")
 def keypoint_kernel(term, place, width):  # pragma: no cover - compiled
-    """Table: bone (K,), point (K, 3), target (K, 2) px or (K, 3) m, projection (3, 4) or (0, 4), and [σ, loss, scale, weight]."""
+    """Table: bone (K,), point (K, 3), target (K, 2) px or (K, 3) m, projection (3, 4) or (0, 4), σ (K,), and [loss, scale, weight]."""
     rotation, position = array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64)
     reference, gradient = array1(place, REFERENCE, np.float64), array1(place, GRADIENT, np.float64)
     hessian = array2(place, HESSIAN, np.float64)
@@ -29,12 +29,13 @@ def keypoint_kernel(term, place, width):  # pragma: no cover - compiled
         array2(term, 1, np.float64),
         array2(term, 2, np.float64),
     )
-    camera, chosen = array2(term, 3, np.float64), array1(term, 4, np.float64)
-    sigma, weight, rows = chosen[0], chosen[3], target.shape[1]
+    camera, deviation = array2(term, 3, np.float64), array1(term, 4, np.float64)
+    chosen, rows = array1(term, 5, np.float64), target.shape[1]
+    weight = chosen[2]
     world, residual, slope, row = np.empty(3), np.empty(3), np.zeros((3, 3)), np.empty(6)
     image, cost = np.empty(3), 0.0
     for k in range(bone.shape[0]):
-        b = bone[k]
+        b, sigma = bone[k], deviation[k]
         for i in range(3):
             world[i] = position[b, i]
             for j in range(3):
@@ -58,7 +59,7 @@ def keypoint_kernel(term, place, width):  # pragma: no cover - compiled
         square = 0.0
         for i in range(rows):
             square += residual[i] * residual[i]
-        value, size = counted(np.int64(chosen[1]), chosen[2], square)
+        value, size = counted(np.int64(chosen[0]), chosen[1], square)
         cost += value
         if width == 0:
             continue

@@ -46,12 +46,12 @@ class KeypointTerm:
         bone, own, targets, sigma = self._places
         points = bones.to_world(bone, own)
         if isinstance(self.observed, Keypoints):
-            difference = (points - targets) / sigma
-            directions = np.tile(np.eye(3) / sigma, (len(points), 1, 1))
+            difference = (points - targets) / sigma[:, None]
+            directions = np.eye(3) / sigma[:, None, None]
         else:
             camera = self.observed.camera
-            difference = (camera.project(points) - targets) / sigma
-            directions = camera.project_jacobian(points) / sigma
+            difference = (camera.project(points) - targets) / sigma[:, None]
+            directions = camera.project_jacobian(points) / sigma[:, None, None]
         count, width = difference.shape
         squared = (difference**2).sum(axis=1)
         weight = self.weight * np.repeat(self.loss.weight(squared), width)
@@ -67,14 +67,14 @@ class KeypointTerm:
         return isinstance(self.observed, ImageKeypoints)
 
     @property
-    def _places(self) -> tuple[Ints[K], Floats[K, D3], Floats[K, *Axes], float]:
-        """Bones, points in their frames [m], where they were seen, and sigma, of what is known."""
+    def _places(self) -> tuple[Ints[K], Floats[K, D3], Floats[K, *Axes], Floats[K]]:
+        """Bones, points in their frames [m], where they were seen, and each one's sigma, of what is known."""
         if isinstance(self.observed, ImagePins):
             return *pinned_places(self.model, self.observed.pins), *_targets(self.observed)
         targets, sigma = _targets(self.observed)
         joint = self._joints
-        own = points_meant(self.model, self.observed)[joint]
-        return self.model.joint_bone[joint], own, targets[_are_known(targets)], sigma
+        own, known = points_meant(self.model, self.observed)[joint], _are_known(targets)
+        return self.model.joint_bone[joint], own, targets[known], sigma[known]
 
     @property
     def _joints(self) -> Ints[K]:
@@ -125,7 +125,7 @@ class KeypointTerm:
             camera = self.observed.camera.projection
         return [
             TermTable(
-                keypoint_kernel, bone, own, targets, camera, np.array([sigma, kind, scale, self.weight]),
+                keypoint_kernel, bone, own, targets, camera, sigma, np.array([kind, scale, self.weight], float),
             )
         ]  # fmt: skip
 
@@ -158,10 +158,11 @@ def _index(names: Sequence[str], name: str, kind: str, where: str) -> int:
     return list(names).index(name)
 
 
-def _targets(observed: Observed) -> tuple[Floats, float]:
+def _targets(observed: Observed) -> tuple[Floats, Floats]:
+    """Return where points were seen, and each one's sigma."""
     if isinstance(observed, Keypoints):
-        return observed.positions, observed.sigma_m
-    return observed.pixels, observed.sigma_px
+        return observed.positions, np.full(len(observed.positions), observed.sigma_m)
+    return observed.pixels, np.broadcast_to(observed.sigma_px, len(observed.pixels))
 
 
 def _are_known(targets: Floats) -> Array[K]:

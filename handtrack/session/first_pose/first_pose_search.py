@@ -127,7 +127,7 @@ def _looking(run: TrackingRun) -> Callable[[int], Observation]:
         return run.seen
 
     def look(frame: int) -> Observation:
-        joints = joints_of_frame(session, frame, detector, run.settings.keypoints.sigma_px)
+        joints = joints_of_frame(session, frame, detector, run.settings.keypoints.detected_px)
         seen = run.seen(frame)
         return replace(seen, keypoints=(*seen.keypoints, *joints))
 

@@ -107,7 +107,10 @@ def image_keypoints(
         flat = camera.without_distortion()
         found.append(
             ImageKeypoints(
-                flat, keypoint_names(), camera.undistort_points(pixels), settings.keypoints.sigma_px
+                flat,
+                keypoint_names(),
+                camera.undistort_points(pixels),
+                settings.keypoints.detected_px,
             )
         )
     return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +22,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.layout import matching_files
 
-# confidences below which a point counts as missing, and with half its weight
-_LEAST, _SURE = (0.3, 0.6)
-_UNSURE = 2.0  # times sigma of points between the two
-_STEPS = 2.0  # in which sigma is graded, for each doubling
+_LEAST = 0.3  # confidence below which a point counts as missing; above, it says nothing of the error (docs/experiments.md)
 NO_JOINTS = (
     "a body (model '{model}') is found by 2D joints only, and no camera has any that count. Detect them with a program such as "
     'OpenPose, and name their files: keypoints = "pose/cam0/*.json" and keypoint_layout = "body_25" in [[camera]] of session.toml.'
@@ -54,31 +51,7 @@ def joints_of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypo
     """Return the joints that a model has."""
     rows = [i for i, name in enumerate(seen.names) if name in model.joint_names]
     names = tuple(seen.names[i] for i in rows)
-    return ImageKeypoints(seen.camera, names, seen.pixels[rows], seen.sigma_px)
-
-
-@dataclass(frozen=True)
-class JointErrors:
-    """How far a detector's joints are off, by the confidence that it states."""
-
-    px: float = 0.0
-    """standard deviation in each direction at the usual confidence; 0 where it is not known"""
-    power: float | None = None
-    """with which they grow as confidence falls, (confidence / usual)^−power; None where that is not known"""
-    usual: float = 1.0
-
-    def sigma_px(self, confidence: Floats[J], least_px: float) -> Floats[J]:
-        """Return each joint's standard deviation, `least_px` at least; in steps, so that few sets tell all of them."""
-        whole = max(least_px, self.px)
-        if self.power is None:
-            return np.where(confidence >= _SURE, whole, _UNSURE * whole)
-        ratio = self.px / least_px * (np.maximum(confidence, _LEAST) / self.usual) ** -self.power
-        steps = np.ceil(_STEPS * np.log2(np.maximum(ratio, 1.0)) - 0.5)
-        return least_px * 2.0 ** (steps / _STEPS)
-
-
-TWO_STEPS = JointErrors()
-"""of a detector whose errors are not known: sure joints, and others twice as far off"""
+    return ImageKeypoints(seen.camera, names, seen.pixels[rows], seen.sigma_px[rows])
 
 
 class KeypointFiles:
@@ -104,25 +77,14 @@ class KeypointFiles:
         """What was odd so far, in plain sentences."""
         return self._notes.texts
 
-    def read(
-        self, frame: int, least_px: float, errors: JointErrors = TWO_STEPS
-    ) -> tuple[ImageKeypoints, ...]:
-        """Return the tallest person's joints in the undistorted image, in sets of one sigma each, the surest first.
-
-        least_px: of the surest ones.
-        """
+    def read(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
+        """Return the tallest person's joints in the undistorted image, all as exact as sigma_px; none where none were found."""
         rows = self._rows(frame)
         if rows is None:
             return ()
-        names = tuple(self.layout.points)
         straight = self.camera.undistort_points(rows[:, :2])
-        confidence = np.where(np.isfinite(straight).all(axis=1), rows[:, 2], 0.0)
-        sigma, known = errors.sigma_px(confidence, least_px), confidence >= _LEAST
-        sets = []
-        for one in np.unique(sigma[known]).tolist():
-            pixels = np.where((known & (sigma == one))[:, None], straight, np.nan)
-            sets.append(ImageKeypoints(self.flat, names, pixels, one, confidence))
-        return tuple(sets)
+        straight[rows[:, 2] < _LEAST] = np.nan
+        return (ImageKeypoints(self.flat, tuple(self.layout.points), straight, sigma_px),)
 
     def as_taken(self, frame: int) -> dict[str, Floats[D2]]:
         """Return the same joints by name, in the image as it was taken [px]; those that count as missing are left out."""

@@ -34,7 +34,7 @@ from handtrack.session.seen.corrected_masks import CorrectedMasks
 from handtrack.session.seen.lessons import Lessons
 from handtrack.session.seen.mask_seeds import JointSeeds
 from handtrack.session.seen.memory import Memory
-from handtrack.session.seen.seen_keypoints import TWO_STEPS, JointErrors, KeypointFiles
+from handtrack.session.seen.seen_keypoints import KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings, wrong_together
 
@@ -220,13 +220,11 @@ class View:
         image = self.image(frame)
         return None if image is None else undistort_image(self.camera, image)
 
-    def keypoints(
-        self, frame: int, least_px: float, errors: JointErrors = TWO_STEPS
-    ) -> tuple[ImageKeypoints, ...]:
-        """Return the frame's 2D joints in the undistorted image, as exact as `errors` say; none where none were found."""
+    def keypoints(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
+        """Return the frame's 2D joints in the undistorted image, as exact as sigma_px; none where none were found."""
         own = self.own_frame(frame)
         files = self.keypoint_files
-        return () if files is None or own is None else files.read(own, least_px, errors)
+        return () if files is None or own is None else files.read(own, sigma_px)
 
     @property
     def _joint_count(self) -> int:

@@ -22,6 +22,7 @@ _DISTANCES = {
     "d3": "d3 is d1 inside and d2 outside: nowhere without bound, and nearest to the truth.",
 }
 _FINGERS = ("index", "middle", "ring", "little")
+_JOINT_SIGMA_PX = 5.0  # MediaPipe's joints are 4 to 5 px from where two cameras agree on them (real hands of 640 x 480 px)
 
 
 @dataclass(frozen=True)
@@ -185,9 +186,14 @@ class KeypointSettings:
         label="Point error mm", level="user", unit="mm", above=0.0, slider=(1.0, 30.0, 0.5),
     )  # fmt: skip
     sigma_px: float = setting(
-        5.0, "How far a detector's 2D joints are from the model's, where it is sure of them; more where two cameras' joints "
-        "disagree by more.", label="Joint error px", level="user", unit="px", above=0.0, slider=(0.5, 40.0, 0.5),
+        0.0, "Standard deviation of a detector's 2D joints. 0: as the recording's own cameras disagree, 5 px where they cannot "
+        "tell.", label="Joint error px", level="user", unit="px", low=0.0, slider=(0.0, 40.0, 0.5),
     )  # fmt: skip
+
+    @property
+    def detected_px(self) -> float:
+        """Standard deviation of detected joints where no recording tells it [px]."""
+        return self.sigma_px or _JOINT_SIGMA_PX
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,9 @@ class CameraChanges:
     ahead: tuple[int, ...]
     """which of a camera's images is looked at beside a frame, in frames after it: what is late by whole frames"""
 
+    is_fixed: bool = False
+    """whether they stay as they are"""
+
     @classmethod
     def none(cls, cameras: Sequence[Camera] = ()) -> CameraChanges:
         return cls(tuple(cameras), np.zeros((len(cameras), 8)), (0,) * len(cameras))
@@ -67,15 +70,23 @@ class CameraChanges:
 
     @property
     def count(self) -> int:
-        """How many numbers there are in all."""
-        return self.values.size
+        """How many numbers there are to find."""
+        return 0 if self.is_fixed else self.values.size
+
+    def fixed(self) -> CameraChanges:
+        """Return the same, known from now on."""
+        return replace(self, is_fixed=True)
 
     def stepped(self, step: Floats[K]) -> CameraChanges:
         """Return the changes after a step of all numbers."""
+        if self.is_fixed:
+            return self
         return replace(self, values=self.values + step.reshape(self.values.shape))
 
     def prior(self) -> JointSystem:
         """Return what is known of them before anything is seen, by all numbers (K,)."""
+        if self.is_fixed:
+            return JointSystem(0.0, np.zeros(0), np.zeros((0, 0)))
         plain, late = self.values[:, :LATE] / _SIGMA, self.late
         told = 1.0 / (_LATE_FRAMES**2 + late**2)
         cost = 0.5 * (plain**2).sum() - 0.5 * np.log(told * _LATE_FRAMES**2).sum()
@@ -126,7 +137,7 @@ class CameraChanges:
         by_camera[:, :, LATE] = velocity
         by_camera[:, PLACE, LATE] = velocity[:, PLACE] @ (zoom @ turn).T
         by_camera[:, TURN, LATE] = velocity[:, TURN] @ turn.T
-        return SeenPoses(found, by_pose, by_camera)
+        return SeenPoses(found, by_pose, by_camera[:, :, : 0 if self.is_fixed else 8])
 
     def whole_frames(self) -> CameraChanges:
         """Return the same where other images of a camera are looked at, as soon as one is clearly nearer in time."""

@@ -195,6 +195,8 @@ class Evidence:
     """those that may change, and how they do"""
     person: PersonChange | None = None
     """where something of the person may change"""
+    wide: bool = False
+    """whether detected joints pull from however far: where cameras are corrected, whose errors look like the joints'"""
     new: float = 1.0
     """share of what one camera's joints say, where they are all that was seen, that earlier frames did not say: their errors
     last (`new_share`)"""
@@ -259,6 +261,8 @@ class Evidence:
         observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
+        if self.wide:
+            terms = replace(terms, keypoints=terms.wide_keypoints)
         share = 1.0 if only_camera(terms) is None else self.new
         if frame in self.keyframes:
             terms = replace(terms, priors=(*terms.priors, self.keyframes[frame]))

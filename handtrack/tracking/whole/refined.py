@@ -120,6 +120,8 @@ def refined(
     looks = _looks(evidence, [n for n in numbers if n not in lost])
     if who is not None and looks:
         evidence = replace(evidence, person=PersonChange.of(model, looks, who))
+    detected = any(isinstance(one, ImageKeypoints) for seen, _ in looks for one in seen.keypoints)
+    evidence = replace(evidence, wide=detected)
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     cameras = CameraChanges.none()
     if found is not None and corrects_cameras and seconds * len(numbers) >= _MOVED_S:
@@ -143,15 +145,23 @@ def refined(
             )
             if again is None or found.costs.mean() - again.costs.mean() > asked:
                 found = again
+    through = found
+    if found is not None and detected:
+        evidence = replace(
+            evidence.sharing(found.shared.through(found.cameras.fixed())), wide=False
+        )
+        found = estimate_whole(
+            evidence, numbers, found.poses, control.should_stop, control.on_refined
+        )
     several = list[Way]()
     if found is not None and settings.tracker.hypotheses > 1 and evidence.new <= MOSTLY_NEW:
         several = several_ways(
             Way(found, evidence, "followed"), numbers, settings.tracker.hypotheses, control
         )
         found, evidence = several[0].found, several[0].evidence
-    if found is None or control.should_stop():
+    if found is None or through is None or control.should_stop():
         return list(live)
-    refinement = Refinement.of(found)
+    refinement = Refinement.of(found, through)
     control.on_shared(refinement.text)
     evidence = evidence.sharing(found.shared)
     if who is not None and refinement.scale is not None:

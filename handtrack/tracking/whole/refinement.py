@@ -74,11 +74,11 @@ class Refinement:
     """the person, where something of them was found too"""
 
     @classmethod
-    def of(cls, found: WholeEstimate) -> Refinement:
-        """Return what an estimate found."""
-        changes = found.cameras
-        split, person = changes.count, found.shared.person
-        std = np.sqrt(np.diag(found.shared_covariance)[:split]).reshape(-1, 8)
+    def of(cls, found: WholeEstimate, cameras: WholeEstimate | None = None) -> Refinement:
+        """Return what an estimate found; cameras: the one that corrected the cameras, if it was another."""
+        corrected_by = cameras or found
+        changes, person = corrected_by.cameras, found.shared.person
+        std = np.sqrt(np.diag(corrected_by.shared_covariance)[: changes.count]).reshape(-1, 8)
         units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0])
         cameras = []
         for camera, corrected, values, spread, late in zip(
@@ -92,7 +92,7 @@ class Refinement:
                     -float(late), tuple((units * spread).round(4).tolist()),
                 )
             )  # fmt: skip
-        known = found.shared_covariance[split:, split:]
+        known = found.shared_covariance[found.cameras.count :, found.cameras.count :]
         scale = person.scale(known) if person.count else None
         return cls(found.why, found.sweeps, tuple(cameras), scale)
 

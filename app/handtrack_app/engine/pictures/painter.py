@@ -100,8 +100,8 @@ class Painter:
     def _joints(self, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
         """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""
         document = self._document
-        model, least_px = document.model, document.run.settings.keypoints.sigma_px
-        seen = document.run.session.view(camera).keypoints(frame, least_px)
+        model, sigma_px = document.model, document.run.settings.keypoints.detected_px
+        seen = document.run.session.view(camera).keypoints(frame, sigma_px)
         places = model.joint_positions(bones)
         pairs = [joint_pairs(joints, model.joint_names, places) for joints in seen]
         return np.concatenate([np.zeros((0, 2, 2)), *pairs])
