@@ -130,9 +130,9 @@ def twisted(bones: BonePoses, twists: Floats) -> BonePoses:
     arm = bones.position - bones.reference
     arm = arm if more is None else arm * more[:, None]
     position = bones.reference + np.einsum("bij,bj->bi", turn, arm) + twists[:, :3]
-    growth = (
-        bones.growth if more is None else more * (1.0 if bones.growth is None else bones.growth)
-    )
+    growth = bones.growth
+    if more is not None:
+        growth = more[:, None] * (np.ones((len(more), 3)) if growth is None else growth)
     return replace(bones, rotation=turn @ bones.rotation, position=position, growth=growth)
 
 

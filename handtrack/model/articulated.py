@@ -42,7 +42,7 @@ class HandScale:
     parts: dict[str, float] = field(default_factory=dict)
     """by group of bones: `thumb` … `little`, `forearm`; of a body `trunk`, `thighs` …; 1 where absent"""
     proportions: dict[str, float] = field(default_factory=dict)
-    """of a body, by name: where hips, clavicles and skull sit, in standard deviations of adults; 0 where absent"""
+    """by name, as the definition has them: breadths, depths, places of joints, in standard deviations of adults; 0 where absent"""
     offsets_mm: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     """by joint: where a detector sees it, from the joint, in its bone's frame [mm of the mean adult's right hand]; 0 where absent"""
     std: dict[str, float] = field(default_factory=dict, compare=False)
@@ -53,6 +53,18 @@ class HandScale:
     def factor(self, group: str) -> float:
         """Return the factor of a group of bones: `palm`, a finger, `forearm`."""
         return self.overall * self.parts.get(group, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Proportions:
+    """What a standard deviation of each of K proportions changes at the bones."""
+
+    moves: Floats[K, B, D3]
+    """of each bone's proximal end, in its parent's frame [m]"""
+    stretch: Floats[K, B, D3]
+    """logarithms of scale factors along each bone's own axes, of all that is fixed to it"""
+    shift: Floats[K, B, D3]
+    """of each bone's ellipsoids, in its frame [m]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +96,8 @@ class ArticulatedModel:
     """[rad] widths of the prior that holds hard-to-measure freedoms near rest, infinite for others; None: none"""
     proportion_names: tuple[str, ...] = ()
     """internal proportions that a person's scale may have"""
-    proportion_moves: Floats[K, B, D3] | None = None
-    """by how much a standard deviation of each shifts each bone's proximal end in its parent's frame [m]"""
+    proportions: Proportions | None = None
+    """what a standard deviation of each does; None: there are none"""
     groups: tuple[str, ...] = ()
     """(B,) which part of a person's size each bone belongs to: `palm`, a finger, `thighs` …"""
     offset: Floats[J, D3] | None = None

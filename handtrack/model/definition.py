@@ -56,11 +56,17 @@ class Coupling(TypedDict):
 
 
 class Proportion(TypedDict):
-    """What one standard deviation of a person's proportion moves."""
+    """What one standard deviation of a person's proportion changes; keys are bones, `*` stands for any characters."""
 
     name: Name
-    sigma_mm: Number
-    moves: dict[str, Point]
+    sigma_mm: NotRequired[Number]
+    """of `moves`, 1 unless given"""
+    moves: NotRequired[dict[str, Point]]
+    """directions in which bones' heads move, in the hand's or body's frame"""
+    stretch: NotRequired[dict[str, Point]]
+    """logarithms of scale factors along a bone's own axes: width, length, depth"""
+    shift: NotRequired[dict[str, Point]]
+    """of a bone's ellipsoids, in its own frame [mm]"""
 
 
 class Narrowing(TypedDict):

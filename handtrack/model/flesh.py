@@ -51,8 +51,19 @@ class Ellipsoids:
         """Return the ellipsoids as large as the bones are."""
         if bones.growth is None:
             return self
-        centre, radii = (bones.grown(self.bone, each) for each in (self.centre, self.radii))
-        return replace(self, centre=centre, radii=radii)
+        shift = 0.0 if bones.shift is None else bones.shift[self.bone]
+        return self.scaled(bones.growth[self.bone], shift)
+
+    def scaled(self, factors: Floats[E, D3], shift: Floats[E, D3] | float = 0.0) -> Ellipsoids:
+        """Return the ellipsoids after scaling by factors along the axes of their bones, and a shift [m]."""
+        if np.array_equal(self.rotation, np.broadcast_to(np.eye(3), self.rotation.shape)):
+            rotation, radii = self.rotation, self.radii * factors
+        else:  # the axes of the scaled ellipsoid: D = M Mᵀ, M = diag(factors) R diag(r)
+            rotation, radii, _ = np.linalg.svd(
+                factors[:, :, None] * self.rotation * self.radii[:, None, :]
+            )
+            rotation[np.linalg.det(rotation) < 0, :, 2] *= -1.0
+        return replace(self, centre=self.centre * factors + shift, rotation=rotation, radii=radii)
 
     def subset(self, keep: Array[E]) -> Ellipsoids:
         """Return only the ellipsoids for which `keep` is True."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, D6, Axes, B, Floats, Ints, S, check_shape
+from handtrack.arrays import D3, D4, D6, Array, Axes, B, Floats, Ints, N, S, check_shape
 from handtrack.model.kinematics_kernels import pose_bones, twist_columns
 from handtrack.model.root_turn_kernels import turn_root
 from handtrack.model.skeleton import Skeleton
@@ -22,8 +22,10 @@ class BonePoses:
     """bone frame → world."""
     position: Floats[B, D3]
     """proximal end of each bone, world [m]."""
-    growth: Floats[B] | None = None
-    """how much larger each bone is than what is fixed to it was made for, about its proximal end; None: nowhere."""
+    growth: Floats[B, D3] | None = None
+    """scale factors of each bone, along its own axes about its proximal end, of all that is fixed to it; None: 1."""
+    shift: Floats[B, D3] | None = None
+    """of the ellipsoids on each bone, in its frame [m]; None: 0."""
 
     @property
     def T_world_bone(self) -> Floats[B, D4, D4]:
@@ -41,7 +43,45 @@ class BonePoses:
 
     def grown(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
         """Return points of a bone's frame [m] where its growth has moved them, in that frame."""
-        return points if self.growth is None else points * self.growth[bone][..., None]
+        return points if self.growth is None else points * self.growth[bone]
+
+
+@dataclass(frozen=True, eq=False)
+class BoneFields:
+    """How points fixed to each bone move with each of N unknowns: dX = velocity + gradient (X − o), world axes, about the poses'
+    reference o.
+    """
+
+    velocity: Floats[B, D3, N]
+    """of joints and landmarks"""
+    gradient: Floats[B, D3, D3, N]
+    """antisymmetric where a bone only turns, symmetric where it only grows"""
+    ellipsoids: Floats[B, D3, N]
+    """velocity of what is on the bone's ellipsoids"""
+
+    @classmethod
+    def of_twists(cls, twists: Floats[B, D6, N]) -> BoneFields:
+        """Return the fields of bones that move and turn."""
+        x, y, z = np.moveaxis(twists[:, 3:], 1, 0)
+        none = np.zeros_like(x)
+        turn = np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
+        return cls(twists[:, :3], np.moveaxis(turn, 2, 0), twists[:, :3])
+
+    def beside(self, other: BoneFields) -> BoneFields:
+        """Return the fields of these unknowns, then those."""
+        return BoneFields(
+            np.concatenate([self.velocity, other.velocity], axis=-1),
+            np.concatenate([self.gradient, other.gradient], axis=-1),
+            np.concatenate([self.ellipsoids, other.ellipsoids], axis=-1),
+        )
+
+    def chosen(self, unknowns: Array[N]) -> BoneFields:
+        """Return those of some unknowns."""
+        return BoneFields(
+            self.velocity[..., unknowns],
+            self.gradient[..., unknowns],
+            self.ellipsoids[..., unknowns],
+        )
 
 
 def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats, Floats]:
@@ -64,7 +104,8 @@ def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats, 
         position,
         axis_world,
     )
-    return BonePoses(params[:3].copy(), rotation, position, skeleton.growth), axis_world, root[1]
+    poses = BonePoses(params[:3].copy(), rotation, position, skeleton.growth, skeleton.shift)
+    return poses, axis_world, root[1]
 
 
 def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
+from fnmatch import fnmatchcase
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -13,7 +15,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D3, B, Floats, Ints
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
@@ -25,6 +27,7 @@ from handtrack.model.articulated import (
     UNNAMED_LANDMARKS,
     ArticulatedModel,
     HandScale,
+    Proportions,
 )
 from handtrack.model.definition import Definition, Narrowing, extended
 from handtrack.model.flesh import Ellipsoids
@@ -256,20 +259,25 @@ def _build(
             "bone must come after its parent."
         )
     offset, rest_rotation = np.zeros((len(rows), 3)), np.stack([np.eye(3)] * len(rows))
+    known = tuple(row["name"] for row in table.get("proportion", []))
+    for name in size.proportions:
+        if name not in known:
+            raise unknown_name("proportion", name, known, f"the model {table['name']}")
+    values = np.array([size.proportions.get(name, 0.0) for name in known])
+    person = _proportions(table.get("proportion", []), names, parent, frames, side)
+    factors = np.array([factor[name] for name in names])[:, None] * np.exp(
+        np.tensordot(values, person.stretch, axes=1)
+    )
+    by_parent = factors[parent]
     for b, p in enumerate(parent):
         if p >= 0:
-            offset[b] = frames[p].T @ (heads[b] - heads[p]) * factor[names[p]]
+            offset[b] = frames[p].T @ (heads[b] - heads[p])
             rest_rotation[b] = frames[p].T @ frames[b]
-    moves = {
-        row["name"]: _proportion_moves(row, names, parent, frames, factor)
-        for row in table.get("proportion", [])
-    }
-    for name, value in size.proportions.items():
-        if name not in moves:
-            raise unknown_name("proportion", name, tuple(moves), f"the model {table['name']}")
-        offset += value * moves[name]
+    offset = (offset + np.tensordot(values, person.moves, axes=1)) * by_parent
+    person = replace(person, moves=person.moves * by_parent, shift=person.shift * factors)
+    shift = np.tensordot(values, person.shift, axes=1)
     length = np.array([np.linalg.norm(np.subtract(b["tail"], b["head"])) for b in rows]) * _MM
-    length *= [factor[name] for name in names]
+    length *= factors[:, 1]
 
     hinges = [(b, f) for b, row in enumerate(rows) for f in row.get("freedoms", [])]
     axis = np.array([f["axis"] for _, f in hinges], dtype=float).reshape(-1, 3)
@@ -298,20 +306,21 @@ def _build(
         np.full(count, float(narrowing["to"])),
     )
     flesh = {
-        key: _ellipsoids(rows_e, names, factor, side) for key, rows_e in table["ellipsoids"].items()
+        key: _ellipsoids(rows_e, names, factors, shift, side)
+        for key, rows_e in table["ellipsoids"].items()
     }
     joints = [j for j in table["joints"].items() if j[1][0] in names]
     joint_bone = np.array([names.index(bone) for _, (bone, _) in joints])
     joint_point = np.stack(
         [
-            _place(place, side, float(length[b]), factor[names[b]])
+            _place(place, side, float(length[b]), factors[b])
             for b, (_, (_, place)) in zip(joint_bone, joints, strict=True)
         ]
     )
     seen = {name: _mirror(place, side) * _MM for name, place in size.offsets_mm.items()}
     offset = np.stack(
         [
-            seen.get(name, np.zeros(3)) * factor[names[b]]
+            seen.get(name, np.zeros(3)) * factors[b]
             for b, (name, _) in zip(joint_bone, joints, strict=True)
         ]
     )
@@ -331,8 +340,8 @@ def _build(
         offset=offset if seen else None,
         kind=table.get("kind", "hand"),
         stabilise=np.concatenate([np.full(6, np.inf), held]) if np.isfinite(held).any() else None,
-        proportion_names=tuple(moves),
-        proportion_moves=np.stack(list(moves.values())) if moves else None,
+        proportion_names=known,
+        proportions=person if known else None,
         groups=tuple(b["group"] for b in rows),
         superquadrics=read_superquadrics(parts, names, factor, f"model definition {table['name']}")
         if (parts := table.get("superquadric"))
@@ -341,24 +350,34 @@ def _build(
     )
 
 
-def _proportion_moves(
-    row: dict[str, Any],
-    bones: tuple[str, ...],
-    parent: Ints,
-    frames: Floats,
-    factor: dict[str, float],
-) -> Floats:
-    """Return by how much (B, 3) [m], in their parents' frames, a standard deviation of a proportion moves bones."""
-    moves = np.zeros((len(bones), 3))
-    for name, direction in row["moves"].items():
-        bone = bones.index(name)
-        above = parent[bone]
-        step = row["sigma_mm"] * _MM * np.array(direction, dtype=float)
-        moves[bone] = frames[above].T @ step * factor[bones[above]]
-    return moves
+def _proportions(
+    rows: list[dict[str, Any]], bones: tuple[str, ...], parent: Ints, frames: Floats, side: str
+) -> Proportions:
+    """Return what a standard deviation of each row changes, of a hand of scale 1."""
+    moves, stretch, shift = np.zeros((3, len(rows), len(bones), 3))
+    for k, row in enumerate(rows):
+        for b, direction in _of_bones(row.get("moves", {}), bones):
+            step = row.get("sigma_mm", 1.0) * _MM * _mirror(direction, side)
+            moves[k, b] = frames[parent[b]].T @ step
+        for b, logarithms in _of_bones(row.get("stretch", {}), bones):
+            stretch[k, b] = logarithms
+        for b, step in _of_bones(row.get("shift", {}), bones):
+            shift[k, b] = _mirror(step, side) * _MM
+    return Proportions(moves, stretch, shift)
 
 
-def _place(place: Any, side: str, length: float, factor: float) -> Floats:
+def _of_bones(table: dict[str, Any], bones: tuple[str, ...]) -> list[tuple[int, Any]]:
+    """Return the values of a table by the bones that its keys stand for. Raises HandtrackError for a key without any."""
+    found = []
+    for key, value in table.items():
+        own = [b for b, name in enumerate(bones) if fnmatchcase(name, key)]
+        found += [(b, value) for b in own]
+        if not own and key != "forearm":
+            raise unknown_name("bone", key, bones, "a proportion")
+    return found
+
+
+def _place(place: Any, side: str, length: float, factor: Floats[D3]) -> Floats:
     """Return a joint's place in its bone's frame (3,) [m]: the bone's head or tail, or a point [mm]."""
     if place == "head":
         return np.zeros(3)
@@ -382,10 +401,14 @@ def _couplings(
 
 
 def _ellipsoids(
-    rows: list[dict[str, Any]], bones: tuple[str, ...], factor: dict[str, float], side: str
+    rows: list[dict[str, Any]],
+    bones: tuple[str, ...],
+    factors: Floats[B, D3],
+    shift: Floats[B, D3],
+    side: str,
 ) -> Ellipsoids:
     kept = [row for row in rows if row["bone"] in bones]
-    size = np.array([factor[row["bone"]] for row in kept])[:, None] * _MM
+    bone = np.array([bones.index(row["bone"]) for row in kept])
     turns = rotation_matrix(np.deg2rad([row.get("rotation_deg", (0, 0, 0)) for row in kept]))
     if side == "left":
         flip = np.diag([-1.0, 1.0, 1.0])
@@ -393,8 +416,8 @@ def _ellipsoids(
     counted = [f"{row['bone']}_{i}" for i, row in enumerate(kept)]
     return Ellipsoids(
         name=tuple(counted),
-        bone=np.array([bones.index(row["bone"]) for row in kept]),
-        centre=np.stack([_mirror(row["centre"], side) for row in kept]) * size,
+        bone=bone,
+        centre=np.stack([_mirror(row["centre"], side) for row in kept]) * _MM,
         rotation=turns,
-        radii=np.array([row["radii"] for row in kept], dtype=float) * size,
-    )
+        radii=np.array([row["radii"] for row in kept], dtype=float) * _MM,
+    ).scaled(factors[bone], shift[bone])

@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D3, D7, B, Floats, J, N
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
-from handtrack.model.kinematics import BonePoses
+from handtrack.model.kinematics import BoneFields, BonePoses
 
 _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
 POPULATION_SIGMA = 0.065
@@ -60,7 +60,8 @@ class SizeParameters:
     where a detector sees joints.
 
     The first two are logarithms of factors over sigma: a bone grows about its proximal end by its part's factor, with
-    all that is fixed to it, and so moves what hangs on it. Mathematics: docs/derivations/size.md.
+    all that is fixed to it, and so moves what hangs on it. A proportion scales bones along their own axes, moves their heads, and shifts
+    their ellipsoids. Mathematics: docs/derivations/size.md.
     """
 
     model: ArticulatedModel
@@ -121,12 +122,13 @@ class SizeParameters:
         """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""
         more, skeleton = deviations - self._at, self.model.skeleton
         growth = np.exp(self._rates @ more)
-        offset = skeleton.offset
-        if self.model.proportion_moves is not None:
-            moves = self.model.proportion_moves
-            offset = offset + np.tensordot(more[self._proportions], moves, axes=1)
-        offset = offset * growth[skeleton.parent][:, None]
-        larger = replace(skeleton, offset=offset, length=skeleton.length * growth, growth=growth)
+        offset, shift = skeleton.offset, None
+        if self.model.proportions is not None:
+            by, known = more[self._proportions], self.model.proportions
+            offset = offset + np.tensordot(by, known.moves, axes=1)
+            shift = np.tensordot(by, known.shift, axes=1) * growth
+        offset, length = offset * growth[skeleton.parent], skeleton.length * growth[:, 1]
+        larger = replace(skeleton, offset=offset, length=length, growth=growth, shift=shift)
         seen = self.model.offset
         if self.seen:
             seen = (0.0 if seen is None else seen) + self.offset_moves @ more
@@ -143,30 +145,43 @@ class SizeParameters:
             at = slice(first + 3 * k, first + 3 * k + 3)
             for name, mirror in same.items():
                 joint = model.joint_names.index(name)
-                factor = model.scale.factor(model.groups[model.joint_bone[joint]])
+                factor = np.exp(self._rates[model.joint_bone[joint]] @ self._at)
                 moves[joint, :, at] = np.diag(self._offset_sigma_m * factor * side * mirror)
         return moves
 
-    def twists(self, bones: BonePoses) -> Floats[B, D7, N]:
-        """Return what each of the deviations adds to a bone's (v, ω, σ), world axes, about bones.reference.
+    def fields(self, bones: BonePoses) -> BoneFields:
+        """Return the velocities of points of each bone by each of the deviations.
 
-        bones: those of `grown`. A bone moves as far as those above it have grown, and does not turn.
+        bones: those of `grown`. A bone's head moves as far as those above it have grown, and no bone turns.
         """
-        skeleton, rates, growth = self.model.skeleton, self._rates, bones.growth
+        skeleton, growth = self.model.skeleton, bones.growth
         assert growth is not None
-        moves = self.model.proportion_moves
-        above = np.array(skeleton.parent[1:], int)
+        turn, above = bones.rotation, np.array(skeleton.parent[1:], int)
+        stretch = np.einsum("bij,bjn,bkj->bikn", turn, self._rates, turn)
         along = bones.position[1:] - bones.position[above]
-        further = np.zeros((*bones.position.shape, rates.shape[1]))
-        further[1:] = along[:, :, None] * rates[above][:, None, :]
-        if moves is not None:
-            turned = np.einsum("bij,kbj->bik", bones.rotation[above], moves[:, 1:])
-            further[1:, :, self._proportions] += growth[above][:, None, None] * turned
+        further = np.zeros((*bones.position.shape, self._rates.shape[2]))
+        further[1:] = np.einsum("bijn,bj->bin", stretch[above], along)
+        shift = np.zeros_like(further)
+        if (known := self.model.proportions) is not None:
+            grown = growth[above][:, :, None] * known.moves[:, 1:].transpose(1, 2, 0)
+            further[1:, :, self._proportions] += turn[above] @ grown
+            shift[:, :, self._proportions] = turn @ (
+                growth[:, :, None] * known.shift.transpose(1, 2, 0)
+            )
         moved = np.tensordot(self._carried, further, axes=1)
-        twists = np.zeros((len(moved), 7, rates.shape[1]))
-        arm = bones.position - bones.reference
-        twists[:, :3] = moved - arm[:, :, None] * rates[:, None, :]
-        twists[:, 6] = rates
+        at = moved - np.einsum("bijn,bj->bin", stretch, bones.position - bones.reference)
+        return BoneFields(at, stretch, at + shift)
+
+    def twists(self, bones: BonePoses) -> Floats[B, D7, N]:
+        """Return the same as (v, ω, σ) of each bone, world axes, about bones.reference: exact where all three axes grow alike; else σ is
+        their mean, and only the bones' heads move as they do.
+        """
+        fields, arm = self.fields(bones), bones.position - bones.reference
+        mean = np.trace(fields.gradient, axis1=1, axis2=2) / 3.0
+        twists = np.zeros((len(mean), 7, mean.shape[1]))
+        twists[:, :3] = fields.velocity + np.einsum("bijn,bj->bin", fields.gradient, arm)
+        twists[:, :3] -= arm[:, :, None] * mean[:, None, :]
+        twists[:, 6] = mean
         return twists
 
     @property
@@ -212,9 +227,11 @@ class SizeParameters:
 
     @cached_property
     def _rates(self) -> Floats:
-        """(B, N) by how much the logarithm of a bone's size grows with each deviation."""
-        rates = np.zeros((self.model.skeleton.bone_count, len(self.names)))
-        rates[:, 0] = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
+        """(B, 3, N) by how much the logarithms of a bone's factors grow with each deviation."""
+        rates = np.zeros((self.model.skeleton.bone_count, 3, len(self.names)))
+        rates[:, :, 0] = _HAND_SIGMA if self._is_hand else _BODY_SIGMA
         for k, (part, sigma) in enumerate(self._sigmas.items(), start=1):
-            rates[np.array(self.model.groups) == part, k] = sigma
+            rates[np.array(self.model.groups) == part, :, k] = sigma
+        if self.model.proportions is not None:
+            rates[:, :, self._proportions] = self.model.proportions.stretch.transpose(1, 2, 0)
         return rates

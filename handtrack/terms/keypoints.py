@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, D7, Array, Axes, B, Floats, Ints, J, K, N
+from handtrack.arrays import D3, Array, Axes, Floats, Ints, J, K, N
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics import BonePoses
+from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.observation.pins import ImagePins, Pin
 from handtrack.terms.bone_system import BoneSystem, JointSystem
@@ -98,19 +98,22 @@ class KeypointTerm:
         return self.rows(bones, growing=True).bone_system(len(bones.position))
 
     def linearize_sized(
-        self, bones: BonePoses, jacobian: Floats[B, D7, N], moves: Floats[J, D3, N]
+        self, bones: BonePoses, fields: BoneFields, moves: Floats[J, D3, N]
     ) -> JointSystem:
         """Return cost, gradient and Hessian by N unknowns.
 
-        jacobian: what each adds to the bones' twists and growth; moves: and to the points that a detector sees, in the bones'
-        frames before they grow [m].
+        fields: how each moves what is fixed to the bones; moves: and the points that a detector sees, in the bones' frames before
+        they grow [m].
         """
-        rows = self.rows(bones, growing=True)
-        derivative = np.einsum("kl,kln->kn", rows.twist, jacobian[rows.bone])
+        rows, (bone, own, *_) = self.rows(bones), self._places
+        arm = bones.to_world(bone, own) - bones.reference
+        moved = fields.velocity[bone] + np.einsum("kijn,kj->kin", fields.gradient[bone], arm)
         if isinstance(self.observed, ImageKeypoints):
-            joint = np.repeat(self._joints, 2)
-            along = np.einsum("ki,kij->kj", rows.twist[:, :3], bones.rotation[rows.bone])
-            derivative += np.einsum("kj,kjn->kn", bones.grown(rows.bone, along), moves[joint])
+            scaled = moves[self._joints]
+            scaled = scaled if bones.growth is None else bones.growth[bone][:, :, None] * scaled
+            moved += bones.rotation[bone] @ scaled
+        along = rows.twist[:, :3].reshape(len(bone), -1, 3)
+        derivative = (along @ moved).reshape(len(rows.residual), -1)
         weighted = derivative * rows.weight[:, None]
         return JointSystem(rows.cost, weighted.T @ rows.residual, weighted.T @ derivative)
 

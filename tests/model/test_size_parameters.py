@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import HandScale
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters
 from handtrack.model.surfaces.metaballs import MetaballSurface
 
 HAND = HandScale(0.93, {"thumb": 1.04, "little": 0.95, "forearm": 1.1})
+HAND = replace(HAND, proportions={"palm_breadth": 1.1, "thenar": -0.8, "finger_flesh": 0.7})
 BODY = HandScale(1.05, {"thighs": 1.06, "head": 0.97}, {"hip_width": 1.2, "clavicle_height": -0.7})
 
 
@@ -77,21 +82,49 @@ def test_a_grown_model_is_the_model_of_that_size(size, rng):
     np.testing.assert_allclose(*distances, atol=1e-12)
 
 
-def test_growth_moves_points_as_its_twists_say(size, rng):
-    """dX = v + σ (X − o) by each deviation, for a point that is fixed to a bone and grows with it."""
+def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
+    """dX = v + G (X − o), for a point that is fixed to a bone, and for the middle and the axes of an ellipsoid."""
     deviations, step = rng.normal(size=len(size.names)), 1e-6
     params, local = posed(size.model, rng), rng.normal(size=(len(size.model.groups), 3))
-    every = np.arange(len(local))
+    every, flesh = np.arange(len(local)), size.model.flesh["fine"]
 
     def points(at):
         return size.grown(at).bones(params).to_world(every, local)
 
+    def ellipsoids(at):
+        placed = flesh.posed(size.grown(at).bones(params))
+        axes = placed.rotation * placed.radii[:, None]
+        return placed.centre, axes @ axes.swapaxes(1, 2)
+
     bones = size.grown(deviations).bones(params)
-    twists = size.twists(bones)
-    assert not twists[:, 3:6].any()
+    fields, (centre, shape) = size.fields(bones), ellipsoids(deviations)
     arm = bones.to_world(every, local) - bones.reference
     for k, name in enumerate(size.names):
         move = step * np.eye(len(deviations))[k]
-        seen = (points(deviations + move) - points(deviations - move)) / (2 * step)
-        told = twists[:, :3, k] + twists[:, 6, k, None] * arm
-        np.testing.assert_allclose(told, seen, atol=1e-8, err_msg=name)
+        ahead, behind = deviations + move, deviations - move
+        gradient = fields.gradient[..., k]
+        found = fields.velocity[..., k] + np.einsum("bij,bj->bi", gradient, arm)
+        seen = (points(ahead) - points(behind)) / (2 * step)
+        np.testing.assert_allclose(found, seen, atol=1e-8, err_msg=name)
+        here, there = ellipsoids(ahead), ellipsoids(behind)
+        on = gradient[flesh.bone]
+        moved = fields.ellipsoids[flesh.bone, :, k] + np.einsum(
+            "eij,ej->ei", on, centre - bones.reference
+        )
+        np.testing.assert_allclose(
+            moved, (here[0] - there[0]) / (2 * step), atol=1e-8, err_msg=name
+        )
+        stretched = on @ shape + shape @ on.swapaxes(1, 2)
+        np.testing.assert_allclose(stretched, (here[1] - there[1]) / (2 * step), atol=1e-9, err_msg=name)  # fmt: skip
+
+
+def test_an_ellipsoid_aslant_of_its_bone_is_stretched_as_its_surface_is(rng):
+    turn = rotation_matrix(np.array([0.3, -0.5, 0.4]))
+    one = Ellipsoids(("e",), np.array([0]), np.array([[0.01, 0.02, 0.0]]), turn[None], np.array([[0.03, 0.01, 0.02]]))  # fmt: skip
+    factors = np.array([[1.2, 0.9, 0.7]])
+    found = one.scaled(factors, np.array([[0.0, 0.001, 0.0]]))
+    way = rng.normal(size=(50, 3))
+    surface = one.centre + (way / np.linalg.norm(way, axis=1, keepdims=True) * one.radii) @ turn.T
+    there = (surface * factors + [0.0, 0.001, 0.0] - found.centre) @ found.rotation[0]
+    np.testing.assert_allclose(((there / found.radii) ** 2).sum(axis=1), 1.0, atol=1e-12)
+    assert np.linalg.det(found.rotation[0]) == pytest.approx(1.0)

@@ -90,7 +90,7 @@ class CloudEmptinessTerm(CompiledTerm):
         kind, scale = self._loss
         share = np.ones(len(self.bone))
         if bones.growth is not None:  # a larger hand's errors are alike over broader patches
-            share /= bones.growth[self.bone] ** 2
+            share /= bones.growth[self.bone].prod(axis=1) ** (2 / 3)
         return emptiness_system(
             self.distances.nearest,
             self.distances.first,

@@ -9,14 +9,22 @@ from typing import Self
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D7, B, C, E, Floats, J, N
+from handtrack.arrays import D2, D3, D4, D6, D9, C, E, Floats, J, N
 from handtrack.errors import HandtrackError
 from handtrack.model.flesh import Ellipsoids
-from handtrack.model.kinematics import BonePoses
+from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.ellipsoid_kernels import posed_shapes
+from handtrack.terms.silhouettes.conic_kernels import ELLIPSE
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
-from handtrack.terms.silhouettes.silhouette_kernels import camera_system, silhouette_kernel
+from handtrack.terms.silhouettes.row_kernels import MOMENTS
+from handtrack.terms.silhouettes.silhouette_kernels import (
+    camera_moments,
+    camera_system,
+    silhouette_kernel,
+    unpack_all,
+)
 from handtrack.terms.term_table import TermTable
 
 MOST_ELLIPSOIDS = 1000
@@ -161,17 +169,82 @@ class FieldTerm:
         )
 
     def linearize_sized(
-        self, bones: BonePoses, jacobian: Floats[B, D7, N], moves: Floats[J, D3, N]
+        self, bones: BonePoses, fields: BoneFields, moves: Floats[J, D3, N]
     ) -> JointSystem:
-        """Return cost, gradient and Hessian by N unknowns, as `KeypointTerm` does; moves of points count for nothing.
-
-        To a camera a bone that grows about the root comes nearer by the same share: six numbers a bone are enough.
-        """
+        """Return cost, gradient and Hessian by N unknowns, as `KeypointTerm` does; moves of points count for nothing."""
         del moves
-        parts = []
-        for term in self.alone():
-            nearer = term.silhouettes[0].camera.centre - bones.reference
-            twists = jacobian[:, :6].copy()
-            twists[:, :3] += nearer[:, None] * jacobian[:, 6:]
-            parts.append(term.linearize(bones).pull_back(twists))
-        return sum(parts[1:], parts[0])
+        flesh, count = self.ellipsoids.grown(bones), fields.velocity.shape[-1]
+        centre, shape = np.empty((len(flesh), 3)), np.empty((len(flesh), 3, 3))
+        posed_shapes(
+            bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, centre, shape
+        )  # fmt: skip
+        gradient = fields.gradient[flesh.bone]
+        by_centre = fields.ellipsoids[flesh.bone] + np.einsum(
+            "eijn,ej->ein", gradient, centre - bones.reference
+        )
+        by_shape = np.einsum("eikn,ekj->eijn", gradient, shape)
+        by_shape += by_shape.swapaxes(1, 2)
+        cost, slope, hessian = 0.0, np.zeros(count), np.zeros((count, count))
+        weights = per_camera(self.weight, len(self.silhouettes), "weight")
+        for i, seen in enumerate(self.silhouettes):
+            ellipses, moments = (np.zeros((len(flesh) + 2, width)) for width in (ELLIPSE, MOMENTS))
+            step = self.shape.row_step(i)
+            camera_moments(
+                centre, shape, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values, seen.edges, seen.powers,
+                seen.heights, self.shape.levels[i], self.shape.limit, self.shape.depth_scaled, step, ellipses, moments,
+            )  # fmt: skip
+            won = np.flatnonzero(moments[1:-1, 0])
+            sums, observed = np.zeros((len(won), 6, 6)), np.zeros((len(won), 6))
+            conic = np.zeros((len(won), 6))
+            unpack_all(moments, ellipses, self.shape.levels[i], won, sums, observed, conic)
+            by_unknown = conic_by(
+                seen.camera.projection, ellipses[won], centre[won], shape[won],
+                by_centre[won], by_shape[won],
+            )  # fmt: skip
+            weight, summed = weights[i] * step, np.einsum("eij,ej->ei", sums, conic)
+            core = moments[-1]
+            part = 0.5 * core[0] + core[16] + (conic * (0.5 * summed - observed)).sum()
+            cost += max(weight * part + 0.5 * weights[i] * seen.energy(step), 0.0)
+            slope += weight * np.einsum("ein,ei->n", by_unknown, summed - observed)
+            flat = by_unknown.reshape(-1, count)
+            hessian += weight * flat.T @ (sums @ by_unknown).reshape(-1, count)
+        return JointSystem(cost, slope, hessian)
+
+
+def conic_by(
+    projection: Floats[D3, D4],
+    ellipses: Floats[E, D9],
+    centre: Floats[E, D3],
+    shape: Floats[E, D3, D3],
+    by_centre: Floats[E, D3, N],
+    by_shape: Floats[E, D3, D3, N],
+) -> Floats[E, D6, N]:
+    """Return how the field's numbers for (x², 2xy, y², 2x, 2y, 1) change with N unknowns, as `conic_by_twist` does for twists.
+
+    centre, shape: of the ellipsoids, world; by_centre, by_shape: how they change. docs/derivations/silhouettes.md.
+    """
+    u0, v0, mu, mv, s11, s12, s22, gamma, s = ellipses.T
+    matrix = np.repeat(projection[None], len(ellipses), axis=0)
+    matrix[:, 0] -= u0[:, None] * projection[2]
+    matrix[:, 1] -= v0[:, None] * projection[2]
+    g = matrix[:, :, :3]
+    p = np.einsum("eij,ej->ei", g, centre) + matrix[:, :, 3]
+    dp = g @ by_centre
+    dual = np.einsum("eia,eabn,ejb->eijn", g, by_shape, g)  # dC*
+    dual -= dp[:, :, None] * p[:, None, :, None] + dp[:, None] * p[:, :, None, None]
+    dual /= gamma[:, None, None, None]
+    middle = np.stack([mu, mv], axis=1)
+    s_matrix = np.stack([s11, s12, s12, s22], axis=1).reshape(-1, 2, 2)
+    q = np.linalg.inv(s_matrix)
+    third = dual[:, 2, 2]
+    by_middle = dual[:, :2, 2] - middle[:, :, None] * third[:, None]
+    mixed = middle[:, :, None, None] * by_middle[:, None]
+    outer_middle = middle[:, :, None] * middle[:, None]
+    by_s = mixed + mixed.swapaxes(1, 2) - dual[:, :2, :2]
+    by_s += (outer_middle - s_matrix)[..., None] * third[:, None, None]
+    by_q = -np.einsum("eij,ejkn,ekl->eiln", q, by_s, q)
+    k = np.einsum("eij,ej->ei", q, middle)
+    by_k = np.einsum("eijn,ej->ein", by_q, middle) + q @ by_middle
+    level = np.einsum("ein,ei->en", by_k, middle) + np.einsum("ei,ein->en", k, by_middle)
+    rows = [by_q[:, 0, 0], by_q[:, 0, 1], by_q[:, 1, 1], -by_k[:, 0], -by_k[:, 1], level]
+    return s[:, None, None] * np.stack(rows, axis=1)

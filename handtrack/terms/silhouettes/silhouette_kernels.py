@@ -75,15 +75,14 @@ def camera_system(
     It leaves out ½ weight ΣZ², which does not depend on the pose. begins, ends, values, edges: what was observed, see `PreparedSilhouette`; levels: (E, 2) outer level t and
     factor s. step: of so many rows one is looked at, which stands for all.
     """
-    count, height, width = bone.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
+    count = bone.shape[0]
     centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
     posed_shapes(rotation, position, bone, centre, turn, radii, centre_world, shape_world)
-    ellipses = np.zeros((count + 2, ELLIPSE))
-    project(projection, width, height, centre_world, shape_world, levels, depth_scaled, ellipses)
-    moments = np.zeros((count + 2, MOMENTS))
-    _sum_rows(
-        ellipses, levels, limit, step, valid, begins, ends, values, edges, powers, heights, moments
-    )
+    ellipses, moments = np.zeros((count + 2, ELLIPSE)), np.zeros((count + 2, MOMENTS))
+    camera_moments(
+        centre_world, shape_world, projection, valid, begins, ends, values, edges, powers, heights, levels, limit, depth_scaled, step,
+        ellipses, moments,
+    )  # fmt: skip
     weight *= step
     core = count + 1
     cost = 0.5 * moments[core, 0] + moments[core, 16]
@@ -113,6 +112,30 @@ def camera_system(
             )
             _add_block(work, m, mc, z, weight, 6 * bone[e], gradient, hessian)
     return weight * cost
+
+
+@numba.njit(cache=True, nogil=True)
+def camera_moments(
+    centre_world, shape_world, projection, valid, begins, ends, values, edges, powers, heights, levels, limit, depth_scaled, step,
+    ellipses, moments,
+):  # fmt: skip  # pragma: no cover - compiled
+    """Fill ellipses (E + 2, ELLIPSE) and moments (E + 2, MOMENTS), zeros at first, of ellipsoids in one camera."""
+    height, width = valid.shape[0], (powers.shape[0] - 1) // 2
+    project(projection, width, height, centre_world, shape_world, levels, depth_scaled, ellipses)
+    _sum_rows(
+        ellipses, levels, limit, step, valid, begins, ends, values, edges, powers, heights, moments
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def unpack_all(
+    moments, ellipses, levels, won, sums, observed, conic
+):  # pragma: no cover - compiled
+    """Fill M (K, 6, 6), z (K, 6) and the field's six numbers (K, 6) of the ellipsoids `won` that some pixel belongs to."""
+    for k in range(won.shape[0]):
+        e = won[k]
+        _unpack(moments[e + 1], sums[k], observed[k])
+        conic_of(ellipses[e], levels[e, 0], conic[k])
 
 
 @TermKernel("i8 f8 f8 f8 f8 i4 i8 i8 f8 u1 f8 f8 f8 f8")

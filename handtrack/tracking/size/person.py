@@ -55,7 +55,8 @@ class PersonChange:
     ) -> PersonChange:
         """Return what may change of a person by what some frames show, each with the hand's place; none of it yet changed.
 
-        All lengths where the hand is seen from around, from one side by a cloud the whole hand's alone.
+        All of the shape where masks or joints see the hand from around; beside a cloud, whose distances know of uniform scale only, sizes;
+        from one side by a cloud the whole hand's alone.
         """
         around = any(seen_around(observed, place) for observed, place in looks)
         cloud = any(observed.cloud is not None for observed, _ in looks)
@@ -64,6 +65,7 @@ class PersonChange:
         split = len(parameters.names) - parameters.offset_count
         free = np.ones(len(parameters.names), bool)
         free[:split] = who.sizes and around
+        free[split - len(model.proportion_names) : split] &= model.kind == "body" or not cloud
         free[0] = who.sizes and (around or cloud)
         return cls(parameters, free, parameters.deviations(model.scale))
 

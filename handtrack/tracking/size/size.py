@@ -62,7 +62,9 @@ def refine_scale(
         ]
         size = SizeParameters(model, seen)
         lengths = size.names[: len(size.names) - size.offset_count]
-        free = [sizes and (parts or name == "overall") for name in lengths]
+        shape = model.kind == "body" or all(seen.cloud is None for seen in observations)
+        held = () if shape else model.proportion_names
+        free = [sizes and (parts or name == "overall") and name not in held for name in lengths]
         free += [True] * size.offset_count
         scale, current = fit_size(
             problems, current, np.array(free), solver, should_stop, _LEAST_GAIN, fitted, seen,

@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Floats, K, N, P
 from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.kinematics import BoneFields
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.model.size import SizeParameters
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
@@ -196,14 +197,15 @@ def linearize_sized(
     bones, twists, joint = model.linearize(pose)
     count, growth = twists.shape[2], size.twists(bones)[:, :, free]
     jacobian = np.concatenate([np.pad(twists, ((0, 0), (0, 1), (0, 0))), growth], axis=2)
+    fields = BoneFields.of_twists(twists).beside(size.fields(bones).chosen(free))
     moves = np.concatenate(
         [np.zeros((len(model.joint_names), 3, count)), size.offset_moves[:, :, free]], axis=2
     )
     parts: list[JointSystem] = []
     whole: list[BoneSystem] = []
     for term in terms_of(problem, model):
-        if isinstance(term, FieldTerm) or (size.seen and isinstance(term, KeypointTerm)):
-            parts.append(term.linearize_sized(bones, jacobian, moves))
+        if isinstance(term, FieldTerm | KeypointTerm):
+            parts.append(term.linearize_sized(bones, fields, moves))
             continue
         assert isinstance(term, GrowingTerm), term.name
         whole.append(term.linearize_growth(bones))
