@@ -48,7 +48,8 @@ def test_a_larger_hand_is_found(larger, coupling):
     off_mm = hand_length_mm(load_model(scale=scale)) - hand_length_mm(larger.model)
     assert 0.2 < scale.std["length_mm"] < 3.0
     assert abs(off_mm) < 3 * scale.std["length_mm"]
-    assert set(scale.std) == {"length_mm", "overall", *HAND_PARTS}
+    assert set(scale.std) == {"length_mm", "overall", *HAND_PARTS, *scale.proportions}
+    assert all(0.0 < scale.std[name] <= 1.0 for name in scale.proportions)
     assert scale.std["forearm"] == pytest.approx(0.12, rel=0.1), "nothing was seen of it"
 
 
