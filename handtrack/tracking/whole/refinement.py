@@ -74,9 +74,9 @@ class Refinement:
     """the person, where something of them was found too"""
 
     @classmethod
-    def of(cls, found: WholeEstimate, cameras: WholeEstimate | None = None) -> Refinement:
-        """Return what an estimate found; cameras: the one that corrected the cameras, if it was another."""
-        corrected_by = cameras or found
+    def of(cls, found: WholeEstimate, by_cameras: WholeEstimate | None = None) -> Refinement:
+        """Return what an estimate found; by_cameras: the one that corrected the cameras, if it was another."""
+        corrected_by = by_cameras or found
         changes, person = corrected_by.cameras, found.shared.person
         std = np.sqrt(np.diag(corrected_by.shared_covariance)[: changes.count]).reshape(-1, 8)
         units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0])
