@@ -84,7 +84,8 @@ class KeypointFiles:
             return ()
         straight = self.camera.undistort_points(rows[:, :2])
         straight[rows[:, 2] < _LEAST] = np.nan
-        return (ImageKeypoints(self.flat, tuple(self.layout.points), straight, sigma_px),)
+        names = tuple(self.layout.points)
+        return (ImageKeypoints(self.flat, names, straight, np.full(len(names), sigma_px)),)
 
     def as_taken(self, frame: int) -> dict[str, Floats[D2]]:
         """Return the same joints by name, in the image as it was taken [px]; those that count as missing are left out."""
