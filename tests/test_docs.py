@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
 
+from docs import figures
 from docs.settings_page import PAGE, settings_page
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.session.session import Session
@@ -193,3 +195,11 @@ def test_every_setting_has_a_meaning():
     rows = [line for line in settings_page().splitlines() if line.startswith("| `")]
     assert [row for row in rows if row.rstrip(" |").endswith("|")] == []
     assert all(len(row.split(" | ")[3].strip(" |")) > 3 for row in rows)
+
+
+def test_pages_have_the_figures_that_were_measured():
+    table = tomllib.loads(figures.TABLE.read_text(encoding="utf-8"))
+    for page in figures.PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert figures.printed(text, table) == text
+        assert figures.printed(text.replace("-->4.5<!--", "-->9.9<!--"), table) == text
