@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import tempfile
 import time
 from collections.abc import Iterator
@@ -54,21 +55,57 @@ def replace_text(path: Path, text: str) -> None:
         part.write_text(text, encoding="utf-8", newline="")
 
 
+@contextmanager
+def filling(folder: Path) -> Iterator[Path]:
+    """Give a folder to fill beside `folder`, which is none or empty; it takes that place when the block ends well, and goes else.
+
+    What programs left there that were killed while they filled one goes, too.
+    """
+    remove_abandoned(folder.parent)
+    part = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}.", suffix=".part"))
+    try:
+        yield part
+        part.chmod(0o777 & ~umask())
+        if folder.is_dir():
+            folder.rmdir()  # it is empty
+        part.rename(folder)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
 def remove_abandoned(folder: Path) -> list[Path]:
-    """Remove the files that programs killed inside `replacing` left in a folder and its versions/; return them.
+    """Remove what programs killed inside `replacing` or `filling` left in a folder and its versions/; return it.
 
     For who alone may write there. Ours by their names, and not touched for ten minutes.
     """
     gone = []
     for path in (*folder.glob(".*.part*"), *folder.glob("versions/.*.part*")):
         named = _PART.fullmatch(path.name)
-        if named is None or Path(named["name"]).suffix != (named["suffix"] or ""):
+        if named is None or path.is_symlink():
             continue
         with suppress(OSError):
-            if path.is_file() and time.time() - path.lstat().st_mtime > _ABANDONED_S:
+            if time.time() - _touched(path) <= _ABANDONED_S:
+                continue
+            if path.is_file() and Path(named["name"]).suffix == (named["suffix"] or ""):
                 path.unlink()
-                gone.append(path)
+            elif path.is_dir() and not named["suffix"] and _is_private(path):
+                shutil.rmtree(path)
+            else:
+                continue
+            gone.append(path)
     return gone
+
+
+def _touched(path: Path) -> float:
+    """Return when a file, or anything in a folder, was written last [s]."""
+    return max(one.lstat().st_mtime for one in (path, *path.rglob("*")))
+
+
+def _is_private(folder: Path) -> bool:
+    """Return whether a folder is as `filling` makes it: nobody else's, and closed to others."""
+    found = folder.lstat()
+    own = not hasattr(os, "getuid") or found.st_uid == os.getuid()
+    return own and (os.name == "nt" or found.st_mode & 0o777 == 0o700)
 
 
 def _sync(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +17,7 @@ from handtrack.arrays import Array, Bytes, Floats, H, W
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_outline
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.files.atomic import replacing
+from handtrack.files.atomic import replace_text, replacing
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
@@ -59,6 +60,7 @@ class MaskRefinement:
         hand's, or files of others would be written over.
         """
         self.session = session
+        self._made: list[Path] = []
         size = scale_from(json.loads(str(track.scale)), Path("the track's scale"))
         names = [str(name) for name in track.bone_names]
         self._model = load_model(
@@ -138,16 +140,40 @@ class MaskRefinement:
             return None
         mask = masks.mask(image, seeds)
         folder = self._folder(view)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / _MARK).write_text(json.dumps({"writer": "handtrack masks"}) + "\n")
-        with replacing(folder / f"{frame:06d}.png") as part:
-            cv2.imwrite(str(part), mask)
+        self._keep(folder / f"{frame:06d}.png", cv2.imencode(".png", mask)[1].tobytes())
         hand = self.outline(view, self.rows[frame]) > 0
         known = (mask != UNKNOWN_LEVEL) & ~seeds.behind(mask.shape)
         hand &= ~seeds.behind(mask.shape)
         both, either = (mask == 255) & hand & known, ((mask == 255) | hand) & known
         share = (hand & known).sum() / max(hand.sum(), 1)
         return float(share), float(both.sum() / max(either.sum(), 1))
+
+    def _keep(self, path: Path, content: bytes) -> None:
+        """Write a mask; where it cannot be, those that are new go again, and the file is named."""
+        mark, is_new = path.parent / _MARK, not path.exists()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if not mark.exists():
+                replace_text(mark, json.dumps({"writer": "handtrack masks"}) + "\n")
+                self._made.append(mark)
+            with replacing(path) as part:
+                part.write_bytes(content)
+        except OSError as error:
+            self._take_back()
+            raise HandtrackError(
+                f"{error.filename or path}: the mask cannot be written ({error.strerror}). Those that were made before it are removed "
+                "again; the session is as it was. Make room, and give the command again."
+            ) from None
+        if is_new:
+            self._made.append(path)
+
+    def _take_back(self) -> None:
+        folders = {path.parent for path in self._made} | {self._folder(v) for v in self.views}
+        for path in self._made:
+            path.unlink(missing_ok=True)
+        for folder in (*folders, self.session.folder / MASKS_FOLDER):
+            with suppress(OSError):  # others' files are in it, or it never was
+                folder.rmdir()
 
     def outlines_off(self, frames: Sequence[int]) -> dict[str, float]:
         """Return by camera how far outlines of the masks written are off as the others tell [px]; the median over frames."""

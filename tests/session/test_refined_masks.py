@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
 
 import cv2
@@ -83,6 +84,24 @@ def test_masks_by_poses_are_right(
         "camera.0.masks": "masks_refined/cam0/*.png",
         "camera.0.mask_unknown": UNKNOWN_LEVEL,
     }
+
+
+def test_a_full_disk_is_told_with_the_file_and_leaves_no_part(
+    session: Session, drawn: Recording, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refinement = MaskRefinement(session, track_of(drawn, rng))
+    (view,) = refinement.views
+    masks = refinement.learn(view)
+    before = {*session.folder.rglob("*")}
+    refinement.write(view, masks, 2)
+
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(HandtrackError, match="000003.png"):
+        refinement.write(view, masks, 3)
+    assert {*session.folder.rglob("*")} == before
 
 
 def test_files_of_others_are_left_alone(

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import umask
+from handtrack.files.atomic import filling
 
 
 def output_file(
@@ -67,15 +66,10 @@ def new_folder(folder: Path) -> Iterator[Path]:
     check_new(folder)
     target = folder.resolve()
     made = [path for path in target.parents if not path.exists()]  # the innermost first
-    part = None
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        part = Path(tempfile.mkdtemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part"))
-        yield part
-        part.chmod(0o777 & ~umask())
-        if target.is_dir():
-            target.rmdir()  # it is empty
-        part.rename(target)
+        with filling(target) as part:
+            yield part
         made = []
     except OSError as error:
         raise HandtrackError(
@@ -83,8 +77,6 @@ def new_folder(folder: Path) -> Iterator[Path]:
             "Name another folder with --out."
         ) from None
     finally:
-        if part is not None:
-            shutil.rmtree(part, ignore_errors=True)
         for parent in made:
             with suppress(OSError):
                 parent.rmdir()
