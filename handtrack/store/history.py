@@ -44,11 +44,16 @@ class Action:
     changes: tuple[Change, ...]
     joins: bool = False
     """one step with the action before: both belong to one drag"""
+    said: tuple[str, int] | None = None
+    """whose command led to it, and that command's number: none is done twice after a crash"""
 
     @property
     def content(self) -> dict[str, Any]:
         """What its record holds."""
-        return asdict(self)
+        content = asdict(self)
+        if self.said is None:
+            del content["said"]
+        return content
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Action:
@@ -58,13 +63,17 @@ class Action:
             raise ValueError(f"no kind of action: {content['kind']}")
         return cls(
             int(content["id"]), str(content["kind"]), str(content["words"]), changes,
-            bool(content.get("joins", False)),
+            bool(content.get("joins", False)), _said(content.get("said")),
         )  # fmt: skip
 
     @property
     def after(self) -> dict[str, Value]:
         """What holds after it, of the values that it changes."""
         return {change.key: change.after for change in self.changes}
+
+
+def _said(value: Any) -> tuple[str, int] | None:
+    return None if value is None else (str(value[0]), int(value[1]))
 
 
 def merged(actions: Sequence[Action]) -> tuple[Change, ...]:
@@ -135,6 +144,8 @@ class History:
     future: Steps = field(default_factory=Steps)
     """steps that were undone"""
     last_id: int = 0
+    said: tuple[str, int] | None = None
+    """the latest of its actions'"""
 
     @classmethod
     def of(cls, actions: Iterable[Action]) -> History:
@@ -163,10 +174,10 @@ class History:
             return None
         return self.next(self.future.top[0].words, merged(self.future.top), REDO)
 
-    def amend(self, changes: Sequence[Change]) -> Action:
+    def amend(self, changes: Sequence[Change], said: tuple[str, int] | None = None) -> Action:
         """Let the latest action have done this instead: a drag goes on. Return it as it is now."""
         latest = self.past.top[-1]
-        self.past.top[-1] = amended = replace(latest, changes=tuple(changes))
+        self.past.top[-1] = amended = replace(latest, changes=tuple(changes), said=said)
         self._count(amended)
         return amended
 
@@ -186,6 +197,7 @@ class History:
             self.past.push(self.future.pop())
 
     def _count(self, action: Action) -> None:
+        self.said = action.said or self.said
         for change in action.changes:
             if change.after is None:
                 self.state.pop(change.key, None)

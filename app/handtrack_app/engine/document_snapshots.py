@@ -119,9 +119,9 @@ def seen_kinds(session: RunSession) -> frozenset[str]:
     return frozenset(kind for kind, is_there in there.items() if is_there)
 
 
-def work_snapshot(document: Document, saved: str) -> WorkSnapshot:
-    """Return what is on disk of the user's work."""
-    return WorkSnapshot(saved, document.takes.cards(document.results))
+def work_snapshot(document: Document, saved: str, written: int = 0, done: int = 0) -> WorkSnapshot:
+    """Return what is on disk of the user's work. written, done: the numbers of the last commands that are."""
+    return WorkSnapshot(saved, document.takes.cards(document.results), written, done)
 
 
 def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:

@@ -82,14 +82,17 @@ class OpenSession:
         watch: Watch | None,
         compiles: CompileWatch,
         take_over: bool = False,
+        page: str = "",
     ) -> None:
         """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it. take_over:
-        write, even if another program does.
+        write, even if another program does. page: whose numbers its commands have.
         """
         self.document = document
         self._asked_to_save: tuple[int, bytes] | None = None
         self.store = Persistence.open(document, take_over)
         self._restored = self.store.restore()
+        known, self._page = self.store.history.said, page
+        self._served = self._written = known[1] if page and known and known[0] == page else 0
         self._live = LiveControl.of(document, publish)
         self._publish = publish
         self.painter = Painter(document, publish, waiting)
@@ -112,6 +115,7 @@ class OpenSession:
     def show_first(self, wishes: Sequence[commands.Command]) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
         document, say = self.document, self._say
+        self._tell_work()
         self._show_session()
         self._clouds.tell()
         self._masks.tell()
@@ -134,8 +138,15 @@ class OpenSession:
 
     # ---- commands, and reports of the jobs
 
-    def serve(self, request: Request) -> None:
+    def serve(self, request: Request | commands.Numbered) -> None:
         """Do what is asked. Raises HandtrackError for what cannot be done."""
+        if isinstance(request, commands.Numbered):
+            self.store.said = (self._page, request.number)
+            try:
+                self.serve(request.command)
+            finally:
+                self._served = request.number
+            return
         document = self.document
         if self._live is not None and isinstance(request, _KEEPS):
             raise HandtrackError(KEEPS_NOTHING)
@@ -336,7 +347,9 @@ class OpenSession:
 
     def _tell_work(self) -> None:
         """Say what is on disk, where that changed."""
-        now = work_snapshot(self.document, self.store.saved)
+        if not self.store.has_edits_to_write:
+            self._written = self._served
+        now = work_snapshot(self.document, self.store.saved, self._written, self._served)
         if now != self._told_work:
             self._told_work = now
             self._publish(now)
@@ -403,7 +416,10 @@ class OpenSession:
         """Keep the last edits and end what runs; return what is to be said at the end."""
         self._tuning.close()
         said = [] if self._live is None else self._live.close()
-        self.store.close()
+        try:
+            self.store.close()
+        finally:
+            self._tell_work()
         return said
 
     def _watch_live(self, live: LiveControl) -> None:

@@ -19,7 +19,7 @@ class Preview:
         self, document: Document, publish: Callable[[Snapshot], None], waiting: Sized
     ) -> None:
         self.document = document
-        self.later: list[Request] = []
+        self.later: list[Request | commands.Numbered] = []
         """commands that the open session is to serve, in their order"""
         self.painter = Painter(document, publish, waiting)
         self._publish = publish
@@ -29,16 +29,17 @@ class Preview:
         self._publish(session_snapshot(self.document))
         self._show(self.document.first_frame)
 
-    def serve(self, command: Request) -> None:
+    def serve(self, request: Request | commands.Numbered) -> None:
         """Show another frame or other pictures, or keep a command for later."""
+        command = request.command if isinstance(request, commands.Numbered) else request
         match command:
             case commands.ShowFrame():
                 self._show(command.frame)
-                self.later.append(command)
+                self.later.append(request)
             case commands.WantPictures():
                 self.painter.want(command)
             case _:
-                self.later.append(command)
+                self.later.append(request)
 
     @property
     def rest_s(self) -> float:

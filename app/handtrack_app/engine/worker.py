@@ -18,6 +18,7 @@ from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.preview import Preview
 from handtrack_app.protocol import commands
+from handtrack_app.protocol.commands import Numbered, is_step
 from handtrack_app.protocol.commands import kind_of as _kind
 from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
@@ -40,7 +41,7 @@ class _Opened:
     document: Document | Exception
 
 
-Request = SessionRequest | _Previewed | _Opened
+Request = SessionRequest | Numbered | _Previewed | _Opened
 
 _LOOKS_ELSEWHERE = (
     commands.SetPose, commands.TakePose, commands.PullPlace, commands.LookBefore, commands.ShowFrame, commands.TakeGuess,
@@ -62,12 +63,15 @@ class Worker:
         watch: Watch | None = None,
         previewer: Opener | None = None,
         take_over: bool = False,
+        page: str = "",
     ) -> None:
-        """previewer: makes quickly what is shown while `opener` is at work. take_over: write, even if another program does."""
+        """previewer: makes quickly what is shown while `opener` is at work. take_over: write, even if another program does. page:
+        whose numbers its commands have.
+        """
         self.folder = folder
         self._publish, self._opener, self._watch = publish, opener, watch
-        self._previewer, self._take_over = previewer, take_over
-        self._mail: Mailbox[Request] = Mailbox(_kind)
+        self._previewer, self._take_over, self._page = previewer, take_over, page
+        self._mail: Mailbox[Request] = Mailbox(_kind, is_step)
         self._stopping, self._opened = threading.Event(), threading.Event()
         self._shown = threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
@@ -107,8 +111,9 @@ class Worker:
         """Whether a job runs."""
         return self._session is not None and self._session.jobs.busy
 
-    def send(self, command: commands.Command) -> None:
+    def send(self, request: commands.Command | Numbered) -> None:
         """Hand over a command; returns at once. Stopping and holding act before the queue's turn."""
+        command = request.command if isinstance(request, Numbered) else request
         if self._session is not None:
             jobs = self._session.jobs
             if isinstance(command, commands.Cancel):
@@ -121,7 +126,7 @@ class Worker:
                 jobs.follow = False  # tracking goes on behind
                 if isinstance(command, _MOVES):
                     jobs.give_way()
-        self._mail.put(command)
+        self._mail.put(request)
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the thread; the store already has what was saved."""
@@ -206,7 +211,7 @@ class Worker:
                 raise document
             session = OpenSession(
                 document, self._publish, self._mail.put, self._mail, self._render_thread, self._watch,
-                self._compiles, self._take_over,
+                self._compiles, self._take_over, self._page,
             )  # fmt: skip
         except Exception as error:
             self._failure = error

@@ -36,26 +36,41 @@ def ending_words(code: int, memory: int | None, log: Path, since: int) -> str:
     return f"The engine was ended from outside ({name})."
 
 
-def again_notice(how: str, stopped_at: int | None, recording: str, log: Path) -> Notice:
+def again_notice(
+    how: str,
+    stopped_at: int | None,
+    job: str,
+    recording: str,
+    edits: str,
+    given_up: str,
+    log: Path,
+) -> Notice:
     """Return what the user is told when the engine begins again.
 
-    stopped_at: the frame tracked last, if it tracked. recording: the folder that running cameras were recorded to.
+    stopped_at: the frame tracked last, if it tracked; job: what it was at; recording: the folder that running cameras were recorded
+    to; edits: what is not on disk yet, and made again; given_up: what is not.
     """
-    text = f"{how} It begins again from the disk, where all is that was accepted."
+    text = f"{how} It begins again from the disk."
+    text += f" Not on disk yet, and done again now: {edits}." if edits else ""
+    text += f" Given up: {given_up}." if given_up else ""
     if stopped_at is not None:
         text += f" Tracking stopped at frame {stopped_at}; there, 'From here' (tab Track) goes on."
+    elif job and job != "tracking":
+        text += f" What ran was cut off ({job}); begin it again."
     if recording:
         text += f" The recording in {recording} was cut off: its videos are there, its session.toml is not."
     return Notice("error", "The engine was ended", f"{text} Details: {log}")
 
 
-def down_notice(how: str, times: int, log: Path) -> Notice:
-    """Return what the user is told when the engine stays ended."""
+def down_notice(how: str, times: int, edits: str, given_up: str, log: Path) -> Notice:
+    """Return what the user is told when the engine stays ended. edits: what is not on disk; given_up: what is not done again."""
     often = f" That was {times} times within a minute." if times > 1 else ""
+    waits = f" Not on disk yet: {edits}; done again then." if edits else ""
+    lost = f" Given up: {given_up}." if given_up else ""
     return Notice(
         "error",
         "The engine stays ended",
-        f"{how}{often} It does not begin again by itself: 'Start again' (at the top) opens what is on disk. Details: {log}",
+        f"{how}{often} It does not begin again by itself: 'Start again' (at the top) opens what is on disk.{waits}{lost} Details: {log}",
     )
 
 

@@ -8,22 +8,21 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from uuid import uuid4
 
 from handtrack.errors import HandtrackError
 from handtrack_app.process.channel import Ended, FromEngine, Opened, Shown, Stop
 from handtrack_app.process.ending import again_notice, down_notice, ending_words
 from handtrack_app.process.engine_child import EngineChild
+from handtrack_app.process.outbox import Outbox, named
 from handtrack_app.process.plan import EnginePlan
-from handtrack_app.process.standing_wishes import StandingWishes
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.log_file import ENGINE_LOG
-from handtrack_app.protocol.mailbox import Mailbox
-from handtrack_app.protocol.snapshots import ProgressSnapshot, Snapshot
+from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 log = logging.getLogger(__name__)
 _MOST_AGAIN = 3  # within so many seconds; after that it would only end once more
 _WITHIN_S = 60.0
-_MOST_WAITING = 1000  # commands: nobody presses so many while an engine begins
 _AGAIN = "Opening the session again …"
 
 
@@ -47,9 +46,9 @@ class EngineProcess:
         """child: a process started already, for the first life."""
         self.folder = plan.folder
         self.last_words: list[str] = []
-        self._plan, self._publish, self._child = plan, publish, child
-        self._commands: Mailbox[commands.Command] = Mailbox(commands.kind_of)
-        self._wishes = StandingWishes()
+        self._plan = replace(plan, page=plan.page or uuid4().hex)
+        self._publish, self._child = publish, child
+        self._outbox = Outbox()
         self._shown, self._opened = threading.Event(), threading.Event()
         self._stopping, self._again = threading.Event(), threading.Event()
         self._failure: Exception | None = None
@@ -83,12 +82,19 @@ class EngineProcess:
         """Hand over a command; returns at once."""
         if isinstance(command, commands.StartAgain):
             self._again.set()
-        elif not self._is_down and len(self._commands) < _MOST_WAITING:
-            self._wishes.note(command)
-            self._commands.put(command)
+        elif self._outbox.put(command):
+            self._tell_work()
+        else:
+            self._publish(
+                Notice(
+                    "error", "Not done", f"The engine does not serve it now: {named([command])}."
+                )
+            )
 
     def stop(self, timeout: float = 5.0) -> None:
-        """End the engine in order; at once where it does not answer."""
+        """End the engine in order, once what it was asked for is on disk; at once where it does not answer."""
+        if not self._is_down and self._failure is None and self._thread.is_alive():
+            self._outbox.wait_done(timeout)
         self._stopping.set()
         self._again.set()
         life = self._life
@@ -98,6 +104,8 @@ class EngineProcess:
         if life is not None and self._thread.is_alive():
             life.child.kill()
             self._thread.join(timeout)
+        if lost := self._outbox.edits:
+            self.last_words.append(f"Not saved, since the engine did not answer: {named(lost)}.")
 
     # ---- on the engine's thread
 
@@ -111,13 +119,15 @@ class EngineProcess:
                 code = 1
             if not self._stopping.is_set() and not self._tell_end(code):
                 self._is_down = True
+                self._tell_work(is_down=True)
                 self._again.clear()
                 if not self._stopping.is_set():
                     self._again.wait()
                     self._failure = None
                 self._is_down = False
+                self._tell_work(is_down=False)
                 self._ends.clear()
-            plan = replace(plan, preview=False, take_over=False, version=self._wishes.version)
+            plan = replace(plan, preview=False, take_over=False, version=self._outbox.version)
 
     def _one_life(self, plan: EnginePlan) -> int:
         """Let a process be the engine; return how it ended."""
@@ -126,8 +136,8 @@ class EngineProcess:
         self._log_from = child.log_from
         if self._stopping.is_set():  # which saw no life yet
             child.kill()
-        said = [] if plan is self._plan else self._wishes.again()
-        talker = threading.Thread(target=self._talk, args=(life, said), name="talk", daemon=True)
+        anew = plan is not self._plan
+        talker = threading.Thread(target=self._talk, args=(life, anew), name="talk", daemon=True)
         child.send(plan)
         talker.start()
         code = child.listen(lambda message: self._take(life, message))
@@ -137,12 +147,12 @@ class EngineProcess:
         self._life = None
         return code
 
-    def _talk(self, life: _Life, first: list[commands.Command]) -> None:
+    def _talk(self, life: _Life, anew: bool) -> None:
         life.listens.wait()
-        for command in first:
+        for command in self._outbox.again() if anew else ():
             life.child.send(command)
         while not life.over.is_set():
-            command = self._commands.take(0.1)
+            command = self._outbox.take(0.1)
             if command is not None:
                 life.child.send(command)
 
@@ -160,22 +170,37 @@ class EngineProcess:
             case Ended(words):
                 self.last_words = list(words)
             case _:
-                self._wishes.see(message)
-                self._publish(message)
+                told = self._outbox.see(message)
+                if told is not None:
+                    self._publish(told)
+
+    def _tell_work(self, is_down: bool | None = None) -> None:
+        """Say where what is saved is not as it was said last."""
+        work = self._outbox.work(is_down)
+        if work is not None:
+            self._publish(work)
 
     def _tell_end(self, code: int) -> bool:
         """Say how the engine ended; return whether it begins again by itself."""
+        given_up = self._outbox.ended()
         if self._failure is not None:
             return False  # that was told
-        now, wishes = time.monotonic(), self._wishes
+        now, outbox = time.monotonic(), self._outbox
+        self._tell_work()
         self._ends.append(now)
         how = ending_words(code, self._plan.memory, ENGINE_LOG, self._log_from)
         often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
         if code and not often:
-            self._publish(again_notice(how, wishes.stopped_at, wishes.recording, ENGINE_LOG))
+            self._publish(
+                again_notice(
+                    how, outbox.stopped_at, outbox.job, outbox.recording, named(outbox.edits), named(given_up), ENGINE_LOG
+                )
+            )  # fmt: skip
             self._publish(ProgressSnapshot("opening", _AGAIN))
             return True
-        notice = down_notice(how, len(self._ends) if often else 1, ENGINE_LOG)
+        notice = down_notice(
+            how, len(self._ends) if often else 1, named(outbox.edits), named(given_up), ENGINE_LOG
+        )
         if not self._shown.is_set():
             self._failure = HandtrackError(notice.text)
             self._shown.set()

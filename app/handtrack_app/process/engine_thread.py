@@ -36,6 +36,7 @@ class EngineThread(Worker):
             None if self._recorder is None else self._recorder.show,
             opening.preview if opener is None and plan.preview else None,
             plan.take_over,
+            plan.page,
         )
 
     def stop(self, timeout: float = 5.0) -> None:

@@ -32,6 +32,8 @@ class EnginePlan:
     """show what can be shown at once before the session can be worked in"""
     version: int = 0
     """of the user's edits so far"""
+    page: str = ""
+    """whose numbers the commands have: an engine that begins again finds on disk up to which they are done"""
 
 
 class Engine(Protocol):

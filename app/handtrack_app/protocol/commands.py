@@ -271,6 +271,16 @@ Command = (
     | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | ShowTake | CompareTake | WantCurves | Accept | StartAgain
 )  # fmt: skip
 
+
+@dataclass(frozen=True)
+class Numbered:
+    """A command and its number: the engine says up to which number all is on disk (`WorkSnapshot.written`)."""
+
+    command: Command
+    number: int
+    """counts a page's commands from 1"""
+
+
 _LATEST_WINS = (
     ShowFrame,
     WantPictures,
@@ -285,6 +295,8 @@ _LATEST_WINS = (
 
 def kind_of(request: object) -> Hashable | None:
     """Return what a newer command has in common with one that still waits, and that it replaces; None: it replaces none."""
+    if isinstance(request, Numbered):
+        return kind_of(request.command)
     if isinstance(request, SetClouds):
         return ("clouds", *(name for name, _ in request.values))
     if isinstance(request, SetMasks):
@@ -295,6 +307,35 @@ def kind_of(request: object) -> Hashable | None:
         return ("limits", request.name)
     if isinstance(request, SetPin):
         return (SetPin, request.frame, request.camera, request.tag)
-    if isinstance(request, SetPose | PullPlace):
-        return (type(request), request.frame)  # an edit never replaces another frame's
+    if isinstance(request, SetPose):
+        return (SetPose, request.frame)  # an edit never replaces another frame's
+    if isinstance(request, PullPlace):
+        return (PullPlace, request.frame, request.joint, request.bone, request.tag)
     return type(request) if isinstance(request, _LATEST_WINS) else None
+
+
+VIEWS = (
+    WantPictures, WantSurface, WantCloud, WantMasks, Follow, CompareTake, WantCurves, RefitWhileTuning,
+)  # fmt: skip
+"""what the page wants until it says otherwise: subscriptions, of which the latest of each counts"""
+JOBS = (
+    Track, Refine, FitSize, TakeSize, FindHand, TrackLive, CarryMasks, Record, Export, WantLibrary,
+)  # fmt: skip
+"""what takes a while and is asked for once: it is not done again unasked"""
+_PASSING = (Pause, Cancel, LookBefore, StartAgain)
+
+
+def is_edit(command: Command) -> bool:
+    """Return whether a command changes what is kept of the session: it is to be on disk, or to be named."""
+    return not isinstance(command, (*VIEWS, *JOBS, *_PASSING, ShowFrame))
+
+
+def is_step(request: object) -> bool:
+    """Return whether a command depends on all that was asked before it, or they on it: none is moved past it."""
+    if isinstance(request, Numbered):
+        request = request.command
+    return (
+        isinstance(request, Command)
+        and kind_of(request) is None
+        and not isinstance(request, (*VIEWS, *_PASSING))
+    )

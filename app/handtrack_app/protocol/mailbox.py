@@ -13,8 +13,13 @@ Item = TypeVar("Item")
 class Mailbox(Generic[Item]):
     """Thread-safe queue. Items with an equal `kind` (not None) replace one another: the latest wins."""
 
-    def __init__(self, kind: Callable[[Item], Hashable | None]) -> None:
-        self._kind = kind
+    def __init__(
+        self,
+        kind: Callable[[Item], Hashable | None],
+        is_step: Callable[[Item], bool] = lambda _: False,
+    ) -> None:
+        """is_step: whether an item stays between what came before and after it: nothing from before it is replaced."""
+        self._kind, self._is_step = kind, is_step
         self._items: deque[Item] = deque()
         self._ready = threading.Condition()
 
@@ -23,9 +28,12 @@ class Mailbox(Generic[Item]):
         kind = self._kind(item)
         with self._ready:
             if kind is not None:
-                for old in self._items:
+                for place in range(len(self._items) - 1, -1, -1):
+                    old = self._items[place]
                     if self._kind(old) == kind:
-                        self._items.remove(old)
+                        del self._items[place]
+                        break
+                    if self._is_step(old):
                         break
             self._items.append(item)
             self._ready.notify()

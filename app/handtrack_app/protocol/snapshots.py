@@ -382,6 +382,10 @@ class WorkSnapshot:
     """`saved`, `saving`, `unsaved` (it could not be written, and is tried again) or `kept nowhere`; empty of a live session"""
     takes: tuple[TakeCard, ...]
     """the latest first"""
+    written: int = 0
+    """the number of the last command that is on disk, as are all before it: `commands.Numbered`"""
+    done: int = 0
+    """of the last that was done, on disk or not"""
 
 
 Snapshot = (

@@ -18,7 +18,6 @@ from handtrack.session.session import Session
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
-from handtrack_app.process.standing_wishes import StandingWishes
 from handtrack_app.protocol import commands, masks, snapshots
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
 from tests.app.engine.test_worker import Listener
@@ -320,14 +319,3 @@ def test_a_state_about_a_camera_that_has_gone_is_passed_over(tmp_path: Path) -> 
     store.restore()
     assert store.document.masks == {"cam1": (SkinYCrCb(), None)}
     store.close()
-
-
-def test_strokes_that_may_not_be_written_are_said_again() -> None:
-    now = [100.0]
-    wishes = StandingWishes(clock=lambda: now[0])
-    wishes.note(stroke(0))
-    now[0] += 5.0
-    later = [stroke(1), stroke(1, "unknown")]
-    for command in (commands.WantMasks(True), *later):
-        wishes.note(command)
-    assert wishes.again() == [commands.WantMasks(True), *later]

@@ -1,9 +1,8 @@
-"""How an ended engine is spoken of, what is said again to the next one, and how much memory it may use."""
+"""How an ended engine is spoken of, and how much memory it may use."""
 
 from __future__ import annotations
 
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,8 +10,6 @@ import pytest
 from handtrack_app.process import memory
 from handtrack_app.process.ending import ending_words
 from handtrack_app.process.memory import GB
-from handtrack_app.process.standing_wishes import StandingWishes
-from handtrack_app.protocol import commands
 
 
 @pytest.mark.parametrize(
@@ -36,28 +33,6 @@ def test_c40_how_it_ended_is_said_in_words(
     log.write_bytes(b"std::bad_alloc, long ago\n" + 20_000 * b"." + said)
     assert words in ending_words(code, 3 * GB, log, 0)
     assert "crashed" in ending_words(-signal.SIGABRT, None, tmp_path / "no log", 0)
-
-
-def test_c40_edits_of_the_last_moment_are_said_again_but_not_what_was_undone() -> None:
-    now = [0.0]
-    wishes = StandingWishes(clock=lambda: now[0])
-    wish = commands.WantPictures(True, "plain")
-    first, second = commands.SetPose(3, (0.1,), 1), commands.SetPose(3, (0.2,), 2)
-    for command in (wish, first, second, commands.ShowFrame(5)):
-        wishes.note(command)
-    assert wishes.again() == [wish, second]
-    assert wishes.version == 2
-    wishes.note(first)
-    now[0] = 5.0
-    assert wishes.again() == [wish], "that is written"
-    other = commands.SetPose(7, (0.3,), 3)
-    for command in (second, other):
-        wishes.note(command)
-    # the engine passes over edits older than the newest, which its plan names: another frame's is none of these
-    assert wishes.again() == [wish, replace(second, version=3), other]
-    wishes.note(first)
-    wishes.note(commands.Undo(3))
-    assert wishes.again() == [wish]
 
 
 def test_c40_a_container_has_what_its_groups_allow(

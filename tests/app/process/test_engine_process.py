@@ -17,6 +17,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.store.lease import holder_of
+from handtrack.store.store import Store
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process import engine_process
@@ -58,6 +59,11 @@ class Page:
         assert pid is not None
         os.kill(pid, number)
         return said
+
+    @property
+    def saved(self) -> str:
+        """What the page's head says."""
+        return [s.saved for s in self.seen if isinstance(s, snapshots.WorkSnapshot)][-1]
 
     @property
     def notices(self) -> list[snapshots.Notice]:
@@ -146,6 +152,96 @@ def test_c40_commands_wait_while_the_next_one_takes_the_lease_of_the_dead(
     assert not any("looked at" in notice.text for notice in page.notices)
 
 
+def state_on_disk(folder: Path) -> dict[str, Any]:
+    return Store(folder / "tracks").history().state
+
+
+def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_saved(
+    tmp_path: Path, start: Callable[..., Page]
+) -> None:
+    """A pose, frames accepted, a pin, a setting, and an undo in between, while the engine does not answer."""
+    page = start(tmp_path)
+    engine = page.engine
+    engine.send(commands.SetPose(2, values_with(0.3), 1))
+    engine.send(commands.SetPose(4, values_with(0.4), 2))
+    eventually(lambda: page.saved == "saved" and not engine._outbox.edits, "on disk")
+    assert engine.pid is not None
+    os.kill(engine.pid, signal.SIGSTOP)
+    engine.send(commands.Undo(3))  # of frame 4
+    engine.send(commands.SetPose(5, values_with(0.5), 4))
+    engine.send(commands.Accept(((5, 5),)))
+    engine.send(commands.SetPin(5, "front", (40.0, 30.0), 5, joint="index_tip", tag="drag"))
+    engine.send(commands.SetSetting("cloud.weight", 7.0))
+    assert page.saved == "saving"
+    said = page.kill()
+    notice = page.wait(snapshots.Notice, after=said)
+    assert "frame 5" in notice.text and "cloud.weight" in notice.text
+    assert page.saved == "saving"
+    eventually(lambda: page.saved == "saved", "done again")
+    state = state_on_disk(tmp_path)
+    assert {"pose/2", "pose/5", "accepted", "pins/5", "setting/cloud.weight"} <= state.keys()
+    assert state["pose/4"] is None or state["pose/4"].get("carried"), "undone once"
+    assert state["accepted"] == [[5, 6]] and state["setting/cloud.weight"] == 7.0
+
+
+def test_c40_what_is_on_disk_already_is_not_done_twice(
+    tmp_path: Path, start: Callable[..., Page]
+) -> None:
+    """The engine ended after it wrote, and before it could say so."""
+    page = start(tmp_path)
+    engine = page.engine
+    for frame in range(1, 5):
+        engine.send(commands.SetPose(frame, values_with(0.1 * frame), frame))
+        engine.send(commands.Accept(((frame, frame),)))
+    eventually(lambda: page.saved == "saved", "on disk")
+    see, engine._outbox.see = engine._outbox.see, lambda _snapshot: None  # type: ignore[method-assign]
+    before = Store(tmp_path / "tracks").history().last_id
+    engine.send(commands.Undo(9))
+    eventually(lambda: Store(tmp_path / "tracks").history().last_id > before, "the undo is on disk")
+    assert [*map(type, engine._outbox.edits)] == [commands.Undo]
+    engine._outbox.see = see  # type: ignore[method-assign]
+    page.kill()
+    eventually(lambda: page.saved == "saved" and not engine._outbox.edits, "again")
+    assert state_on_disk(tmp_path)["accepted"] == [[1, 4]], "one step was taken back"
+
+
+def deadly_document(folder: Path, overrides: Mapping[str, object]) -> Document:
+    """A document that ends the engine where a setting is changed."""
+    document = fake_document(folder, overrides)
+    apply = document.apply
+
+    def applied(values: Mapping[str, Any]) -> None:
+        if "setting/cloud.weight" in values:
+            os.kill(os.getpid(), signal.SIGKILL)
+        apply(values)
+
+    document.apply = applied  # type: ignore[method-assign]
+    return document
+
+
+def test_c40_an_edit_that_ends_every_engine_is_given_up_by_name_and_no_other(
+    tmp_path: Path, start: Callable[..., Page]
+) -> None:
+    page = start(tmp_path, deadly_document)
+    page.engine.send(commands.SetPose(3, values_with(0.3), 1))
+    page.engine.send(commands.SetSetting("cloud.weight", 7.0))
+    page.engine.send(commands.SetPose(6, values_with(0.6), 2))
+    page.wait(snapshots.Notice, lambda n: "Given up: the setting cloud.weight." in n.text)
+    eventually(lambda: page.saved == "saved", "all else")
+    assert {"pose/3", "pose/6"} <= state_on_disk(tmp_path).keys()
+
+
+def test_c40_what_an_ended_program_could_not_save_is_named(tmp_path: Path) -> None:
+    page = Page(tmp_path)
+    page.engine.start()
+    assert page.engine.wait_opened(60.0) is None
+    assert page.engine.pid is not None
+    os.kill(page.engine.pid, signal.SIGSTOP)
+    page.engine.send(commands.SetPose(3, values_with(0.3), 1))
+    page.engine.stop(0.5)
+    assert "frame 3" in " ".join(page.engine.last_words)
+
+
 def crashing_document(folder: Path, overrides: Mapping[str, object]) -> Document:
     """A document that crashes whoever opens it while a file is there."""
     if (folder / "crash").exists():
@@ -165,11 +261,20 @@ def test_c40_what_ends_again_and_again_stays_ended_until_it_is_asked_for(
     assert "SIGSEGV" in last.text and "2 times within a minute" in last.text
     assert page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "failed", said)
     page.engine.send(commands.ShowFrame(8))
-    assert page.engine.pid is None and not page.engine._commands, "nobody is there to serve it"
+    assert page.engine.pid is None
+    page.engine.send(commands.SetPose(6, values_with(0.4), 1))
+    assert page.saved == "unsaved"
+    asked = len(page.seen)
+    page.engine.send(commands.Track(3, FRAMES, 3))
+    assert "tracking" in page.wait(snapshots.Notice, after=asked).text, (
+        "nobody is there to serve it"
+    )
     (tmp_path / "crash").unlink()
     said = len(page.seen)
     page.engine.send(commands.StartAgain())
     page.idle(said)
+    page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (6,), said)
+    eventually(lambda: page.saved == "saved", "kept while nobody was there")
     said = page.kill(signal.SIGTERM)
     last = page.wait(snapshots.Notice, lambda n: n.title == "The engine stays ended", said)
     assert "asked to end (SIGTERM)" in last.text and "within a minute" not in last.text

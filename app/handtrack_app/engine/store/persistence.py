@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from handtrack.arrays import Floats, P
@@ -61,6 +61,8 @@ class Persistence:
     _corrections: CorrectionFiles = field(default_factory=CorrectionFiles)
     _pins_text: str | None = None
     """pins.json as it was written here"""
+    said: tuple[str, int] | None = None
+    """whose command is served, and its number"""
     _tag: str = ""
     _when: float = 0.0
     _first_waits: float | None = None
@@ -134,11 +136,10 @@ class Persistence:
         last = self._unwritten[-1] if follows and self._unwritten else None
         if last is not None and last.kind == DO:
             whole = merged([last, Action(last.id, DO, words, tuple(changes))])
-            self._unwritten[-1] = self.history.amend(whole)
+            self._unwritten[-1] = self.history.amend(whole, self.said)
         else:
-            action = self.history.next(words, changes, kind, follows and bool(self.history.past))
-            self.history.take(action)
-            self._unwritten.append(action)
+            joins = follows and bool(self.history.past)
+            self._take_action(self.history.next(words, changes, kind, joins))
         self._settle(waits)
         return True
 
@@ -156,8 +157,7 @@ class Persistence:
         if busy and any(keys.parts(change.key)[0] != keys.POSE for change in action.changes):
             raise HandtrackError(_FIXED)
         self.document.apply(action.after)
-        self.history.take(action)
-        self._unwritten.append(action)
+        self._take_action(action)
         self._tag = ""
         self._settle()
         return action
@@ -180,9 +180,12 @@ class Persistence:
         state = self.history.state
         changes = [Change(key, state[key], None) for key in named if key in state]
         if changes:
-            note = self.history.next("As the session's files have it", changes, NOTE)
-            self.history.take(note)
-            self._unwritten.append(note)
+            self._take_action(self.history.next("As the session's files have it", changes, NOTE))
+
+    def _take_action(self, action: Action) -> None:
+        action = replace(action, said=self.said)
+        self.history.take(action)
+        self._unwritten.append(action)
 
     def write_what_rests(self, at_once: bool = False) -> bool:
         """Write edits once none came for a while, or they go on and on; return whether there were any. What could not be
@@ -217,6 +220,11 @@ class Persistence:
     def is_saved(self) -> bool:
         """Whether all that was done is on disk, or nowhere to be kept."""
         return not self._unwritten and not (self._take and self._take.waiting)
+
+    @property
+    def has_edits_to_write(self) -> bool:
+        """Whether anything that was decided is not on disk yet."""
+        return bool(self._unwritten)
 
     @property
     def saved(self) -> str:
