@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import E, Floats
+from handtrack.arrays import C, E, Floats
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -47,6 +47,21 @@ class CoverageTerm(FieldTerm):
         cameras = [s.camera for s in self.silhouettes]
         shape = ramp(cameras, ellipsoids, band_px, bones_at_start, antisymmetric)
         self.shape = replace(shape, row_steps=row_steps)
+        self.band_px = per_camera(band_px, len(cameras), "the band's width")
+
+    def outline_errors_px(self, bones: BonePoses) -> Floats[C]:
+        """Return how far the model's outline is from each mask's, one distance along all of it, antisymmetric form; NaN for no outline.
+
+        Along an outline that is off by d, ½ (P − Z)² sums to b/12 + d²/4b for each pixel of it, and to d/2 − b/6 beyond the band's
+        half-width b (docs/derivations/silhouettes.md).
+        """
+        found = []
+        for term, band, seen in zip(self.alone(), self.band_px, self.silhouettes, strict=True):
+            weight, length = float(np.ravel(term.weight)[0]), seen.outline_px
+            cost = term.cost(bones) / (weight * length) if weight * length > 0 else np.nan
+            near = np.sqrt(4.0 * band * max(cost - band / 12.0, 0.0))
+            found.append(near if cost <= band / 3.0 else 2.0 * cost + band / 3.0)
+        return np.array(found)
 
 
 def ramp(

@@ -55,6 +55,13 @@ class PreparedSilhouette:
     heights: Floats[X, D24]
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
 
+    @property
+    def outline_px(self) -> float:
+        """How long the mask's outline is [px]: Crofton, by crossings of rows."""
+        rows = np.repeat(np.arange(len(self.begins) - 1), np.diff(self.begins))
+        crossed = (rows[1:] == rows[:-1]) & (np.abs(np.diff(self.values)) > 0.5)
+        return 0.5 * np.pi * float(crossed.sum())
+
     def energy(self, step: int) -> float:
         """Return Σ Z² over valid pixels, by one row of each `step`."""
         return step * float(self.row_energy[step // 2 :: step].sum())

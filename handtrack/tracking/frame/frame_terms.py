@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,6 +85,15 @@ class FrameTerms:
         usual = self.settings.cloud.sigma_mm * _MM
         cloud = self.cloud and self.cloud.sharpened(self.model, bones, usual)
         return self if cloud is self.cloud else replace(self, cloud=cloud)
+
+    def with_outlines(self, off_mm: Mapping[str, float]) -> FrameTerms:
+        """Return the terms with outlines that are off by so much, by camera; the usual where that is more."""
+        usual, found = self.settings.silhouettes.outline_sigma_mm, list[float]()
+        cases = zip(self.prepared, self.pixels_per_m, self.outlines_off_px, strict=True)
+        for seen, scale, before in cases:
+            off = off_mm.get(seen.camera.name, 0.0)
+            found.append(max(before, max(off**2 - usual**2, 0.0) ** 0.5 * _MM * scale))
+        return replace(self, outlines_off_px=tuple(found))
 
     def coarser(self, times: float) -> FrameTerms:
         """Return the terms as if the joints that images show were known so many times as badly."""

@@ -18,6 +18,7 @@ from handtrack.observation.pins import ImagePins
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.descent import stage_problem
@@ -39,6 +40,8 @@ for it says the same of each frame"""
 
 _LARGEST = 3.0
 """sigmas from which a joint was mistaken, and its error is no detector's usual one: where the robust loss lets go"""
+_OUTLINES = 16
+"""frames in which outlines are measured: a median to some per cent"""
 _LONGEST = 0.9
 """correlation above which few frames can't tell it from 1"""
 
@@ -195,6 +198,8 @@ class Evidence:
     """those that may change, and how they do"""
     person: PersonChange | None = None
     """where something of the person may change"""
+    outline_mm: Mapping[str, float] = field(default_factory=dict)
+    """by camera, what outlines are off by in this recording (`measured_outlines`); the usual where that is more"""
     wide: bool = False
     """whether detected joints pull from however far: where cameras are corrected, whose errors look like the joints'"""
     new: float = 1.0
@@ -261,6 +266,8 @@ class Evidence:
         observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, bones, None)
         terms = terms.sharpened(bones)
+        if self.outline_mm and terms.prepared:
+            terms = terms.with_outlines(self.outline_mm)
         if self.wide:
             terms = replace(terms, keypoints=terms.wide_keypoints)
         share = 1.0 if only_camera(terms) is None else self.new
@@ -281,6 +288,26 @@ class Evidence:
 def _counted(terms: FrameTerms, share: float) -> FrameTerms:
     """Return the terms of which only that share counts."""
     return terms if share == 1.0 else terms.coarser(share**-0.5)
+
+
+def measured_outlines(
+    evidence: Evidence, frames: Sequence[int], poses: Floats[F, P]
+) -> dict[str, float]:
+    """Return by camera how far the hand's outline is from its masks, the median over some frames [mm].
+
+    Masks that follow from a detector's joints, or from colour, are wrong by more than a hand of ellipsoids is; a camera whose masks show a
+    shadow by much more.
+    """
+    found: dict[str, list[float]] = {}
+    for n in np.unique(np.linspace(0, len(frames) - 1, _OUTLINES).round().astype(int)).tolist():
+        terms, bones = evidence.of(frames[n]).terms, evidence.model.bones(poses[n])
+        for term in terms.stage(terms.stages - 1, bones) if terms.prepared else ():
+            if isinstance(term, CoverageTerm):
+                for seen, px, scale in zip(
+                    term.silhouettes, term.outline_errors_px(bones), terms.pixels_per_m, strict=True
+                ):
+                    found.setdefault(seen.camera.name, []).append(1e3 * float(px) / scale)
+    return {name: float(np.nanmedian(off)) for name, off in found.items() if np.isfinite(off).any()}
 
 
 def new_share(evidence: Evidence, frames: Sequence[int], poses: Floats[F, P]) -> float:

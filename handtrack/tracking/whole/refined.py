@@ -25,7 +25,13 @@ from handtrack.tracking.search.poor_cloud import poor_agreement
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, Observe, new_share
+from handtrack.tracking.whole.evidence import (
+    MOSTLY_NEW,
+    Evidence,
+    Observe,
+    measured_outlines,
+    new_share,
+)
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.motion import TURN, by_turn
@@ -100,6 +106,9 @@ def refined(
     around = dict(zip(numbers, poses, strict=True))
     keyframes = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
     evidence = Evidence(model, settings, observe, around, seconds, silent=lost, keyframes=keyframes)
+    posed = [n for n, number in enumerate(numbers) if number not in lost]
+    outlines = measured_outlines(evidence, [numbers[n] for n in posed], poses[posed])
+    evidence = replace(evidence, outline_mm=outlines)
     evidence = replace(evidence, new=new_share(evidence, numbers, poses))
     ways = Ways(evidence, tracked, poses, control)
     lattice = ways.gathered()
