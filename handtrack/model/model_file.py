@@ -49,7 +49,7 @@ def load_model(
     side: str = "right",
     scale: float | HandScale = 1.0,
     coupling: str = "26",
-    forearm: bool = False,
+    forearm: bool | float = False,
     spread: Mapping[str, float] | None = None,
     narrowing: bool = True,
 ) -> ArticulatedModel:
@@ -58,6 +58,7 @@ def load_model(
     side: `right` or `left`, the exact mirror image with the same parameter values for the mirrored pose; a body has
     both sides and is the same for either.
     coupling: `26` (all freedoms), `21` (distal joints follow), `18` (and abductions linked).
+    forearm: whether it has one; a length [m of the mean adult's] if it ends there, as a cuff does.
     spread: a person's own ratios A_i / spread for coupling `18`, by finger. narrowing: whether limits of abduction
     shrink with flexion. Raises HandtrackError.
     """
@@ -69,7 +70,9 @@ def load_model(
     size = scale if isinstance(scale, HandScale) else HandScale(float(scale))
     if not narrowing:
         table = {key: value for key, value in table.items() if key != "narrowing"}
-    return _sized(table, side, size, coupling, forearm, spread or {})
+    if forearm and forearm is not True:
+        table = _with_arm_of(table, forearm / _MM)
+    return _sized(table, side, size, coupling, bool(forearm), spread or {})
 
 
 def model_from_definition(
@@ -218,6 +221,37 @@ def _checked(table: Any, name: str) -> dict[str, Any]:
         if turn not in turns:
             raise unknown_name("freedom", turn, turns, f"narrowing in the model definition {name}")
     return dict(definition)
+
+
+def _with_arm_of(table: dict[str, Any], ends_mm: float) -> dict[str, Any]:
+    """Return a definition whose forearm ends so far from the wrist; it is another model, and a result says so."""
+
+    def bone(row: dict[str, Any]) -> dict[str, Any]:
+        head, tail = np.array(row["head"], float), np.array(row["tail"], float)
+        share = ends_mm / np.linalg.norm(tail - head)
+        if row.get("only_with") != "forearm" or share >= 1.0:
+            return row
+        return row | {"tail": (head + share * (tail - head)).tolist()}
+
+    arm = {row["name"] for row in table["bone"] if row.get("only_with") == "forearm"}
+    flesh = {
+        key: [_ending(row, ends_mm) if row["bone"] in arm else row for row in rows]
+        for key, rows in table["ellipsoids"].items()
+    }
+    return table | {"bone": [bone(row) for row in table["bone"]], "ellipsoids": flesh}
+
+
+def _ending(row: dict[str, Any], ends_mm: float) -> dict[str, Any]:
+    """Return an ellipsoid cut off along its bone, as one that is as wide where it was cut and covers as much in front of that."""
+    (x, middle, z), (wide, long, deep) = row["centre"], row["radii"]
+    begins = middle - long
+    half = (ends_mm - begins) / (
+        1.0 + np.pi / 4.0
+    )  # the half ellipse beyond its middle is as large as the box up to the cut
+    if half >= long:
+        return row
+    share = np.sqrt(1.0 - (min(ends_mm - middle, 0.0) / long) ** 2)
+    return row | {"centre": [x, begins + half, z], "radii": [wide * share, half, deep * share]}
 
 
 def _mirror(points: Any, side: str) -> Floats:

@@ -21,7 +21,6 @@ from handtrack.files.atomic import replace_text, replacing
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import PosedEllipsoids
-from handtrack.model.model_file import load_model, scale_from
 from handtrack.observation.agreement import outlines_off
 from handtrack.observation.observation import Silhouette
 from handtrack.observation.undistortion import undistort_silhouette
@@ -29,6 +28,7 @@ from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
 from handtrack.session.seen.views import View
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status, TrackResult
+from handtrack.tracking.frame.tables.track_model import model_of
 
 _FLESH_OFF_M = 0.004
 """how far a person's outline is from the model's in the right pose: one and a half of `outline_sigma_mm`, and clothes of skin"""
@@ -61,11 +61,7 @@ class MaskRefinement:
         """
         self.session = session
         self._made: list[Path] = []
-        size = scale_from(json.loads(str(track.scale)), Path("the track's scale"))
-        names = [str(name) for name in track.bone_names]
-        self._model = load_model(
-            str(track.model), scale=size, side=str(track.side), forearm="forearm" in names
-        )
+        self._model = model_of(track, "the track")
         if self._model.kind != "hand":
             raise HandtrackError(
                 f"the track is of the model {track.model}; masks are made of hands only."

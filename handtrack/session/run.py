@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from handtrack.arrays import Floats, P
 from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.capture.clouds.cloud_filters import HandDistance
@@ -46,7 +48,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import FrameResult, TrackLabels, TrackResult
+from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
@@ -55,6 +57,8 @@ from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
 from handtrack.version import VERSION
+
+_ARM_LOOKS = 8  # frames, evenly spread
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,8 @@ class TrackingRun:
     scale: HandScale
     forearm: bool
     model: ArticulatedModel
+    arm_m: float = np.inf
+    """how far from the wrist the forearm ends, if it has one, as a cuff does [m of the mean adult's]; infinite where it goes on"""
 
     @classmethod
     def open(
@@ -83,7 +89,7 @@ class TrackingRun:
 
         use_init: whether init.json is the first pose where none is given. A hand scale of "fit" is fitted to the first
         pose's keypoints, then to the silhouettes of the frames after it (`fit_size`, which tells how far it is), unless
-        that is put off; a forearm is modelled where silhouettes show one beyond the wrist. Raises HandtrackError.
+        that is put off; a forearm is modelled where silhouettes show one beyond the wrist, as far as they do. Raises HandtrackError.
         """
         settings = session.settings.with_values(overrides or {})
         session = session.as_tracked_by(settings)
@@ -91,9 +97,9 @@ class TrackingRun:
         if first is not None and first.pixels:
             first = given_in_images(session, settings, first)[0].first_pose
         scale = _with_own_landmarks(session, settings, _hand_scale(session, settings, first))
-        forearm = _forearm(session, settings, scale, first)
-        model = _model(session, settings, scale, forearm)
-        run = cls(session, first, settings, scale, forearm, model)
+        arm_m = _forearm(session, settings, scale, first)
+        model = _model(session, settings, scale, arm_m)
+        run = cls(session, first, settings, scale, arm_m > 0, model, arm_m or np.inf)
         if run.size_is_open and settings.model.fit_size == "true" and first is not None:
             return run.fit_size(should_stop, tell=tell)
         return run
@@ -137,10 +143,22 @@ class TrackingRun:
             if not tracked:
                 share = TRACKED_SHARE
                 tracked = tracked_for_size(self, frames, should_stop, say)
+        run = self._with_cuff_of(tracked)
         scale = size_of_frames(
-            self, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
+            run, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
         )  # fmt: skip
-        return self if scale is None else self.with_scale(scale)
+        return run if scale is None else run.with_scale(scale)
+
+    def _with_cuff_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
+        """Return the run whose forearm ends where tracked frames, spread evenly, show that it does; the same where none is modelled."""
+        done = sorted((r for r in tracked if r.status == Status.TRACKED), key=lambda r: r.frame)
+        if not self.forearm or not self._leaves_forearm_open or not done:
+            return self
+        spread = np.unique(np.linspace(0, len(done) - 1, _ARM_LOOKS).round().astype(int))
+        solver = self.model.transform.solver_params
+        posed = ((solver(done[i].parameters), self.seen_at(done[i])) for i in spread)
+        arm_m = forearm_in_view(self.model, posed)
+        return replace(self, arm_m=arm_m or self.arm_m).with_scale(self.scale)
 
     def seen_at(self, result: FrameResult) -> Observation:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
@@ -153,8 +171,9 @@ class TrackingRun:
         wanted = settings.model.forearm
         forearm = self.forearm if wanted == "auto" else wanted == "true"
         session = self.session.as_tracked_by(settings)
-        model = _model(session, settings, self.scale, forearm)
-        return replace(self, session=session, settings=settings, model=model, forearm=forearm)
+        arm_m = np.inf if wanted == "true" else self.arm_m
+        run = replace(self, session=session, settings=settings, forearm=forearm, arm_m=arm_m)
+        return run.with_scale(self.scale)
 
     def with_clouds(self, clouds: CloudSettings | None) -> TrackingRun:
         """Return the run with other settings of [clouds]. Raises HandtrackError when they cannot be used."""
@@ -170,20 +189,22 @@ class TrackingRun:
 
     def with_scale(self, scale: HandScale) -> TrackingRun:
         """Return the run for a hand of another size."""
-        return replace(
-            self, scale=scale, model=_model(self.session, self.settings, scale, self.forearm)
-        )
+        arm_m = self.arm_m if self.forearm else 0.0
+        return replace(self, scale=scale, model=_model(self.session, self.settings, scale, arm_m))
 
     def with_arm_in_view(self, frame: int, params: Floats[P]) -> TrackingRun:
         """Return the run with a forearm in its model, if that is left to the program and the silhouettes of a
         frame show one beyond the hand's pose; without a first pose nothing else can tell.
         """
-        open_ = _asked_forearm(self.session, self.settings) == "auto"
-        if self.forearm or not open_ or self.model.kind == "body":
+        if self.forearm or not self._leaves_forearm_open or self.model.kind == "body":
             return self
-        if not forearm_in_view(self.model, params, _seen(self.session, self.settings, frame)):
-            return self
-        return self.with_forearm(True)
+        seen = _seen(self.session, self.settings, frame)
+        arm_m = forearm_in_view(self.model, [(params, seen)])
+        return replace(self, arm_m=arm_m).with_forearm(True) if arm_m else self
+
+    @property
+    def _leaves_forearm_open(self) -> bool:
+        return _asked_forearm(self.session, self.settings) == "auto"
 
     def with_forearm(self, on: bool) -> TrackingRun:
         """Return the run with or without a forearm in its model, where that is left to the program."""
@@ -203,7 +224,9 @@ class TrackingRun:
         chosen = _asked_forearm(self.session, self.settings)
         arms = (False, True) if chosen == "auto" else (chosen == "true",)
         if self.model.kind != "hand" or self.model.has_keypoints21:
-            return [_model(self.session, self.settings, self.scale, arm) for arm in arms]
+            return [
+                _model(self.session, self.settings, self.scale, np.inf if a else 0.0) for a in arms
+            ]
         side, scale = self.model.side, self.model.scale
         return [load_model("hand26", side, scale, forearm=arm) for arm in arms]
 
@@ -327,7 +350,7 @@ def given_in_images(
     session: Session, settings: TrackerSettings, first: FirstPose
 ) -> list[FirstPoseCandidate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""
-    whole = _whole(_model(session, settings, _hand_scale(session, settings, None), forearm=False))
+    whole = _whole(_model(session, settings, _hand_scale(session, settings, None), 0.0))
     return poses_from_images(session, settings, whole, first, _seen(session, settings, first.frame))
 
 
@@ -346,15 +369,16 @@ def _seen(
 
 
 def _model(
-    session: Session, settings: TrackerSettings, scale: HandScale, forearm: bool
+    session: Session, settings: TrackerSettings, scale: HandScale, arm_m: float
 ) -> ArticulatedModel:
+    """Return the model with a forearm of so much; 0: without."""
     chosen = settings.model
     return load_model(
         chosen.name or session.hand_model,
         session.file.hand.side,
         scale,
         coupling=chosen.coupling,
-        forearm=forearm,
+        forearm=arm_m,
         spread=chosen.spread,
         narrowing=settings.traits.narrowing,
     )
@@ -419,16 +443,17 @@ def _with_own_landmarks(session: Session, settings: TrackerSettings, scale: Hand
 
 def _forearm(
     session: Session, settings: TrackerSettings, scale: HandScale, first: FirstPose | None
-) -> bool:
+) -> float:
+    """Return how far from the wrist a forearm is modelled [m of the mean adult's], 0 for none."""
     wanted = _asked_forearm(session, settings)
     if wanted != "auto":
-        return wanted == "true"
+        return np.inf if wanted == "true" else 0.0
     if first is None:
-        return False
-    if any(name.startswith("wrist_") for name in first.parameters):
-        return True
-    model = _model(session, settings, scale, False)
+        return 0.0
+    given = any(name.startswith("wrist_") for name in first.parameters)
+    model = _model(session, settings, scale, np.inf if given else 0.0)
     if model.kind == "body":
-        return False
+        return 0.0
     params = _first_params(model, first, settings)
-    return forearm_in_view(model, params, _seen(session, settings, first.frame))
+    found = forearm_in_view(model, [(params, _seen(session, settings, first.frame))])
+    return found or (np.inf if given else 0.0)

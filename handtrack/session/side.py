@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.model_file import load_model
+from handtrack.model.model_file import model_from_definition
 from handtrack.observation.observation import Observation
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
@@ -36,7 +36,9 @@ def doubt_of_side(
     frames = sorted(tracked)
     rows = np.unique(np.linspace(0, len(frames) - 1, _LOOKS).round().astype(int))
     other_side = "left" if model.side == "right" else "right"
-    other = load_model(model.name, other_side, model.scale, forearm=model.has_forearm)
+    other = model_from_definition(
+        model.definition, other_side, model.scale, model.has_forearm, model.name
+    )
     alone = settings.with_values({"tracker.hypotheses": 1})
 
     def looks() -> Iterator[tuple[Observation, Floats[P]]]:

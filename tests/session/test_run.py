@@ -17,6 +17,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.tables.track_model import model_of
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +115,25 @@ def test_a_forearm_is_modelled_where_masks_show_one(tmp_path):
     run = TrackingRun.open(Session.open(simulate(tmp_path / "new", what)))
     assert run.forearm
     assert run.model.has_forearm
+    assert run.arm_m == np.inf
     frame, params = run.initial()
     result = next(iter(run.track(range(1), frame, params)))
     assert result.status == Status.TRACKED
+
+
+def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
+    """In another size it grows with the hand; a result is built again with it; a forearm asked for is a whole one."""
+    cuffed = replace(run, arm_m=0.04).with_forearm(True)
+    length = {}
+    for one in (cuffed, cuffed.with_scale(HandScale(1.1)), cuffed.with_values({"tracker.seed": 1})):
+        length[one.scale.overall] = one.model.skeleton.length[one.model.skeleton.bone("forearm")]
+    assert length == pytest.approx({1.0: 0.04, 1.1: 0.044})
+    result = next(iter(cuffed.track(range(1), *cuffed.initial())))
+    again = model_of(cuffed.result([result]))
+    np.testing.assert_allclose(again.flesh["fine"].radii, cuffed.model.flesh["fine"].radii)
+    arm = run.with_forearm(True).model
+    asked = cuffed.with_values({"model.forearm": "true"}).model
+    np.testing.assert_array_equal(asked.flesh["fine"].radii, arm.flesh["fine"].radii)
 
 
 def test_the_hands_size_is_fitted_to_keypoints_and_masks(larger):

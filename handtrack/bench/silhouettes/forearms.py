@@ -57,10 +57,10 @@ def _errors(rig: str, arm: str, seed: int, frames: int) -> Iterator[float]:
     given = Keypoints(keypoint_names(), truth[0] + 0.005 * rng.normal(size=(21, 3)), 0.008)
     seen[0] = replace(seen[0], keypoints=(given,))
     scale = fit_scale(lambda size: load_model(scale=size), given)[0]
-    models = [load_model(scale=scale, forearm=forearm) for forearm in (False, True)]
-    errors = [_error(model, seen, given, truth) for model in models]
-    chosen = forearm_in_view(models[0], fit_keypoints(models[0], given), seen[0])
-    yield from (*errors, errors[chosen])
+    hand = load_model(scale=scale)
+    found = forearm_in_view(hand, [(fit_keypoints(hand, given), seen[0])])
+    for forearm in (False, True, found):
+        yield _error(load_model(scale=scale, forearm=forearm), seen, given, truth)
 
 
 def _error(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.images.frame_notes import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
-from handtrack.model.model_file import load_model, read_scale, scale_from
+from handtrack.model.model_file import load_model, read_scale
 from handtrack.observation.observation import Keypoints
 from handtrack.session.doctor.finding import Finding, error, note, ok, warning
 from handtrack.session.formats.tables import read_npz
@@ -22,6 +21,7 @@ from handtrack.session.seen.seen_keypoints import NO_JOINTS
 from handtrack.session.seen.views import View
 from handtrack.session.side import doubt_of_side
 from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack.tracking.search.initialize import fit_keypoints
 
 if TYPE_CHECKING:
@@ -136,14 +136,11 @@ def check_side(session: Session) -> Iterator[Finding]:
     track = read_npz(path)
     if track.side != session.file.hand.side:
         return
-    arm = any(name.startswith("wrist_") for name in track.parameter_names)
-    size = scale_from(json.loads(track.scale), path)
-    model = load_model(track.model, track.side, size, forearm=arm)
+    model = model_of(track, str(path))
     rows = zip(track.frame, track.status, track.parameters, strict=True)
     tracked = {int(f): p for f, s, p in rows if s != Status.LOST and f in session.frame_range}
-    if model.parameter_names == track.parameter_names:
-        doubt = doubt_of_side(session, session.settings, model, tracked)
-        yield from [warning(f"{POSES_FILE}: {doubt}")] if doubt else []
+    doubt = doubt_of_side(session, session.settings, model, tracked)
+    yield from [warning(f"{POSES_FILE}: {doubt}")] if doubt else []
 
 
 def check_truth(session: Session) -> Iterator[Finding]:

@@ -41,7 +41,7 @@ class ModelSettings:
     )  # fmt: skip
     forearm: Literal["auto", "true", "false"] = setting(
         "auto", "Whether the model has a forearm: yes where the arm is bare and in view. Automatic: where silhouettes go on "
-        "beyond the wrist by 3 cm.", label="Forearm", level="user", about="hand",
+        "beyond the wrist by 3 cm, and as far as they do.", label="Forearm", level="user", about="hand",
         words={"auto": "automatic", "true": "with", "false": "without"},
     )  # fmt: skip
     spread_index: float = setting(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -26,14 +26,24 @@ _BEND_COSTS_M = 0.005  # that much less of an arm a straight wrist may explain
 _LEAST_PX = 1.0
 
 
-def forearm_in_view(model: ArticulatedModel, params: Floats[P], seen: Observation) -> bool:
-    """Return whether silhouettes or cloud go on beyond the wrist, where a bare forearm would be.
+def forearm_in_view(
+    model: ArticulatedModel, posed: Iterable[tuple[Floats[P], Observation]]
+) -> float:
+    """Return how far from the wrist silhouettes show a forearm [m of the mean adult's], the median of frames; 0 where it is too little
+    to model, infinite where it goes on beyond what is looked at, or a cloud shows one.
 
-    params: solver parameters of the hand in that frame.
+    posed: what was seen of frames, with the solver parameters of the hand there.
     """
-    bones = model.bones(params)
-    long = forearm_length(model, bones, seen.silhouettes) >= _LEAST_M
-    return long or _forearm_in_cloud(bones, seen.cloud)
+    lengths = []
+    for params, seen in posed:
+        bones = model.bones(params)
+        in_cloud = _forearm_in_cloud(bones, seen.cloud)
+        lengths.append(_LOOKED_AT_M if in_cloud else forearm_length(model, bones, seen.silhouettes))
+    length = float(np.median(lengths)) if lengths else 0.0
+    if length < _LEAST_M:
+        return 0.0
+    goes_on = length > _LOOKED_AT_M - _STEP_M / 2
+    return np.inf if goes_on else length / model.scale.factor("forearm")
 
 
 def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud | None) -> bool:
@@ -120,8 +130,8 @@ def forearm_cut(
     There are sleeve, elbow and upper arm, of which the model knows nothing; a model that ends inside the mask would be
     pulled along the arm. So the line is most_m from the wrist, and nearer where the mask ends earlier: a forearm that goes
     on there would be pulled away from where it has no image. Without a forearm it runs behind the hand. It never
-    cuts the hand, whichever way the arm points: fingers that do not count could be anywhere. Pixels with
-    a u + b v + c < 0 are cut off.
+    cuts the hand, whichever way the arm points: fingers that do not count could be anywhere. Where the model's forearm is as short as
+    that of the masks, all of them counts: poses are compared on the same pixels. Pixels with a u + b v + c < 0 are cut off.
     """
     if not model.has_keypoints21:
         return None
@@ -129,6 +139,8 @@ def forearm_cut(
     bone, axis = 0, np.array([0.0, -1.0, 0.0])
     if model.has_forearm:
         bone, axis = model.skeleton.bone("forearm"), np.array([0.0, 1.0, 0.0])
+        if model.skeleton.length[bone] < most_m:
+            return None
     reach = np.arange(0.0, most_m + _STEP_M / 2, _STEP_M)
     points = start.to_world(bone, reach[:, None] * axis)
     wrist, far = camera.project(points[[0, -1]])
