@@ -43,7 +43,7 @@ def forearm_in_view(
     if length < _LEAST_M:
         return 0.0
     goes_on = length > _LOOKED_AT_M - _STEP_M / 2
-    return np.inf if goes_on else length / model.scale.factor("forearm")
+    return np.inf if goes_on else (length - _ROUND_M) / model.scale.factor("forearm")
 
 
 def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud | None) -> bool:
