@@ -125,7 +125,7 @@ def test_a_hand_of_another_size_is_looked_for_again_in_that_size(pretended):
 
 
 def test_one_that_is_sure_is_not_looked_for_again(pretended):
-    best, asked = pretended({0: 0.8}, sizes={0: 0.8})
+    best, asked = pretended({0: 0.9}, sizes={0: 0.8})
     assert asked == [0]
     assert best[0].model.scale.overall == pytest.approx(0.8)
 
