@@ -134,7 +134,7 @@ _INIT = _option(
 _YES = _option(
     "--yes",
     action="store_true",
-    help="track from a first pose that was found, though it is not sure",
+    help="track from a first pose that is not sure, or looks like the other hand's",
 )
 _TAKE_OVER = _option(
     "--take-over", action="store_true", help="write even if another program holds the session; that one can no more"

@@ -33,6 +33,7 @@ from handtrack.tracking.search.explain import explained
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.commands.terminal.first_pose import (
     SURE,
+    ask_for_other_side,
     first_pose_of_images,
     found_first_pose,
     percent,
@@ -84,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
             f"--explain {args.explain}: expected one of the frames that are tracked, {frames.start} to {frames.stop - 1}."
         )
     out = writable(args.out, session.folder)
+    if args.init != "auto":
+        ask_for_other_side(session, first or session.init, args.yes)
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
     fits = session.hand_scale == "fit" and settings.model.fit_size == "true"

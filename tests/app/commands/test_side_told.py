@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
 from handtrack.session.formats.tables import read_npz
 from tests.app.command_line import CommandLine
 
@@ -44,3 +46,23 @@ def test_c31_track_and_doctor_name_the_other_side(
     assert DOUBT in json.loads(ended.out)["warnings"]
     assert f"note: {DOUBT}" in ended.err
     assert f"warning: tracks/poses.npz: {DOUBT}" in handtrack("doctor", session).out
+
+
+def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
+    handtrack: CommandLine, recorded: Path, tmp_path: Path
+) -> None:
+    session = Path(shutil.copytree(recorded, tmp_path / "session"))
+    left = load_model(side="left")
+    points = left.keypoints21(left.bones(named_pose(left, "pinch")))
+    given = {"frame": 0, "convention": "openpose21", "unit": "m", "xyz": points.tolist()}
+    (session / "init.json").write_text(json.dumps(given))
+    out = tmp_path / "poses.npz"
+    tracked = ("track", session, "--frames", "0:1", "--out", out)
+    for asked in (tracked, (*tracked, "--init", session / "init.json"), ("size", session)):
+        refused = handtrack(*asked)
+        assert refused.code == 2
+        assert "left hand" in refused.err
+        assert "--yes" in refused.err
+        assert not out.exists()
+    assert handtrack(*tracked, "--yes").code == 0
+    assert out.exists()

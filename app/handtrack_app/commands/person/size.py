@@ -13,7 +13,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack_app.commands.terminal.answer import answer
-from handtrack_app.commands.terminal.first_pose import found_first_pose
+from handtrack_app.commands.terminal.first_pose import ask_for_other_side, found_first_pose
 from handtrack_app.commands.terminal.output import output_file
 from handtrack_app.commands.terminal.progress import (
     say,
@@ -42,6 +42,8 @@ def run(args: argparse.Namespace) -> int:
     settings = settings.with_values(overrides)
     check_seen(session, settings, args.use)
     first = first_pose(args.init, session, settings)
+    if args.init != "auto":
+        ask_for_other_side(session, first or session.init, args.yes)
     frames = parse_frames(args.frames, session.frame_range, session.folder)
     if args.count < 1:
         raise HandtrackError(

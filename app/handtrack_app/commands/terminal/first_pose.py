@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping
 
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_hand import check_side_of
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses, no_hand_found
@@ -47,9 +48,26 @@ def found_first_pose(
     return found[0].first_pose
 
 
+def ask_for_other_side(session: Session, first: FirstPose | None, yes: bool) -> None:
+    """Raise HandtrackError where a given first pose's joints are those of the other hand, and nobody says that it is to be taken."""
+    if yes or first is None or first.xyz is None:
+        return
+    for finding in check_side_of("first pose", first.xyz, session):
+        if _can_ask():
+            say(f"note: {finding.text}")
+        if not _confirmed():
+            raise HandtrackError(
+                f"{session.folder}, {finding.text} Nothing was tracked from it. Take it all the same with --yes."
+            )
+
+
+def _can_ask() -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
 def _confirmed() -> bool:
     """Ask at a terminal whether a pose that is not sure is to be taken; elsewhere it is not."""
-    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if not _can_ask():
         return False
     say("Track from it all the same? [y/N]")
     return sys.stdin.readline().strip().lower() in ("y", "yes")
