@@ -147,7 +147,7 @@ class TrackingRun:
         scale = size_of_frames(
             run, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
         )  # fmt: skip
-        return run if scale is None else run.with_scale(scale)
+        return self if scale is None else run.with_scale(scale)
 
     def _with_cuff_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
         """Return the run whose forearm ends where tracked frames, spread evenly, show that it does; the same where none is modelled."""
