@@ -62,7 +62,7 @@ def test_ray_and_sphere_by_hand():
 
 def test_one_flipped_link_by_hand(body):
     """A thigh lifted 30° to the camera flips to 30° away from it, as seen from far off."""
-    far = _distant(4000.0)
+    far = _distant(3600.0)
     params = np.zeros(34)
     flex = body.parameter_names.index("left_hip_flex")
     params[flex] = np.deg2rad(30.0)

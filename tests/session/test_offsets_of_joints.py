@@ -137,7 +137,9 @@ def test_a_given_error_of_joints_stands_and_none_is_measured(folder, given, expe
 class _NoisyView:
     """One camera that sees random points of a hand's breadth, the same in all cameras, with noise."""
 
-    keypoint_files = SimpleNamespace(frames=range(40))
+    keypoint_files = SimpleNamespace(
+        frames=range(40), layout=SimpleNamespace(points=dict.fromkeys(keypoint_names()))
+    )
 
     def __init__(self, camera, noise, rng):
         self.camera, self.noise, self.rng = camera.without_distortion(), noise, rng

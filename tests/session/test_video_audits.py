@@ -27,8 +27,8 @@ class CountingCapture:
 
     calls: ClassVar[Counter[str]] = Counter()
 
-    def __init__(self, path: str) -> None:
-        self._capture = _open(path)
+    def __init__(self, path: str, *how: object) -> None:
+        self._capture = _open(path, *how)
 
     def grab(self) -> bool:
         self.calls["grab"] += 1

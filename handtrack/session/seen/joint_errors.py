@@ -7,15 +7,17 @@ from functools import lru_cache
 
 import numpy as np
 
+from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.seen.views import View
+from handtrack.tracking.frame.constants import BODY_BY_HAND
 from handtrack.tracking.search.keypoint_start import triangulated
 
 _FRAMES = 32  # looked at, spread over all: 32 x 21 points tell a median to some per cent
 _FEWEST = 100  # points; fewer say nothing
 _DEFINITION_M = 0.002
 """how far a point of the hand that a detector, or a person, means moves in the bone's frame as the hand moves: bone lengths that persons mark
-vary by 3 to 8 % of 30 to 90 mm at palm, thumb and index of 76 frames of one recording"""
+vary by 3 to 8 % of 30 to 90 mm at palm, thumb and index of 76 frames of one recording; of a body the same share of its size"""
 
 
 @lru_cache(maxsize=8)
@@ -36,7 +38,10 @@ def joint_sigma_px(views: tuple[View, ...]) -> float | None:
     if len(found) < _FEWEST:
         return None
     squares, pixels_per_m = np.median(found, axis=0)
-    return float(np.sqrt(squares + (_DEFINITION_M * pixels_per_m) ** 2))
+    hands = set(keypoint_names())
+    of_hand = all(hands >= set(v.keypoint_files.layout.points) for v in views if v.keypoint_files)
+    least_m = _DEFINITION_M * (1.0 if of_hand else BODY_BY_HAND)
+    return float(np.sqrt(squares + (least_m * pixels_per_m) ** 2))
 
 
 def _squares(seen: Sequence[ImageKeypoints]) -> list[tuple[float, float]]:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime
 from hashlib import blake2b
+from math import isclose
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -149,9 +150,20 @@ def _changed(
 
 def _same_cameras(text: str, session: TrackedSession) -> bool:
     try:
-        return json.loads(text) == json.loads(rig_json(session.rig))
+        return _alike(json.loads(text), json.loads(rig_json(session.rig)))
     except ValueError:
         return True  # of another version: nothing can be said
+
+
+def _alike(one: Any, other: Any) -> bool:
+    """Return whether two values of JSON are the same but for the rounding of numbers that were written and read."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_alike(one[key], other[key]) for key in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_alike, one, other))
+    if isinstance(one, float | int) and isinstance(other, float | int):
+        return isclose(one, other, rel_tol=1e-9, abs_tol=1e-9)
+    return bool(one == other)
 
 
 def _foreign_words(what: str, changed: Sequence[str]) -> str:

@@ -94,7 +94,7 @@ def minima(
             starts,
             seen,
             terms.priors,
-            terms.wide_keypoints[0].loss,
+            terms.wide().keypoints[0].loss,
             settings=_LONG if is_far else _POLISH,
         )
         return Minima(found.params, found.cost, found.normal)

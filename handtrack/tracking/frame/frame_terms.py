@@ -39,12 +39,13 @@ _ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or sp
 _ROBUST = GemanMcClure(
     3.0
 )  # of given keypoints: one that is more than a few sigmas off no longer pulls
-_DETECTED = GemanMcClure(2.0)
-"""of detected joints in the last stage: a camera that takes one finger for another is let go. The width was chosen on two recordings, a
-real hand before five cameras and images of a scanned one; 3 costs 0.1 mm there and wins 0.1 mm where no camera errs"""
 _WIDE = Huber(
     3.0
 )  # of detected joints in all stages but the last: they pull from wherever a start is
+_DETECTED = {"hand": GemanMcClure(2.0), "body": _WIDE}
+"""of detected joints in the last stage, by the model's kind: a camera that takes one finger for another is let go. The width was chosen on two
+recordings, a real hand before five cameras and images of a scanned one; 3 costs 0.1 mm there and wins 0.1 mm where no camera errs. A body
+before cameras whose calibration is off by more than its joints would lose limbs (`real_person`: 49 mm became 101)"""
 
 
 @dataclass(frozen=True)
@@ -114,12 +115,10 @@ class FrameTerms:
         count = len(bands.bands_mm) if ramps or self.cloud is not None else count
         return count if self.appearance is None else max(count, appearance_stages(self.settings))
 
-    @property
-    def wide_keypoints(self) -> tuple[KeypointTerm, ...]:
-        """The keypoints where detected ones pull from however far: for all stages but the last."""
-        return tuple(
-            replace(term, loss=_WIDE) if term.is_detected else term for term in self.keypoints
-        )
+    def wide(self) -> FrameTerms:
+        """Return the terms where detected joints pull from however far: of all stages but the last."""
+        points = (replace(t, loss=_WIDE) if t.is_detected else t for t in self.keypoints)
+        return replace(self, keypoints=tuple(points))
 
     @property
     def views(self) -> int:
@@ -137,7 +136,7 @@ class FrameTerms:
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
         band_mm = at_stage(settings.bands_mm, index)
-        points = self.keypoints if index >= self.stages - 1 else self.wide_keypoints
+        points = (self if index >= self.stages - 1 else self.wide()).keypoints
         terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *points]
         if self.cloud is not None:
             terms += cloud_terms(self.cloud, self.model, self.settings, band_mm)
@@ -210,7 +209,7 @@ def frame_terms(
                 model,
                 seen,
                 settings.keypoints.weight,
-                _DETECTED if isinstance(seen, ImageKeypoints) else _ROBUST,
+                _DETECTED[model.kind] if isinstance(seen, ImageKeypoints) else _ROBUST,
             )
             for seen in observation.keypoints
         ]

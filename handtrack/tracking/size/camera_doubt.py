@@ -106,7 +106,7 @@ class _Look:
                 tuple(one for one in observed.silhouettes if one.camera.name == name),
                 keypoints=tuple(one for one in joints if one.camera.name == name),
             )
-            terms = frame_terms(model, alone, own, bones, None).stage(0, bones)
+            terms = frame_terms(model, alone, own, bones, None).wide().stage(0, bones)
             told = [term.linearize_growth(bones) for term in terms if isinstance(term, GrowingTerm)]
             seen[name] = reduce(BoneSystem.__add__, told, BoneSystem.zero(len(bones.position), 7))
         prior = Problem(model, (), priors).linearize(pose)

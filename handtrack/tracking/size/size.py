@@ -57,7 +57,7 @@ def refine_scale(
 
         model = build(scale)
         problems = [
-            _problem(model, settings, band, observed, pose)
+            _problem(model, settings, band, observed, pose, is_last=stage + 1 == len(SIZE_BANDS_MM))
             for observed, pose in zip(observations, current, strict=True)
         ]
         size = SizeParameters(model, seen)
@@ -86,8 +86,9 @@ def _problem(
     band_mm: float,
     seen: Observation,
     pose: Floats,
+    is_last: bool,
 ) -> Problem:
-    """Return what a frame says with one narrow band, by itself."""
+    """Return what a frame says with one narrow band, by itself; is_last: outlying joints are let go."""
     stage = replace(
         settings,
         silhouettes=replace(settings.silhouettes, bands_mm=(band_mm,)),
@@ -95,5 +96,6 @@ def _problem(
     )
     start = model.bones(pose)
     terms = frame_terms(model, stage, seen, start, None)
+    terms = terms if is_last else terms.wide()
     telling = [term for term in terms.stage(0, start) if isinstance(term, GrowingTerm)]
     return Problem(model, telling, terms.priors)

@@ -269,7 +269,7 @@ class Evidence:
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)
         if self.wide:
-            terms = replace(terms, keypoints=terms.wide_keypoints)
+            terms = terms.wide()
         share = 1.0 if only_camera(terms) is None else self.new
         if frame in self.keyframes:
             terms = replace(terms, priors=(*terms.priors, self.keyframes[frame]))
