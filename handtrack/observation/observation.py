@@ -106,14 +106,14 @@ class ImageKeypoints:
     names: tuple[str, ...]
     pixels: Floats[J, D2]
     """[px], NaN where unknown."""
-    sigma_px: Floats[J]
+    sigma_px: Floats[J] | float
     """[px] standard deviation of each point in each direction; one number given stands for all"""
 
     def __post_init__(self) -> None:
         """Take lists for arrays. Raises HandtrackError where they do not fit together."""
-        object.__setattr__(self, "sigma_px", np.asarray(self.sigma_px, float))
-        _check_points(self, "pixels", 2, self.sigma_px)
-        object.__setattr__(self, "sigma_px", np.broadcast_to(self.sigma_px, len(self.names)))
+        sigma = np.asarray(self.sigma_px, float)
+        _check_points(self, "pixels", 2, sigma)
+        object.__setattr__(self, "sigma_px", np.broadcast_to(sigma, len(self.names)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,7 @@ def joints_of_model(seen: ImageKeypoints, model: ArticulatedModel) -> ImageKeypo
     """Return the joints that a model has."""
     rows = [i for i, name in enumerate(seen.names) if name in model.joint_names]
     names = tuple(seen.names[i] for i in rows)
-    return ImageKeypoints(seen.camera, names, seen.pixels[rows], seen.sigma_px[rows])
+    return ImageKeypoints(seen.camera, names, seen.pixels[rows], np.asarray(seen.sigma_px)[rows])
 
 
 class KeypointFiles:

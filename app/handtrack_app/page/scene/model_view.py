@@ -132,7 +132,7 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     shown = display.truth and bool(known.any())
     if shown and truth is not None:
         somewhere = truth[known][0]  # where what is not known is drawn, too: nobody sees it there
-        whole = known[KEYPOINT_LINKS].all(axis=1)[:, None, None]
+        whole = known[KEYPOINT_LINKS].all(axis=1).reshape(-1, 1, 1)
         lines = np.where(whole, truth[KEYPOINT_LINKS], somewhere)
         view.truth_lines.points = lines.astype(np.float32)
         points = np.where(known[:, None], truth, somewhere)
