@@ -1,4 +1,4 @@
-"""Figures of README and tutorial, each from docs/figures.toml, which says by what commands and at what commit it was measured.
+"""Figures of README, tutorial and the report of recordings, each from docs/figures.toml, which says by what commands and at what commit it was measured.
 
     python -m docs.figures                      print the table's figures into the pages
     python -m docs.figures --measure [NAME…]    run the commands and write what they say into the table
@@ -17,6 +17,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -25,8 +26,12 @@ import tomlkit
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "docs" / "figures.toml"
-PAGES = (ROOT / "README.md", ROOT / "docs" / "tutorial.md")
-_PLACE = re.compile(r"<!-- (\w+)\.(\w+):([.\w]+) -->.*?<!-- / -->")
+PAGES = tuple(
+    ROOT / page for page in ("README.md", "docs/tutorial.md", "docs/reports/recordings.md")
+)
+PROGRAMS = {"handtrack": [sys.executable, "-m", "handtrack_app.cli"], "python": [sys.executable]}
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}  # for commands of tests.benchmarks
+_PLACE = re.compile(r"<!-- (\w+)\.([\w.]+):([.%\w]+) -->.*?<!-- / -->")
 _ALIKE = 0.01  # of a value: machines differ in the last digits, and tracking carries that on
 
 
@@ -42,18 +47,28 @@ def printed(text: str, table: dict[str, Any]) -> str:
 
 
 def measured(entry: dict[str, Any]) -> dict[str, float]:
-    """Return the entry's keys of what the last of its commands prints as JSON."""
+    """Return the entry's keys of what its commands print as JSON; they run in an empty folder, beside a copy of its recording."""
     data = Path(os.environ.get("HANDTRACK_DATA", ROOT.parent / "shared" / "data"))
-    with tempfile.TemporaryDirectory() as out:
-        session = Path(out) / "session"
-        shutil.copytree(data / "sessions" / entry["session"], session)
-        said = ""
+    found: dict[str, float] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        if "session" in entry:
+            shutil.copytree(data / "sessions" / entry["session"], Path(folder) / "session")
         for command in entry["commands"]:
-            words = command.format(session=session, out=out).split()
-            run = [sys.executable, "-m", "handtrack_app.cli", *words]
-            said = subprocess.run(run, check=True, stdout=subprocess.PIPE, text=True).stdout
-    found = json.loads(said)
+            program, *words = command.split()
+            run = [*PROGRAMS.get(program, [program]), *words]
+            said = subprocess.run(run, cwd=folder, env=ENVIRONMENT, check=True, stdout=subprocess.PIPE, text=True).stdout  # fmt: skip
+            if "--json" in words:
+                found |= dict(_flat(json.loads(said)))
     return {key: found[key] for key in entry["keys"]}
+
+
+def _flat(said: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield a JSON object's values; those of objects within it by names with dots."""
+    for name, value in said.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{name}.")
+        else:
+            yield f"{before}{name}", value
 
 
 def main() -> int:

@@ -202,4 +202,19 @@ def test_pages_have_the_figures_that_were_measured():
     for page in figures.PAGES:
         text = page.read_text(encoding="utf-8")
         assert figures.printed(text, table) == text
-        assert figures.printed(text.replace("-->4.5<!--", "-->9.9<!--"), table) == text
+        assert figures.printed(re.sub(r"-->[\d.%]+<!--", "-->9.9<!--", text), table) == text
+
+
+def test_accuracy_that_readme_promises_says_where_it_is_from():
+    text = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    part = text.split("## What accuracy to expect")[1].split("\n## ")[0]
+    rows = [line for line in part.splitlines() if line.startswith("| ")][1:]
+    assert [row for row in rows if "<!-- / -->" not in row and "(docs/reports/" not in row] == []
+
+
+def test_figures_are_what_the_commands_print():
+    commands = ["handtrack simulate --out s --cameras 1 --frames 2 --no-images --json"]
+    assert figures.measured({"commands": commands, "keys": ["frames", "cameras"]}) == {
+        "frames": 2,
+        "cameras": 1,
+    }

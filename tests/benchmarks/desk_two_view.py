@@ -1,7 +1,7 @@
 """How far a track of desk_two_view is from marks set and outlines drawn by eye: pixels per landmark, overlap of the hand.
 
-Run: python -m tests.benchmarks.desk_two_view POSES.npz [SESSION], or with `-` in place of the poses for the masks alone.
-Without SESSION, whose masks are compared, it is the one found through HANDTRACK_DATA.
+Run: python -m tests.benchmarks.desk_two_view POSES.npz [SESSION] [--json], or with `-` in place of the poses for the masks alone.
+Without SESSION, whose masks are compared, it is the one found through HANDTRACK_DATA. With --json, the figures of all frames together.
 """
 
 from __future__ import annotations
@@ -158,8 +158,12 @@ def print_drawn(what: str, shares: dict[tuple[int, str], float]) -> None:
 
 def main() -> None:
     data = Path(os.environ.get("HANDTRACK_DATA", Path(__file__).parents[3] / "shared" / "data"))
-    poses, *other = sys.argv[1:]
+    poses, *other = (word for word in sys.argv[1:] if word != "--json")
     session = Session.open(other[0] if other else data / "sessions" / "desk_two_view")
+    if "--json" in sys.argv:
+        figures = compare(read_npz(Path(poses)), session)
+        print(json.dumps({name: n for name, n in figures.items() if not isinstance(n, dict)}))
+        return
     print_drawn("masks", compare_masks(session))
     if any(view.unknown is not None for view in session.views):
         print_drawn("masks where known", compare_masks(session, known_only=True))
