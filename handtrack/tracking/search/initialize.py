@@ -10,6 +10,7 @@ from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
@@ -75,11 +76,14 @@ def fit_scale(
     """Return a person's hand and solver parameters fitted together to points in space.
 
     build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
-    adults differ, so that noisy points do not make odd hands.
+    adults differ, so that noisy points do not make odd hands. One frame's points tell no proportions of a hand: noise would be
+    taken for them (`webxr_stereo_768` by its cloud 6.0 mm without, 7.2 with).
     """
     model = build(HandScale())
+    held = model.proportion_names if model.kind == "hand" else ()
+    free = np.array([name not in held for name in SizeParameters(model).names])
     problem = _on_points(model, seen)
-    scale, _ = fit_size([problem], [fit_keypoints(model, seen)])
+    scale, _ = fit_size([problem], [fit_keypoints(model, seen)], free)
     return scale, fit_keypoints(build(scale), seen)
 
 
