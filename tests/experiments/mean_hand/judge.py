@@ -1,0 +1,70 @@
+"""How a definition tracks hands that are not in it: python -m tests.experiments.mean_hand.judge OUT DEFINITION… [-- RECORDING…]
+
+OUT: a folder of sessions that `python -m tests.experiments.mean_hand.recordings OUT` wrote. DEFINITION: `hand26`, or a file.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from handtrack import Session, TrackingRun
+from handtrack.bench.honesty.honesty import BAD_MM, _bone_frames
+from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
+from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
+from handtrack.tracking.frame.result import Status
+
+COLUMNS = ("mean", "free", "bad", "flex", "thumb", "low", "s")
+"""mean joint error [mm]; the same beside a constant of each joint in its bone's frame, of the other half of the frames [mm]; share of
+frames with a joint more than 25 mm off; error of the fingers' and of the thumb's flexion [°]; share of frames of low confidence; CPU"""
+
+
+def figures(session: Path, definition: str) -> tuple[float, ...]:
+    """Return `COLUMNS` of one recording."""
+    began = time.process_time()
+    run = TrackingRun.open(
+        Session.open(session), {"model.name": definition, "model.forearm": "false"}
+    )
+    start, pose = run.initial()
+    track = run.result(run.track(run.session.frame_range, start, pose))
+    truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
+    assert track.keypoints21 is not None
+    off = track.keypoints21 - truth
+    frames = _bone_frames(truth)
+    local = np.einsum("fjab,fja->fjb", frames, off)
+    half = np.arange(len(off)) < len(off) / 2
+    free = np.concatenate(
+        [local[a] - np.median(local[b], axis=0) for a, b in ((half, ~half), (~half, half))]
+    )
+    bend = np.abs(flexion_deg(track.keypoints21) - flexion_deg(truth)).mean(axis=0)
+    is_thumb = np.array([n.startswith("thumb") for n in BENT_JOINTS])
+    each = 1e3 * np.linalg.norm(off, axis=2)
+    low = (track.status == Status.LOST) | (track.status == Status.DOUBTFUL)
+    return (
+        float(each.mean()), 1e3 * float(np.linalg.norm(free, axis=2).mean()), float((each.max(axis=1) > BAD_MM).mean()),
+        float(bend[~is_thumb].mean()), float(bend[is_thumb].mean()), float(low.mean()), time.process_time() - began,
+    )  # fmt: skip
+
+
+def main() -> None:
+    names = sys.argv[2:]
+    only = names[names.index("--") + 1 :] if "--" in names else []
+    names = names[: names.index("--")] if "--" in names else names
+    sessions = sorted(p.parent for p in Path(sys.argv[1]).glob(f"*/{SESSION_FILE}"))
+    for definition in names:
+        print(f"{Path(definition).stem:34}", *(f"{c:>6}" for c in COLUMNS))
+        every = []
+        for session in sessions:
+            if only and session.name not in only:
+                continue
+            every.append(figures(session, definition))
+            print(f"  {session.name:32}", *(f"{x:6.2f}" for x in every[-1]), flush=True)
+        if every:
+            print(f"  {'mean':32}", *(f"{x:6.2f}" for x in np.mean(every, axis=0)), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,201 @@
+"""The mean hand: python -m tests.experiments.mean_hand.mean DEFINITION.toml DATA MAKEHUMAN OUT.toml [--without FAMILY]
+
+DEFINITION: hand26 as it was before (commit 197816e): bones and finger breadths from published measurements. DATA: the folder of test data with
+`webxr_generic_hand` (MIT). MAKEHUMAN: the git folder of a copy of makehumancommunity/makehuman (its meshes are CC0).
+
+Bones: the mean of the measurements' and the meshes'. Ellipsoids: fitted to the surfaces of all families together, each with the same
+weight; then palm and wrist are given the mean of their breadth and circumferences and those of the people of ANSUR II.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from handtrack.arrays import D3, Floats, N
+from handtrack.bench.honesty.meshes import read_meshes
+from tests.experiments.mean_hand.fit import (
+    LENGTH_MM,
+    Flat,
+    Surface,
+    bones_of,
+    fitted,
+    flat,
+    frame,
+    measured,
+    with_joints,
+)
+from tests.experiments.mean_hand.makehuman import Base, people
+
+BREADTH_MM, AROUND_MM, WRIST_MM = 83.0, 198.8, 164.8
+"""of ANSUR II's individuals (Gordon et al. 2014), women and men alike: hand breadth, hand and wrist circumference; their hands are 187 mm long"""
+_KNUCKLES_MM = 80.0
+_FINGERS_SHARE = 0.6
+"""of a hand's surface"""
+
+
+def families(definition: dict[str, Any], data: Path, makehuman: Path) -> dict[str, list[Flat]]:
+    """Return the hands whose licences let them go into a product, straightened; `measured` has fingers only."""
+    rng, base = np.random.default_rng(26), Base.read(makehuman)
+    meshes = {"webxr": [read_meshes(data)["webxr"]], "makehuman": [base.hand(r) for r in people()]}
+    found = {name: [flat(mesh, definition, rng) for mesh in own] for name, own in meshes.items()}
+    return {"measured": [measured(definition, rng)], **found}
+
+
+def mean_definition(
+    definition: dict[str, Any], hands: dict[str, list[Flat]], report: bool = False
+) -> dict[str, Any]:
+    found = with_joints(
+        definition, mean_joints({k: [h.joints for h in own] for k, own in hands.items()})
+    )
+    weighted = [
+        (h, (_FINGERS_SHARE if name == "measured" else 1.0) / len(own))
+        for name, own in hands.items()
+        for h in own
+    ]
+    surface = Surface.of(weighted, found)
+    found["ellipsoids"]["fine"] = fitted(found["ellipsoids"]["fine"], surface, report=report)
+    _to_people(found, report)
+    found["ellipsoids"]["metaballs"] = _metaballs(definition, found)
+    return found
+
+
+def mean_joints(joints: dict[str, list[Floats]]) -> Floats:
+    """Return the joints (5, 4, 3) of the mean. MakeHuman's lengths are measurements already (`makehuman.LENGTHS`): they do not count twice."""
+    each = {name: np.mean(own, axis=0) for name, own in joints.items()}
+    heads = np.mean([j[:, 0] for j in each.values()], axis=0)
+    lengths = np.mean(
+        [
+            np.linalg.norm(np.diff(j, axis=1), axis=2)
+            for name, j in each.items()
+            if name != "makehuman"
+        ],
+        axis=0,
+    )
+    scale = LENGTH_MM / (np.linalg.norm(heads[2]) + lengths[2].sum())
+    found = np.zeros((5, 4, 3))
+    found[:, 0] = scale * heads
+    found[:, 1:, 1] = scale * np.cumsum(lengths, axis=1)
+    found[:, 1:] += found[:, :1]
+    return found
+
+
+def _to_people(definition: dict[str, Any], report: bool) -> None:
+    """Change the radii of palm and wrist to the mean of their own breadth and circumferences and of people's."""
+    rows = definition["ellipsoids"]["fine"]
+    palm = [r for r in rows if "carpal" in r["bone"] and not r["bone"].startswith("thumb")]
+    own = np.array(_section(definition, palm, _KNUCKLES_MM))
+    aim = 0.5 * (own + (BREADTH_MM, AROUND_MM))
+    for _ in range(8):
+        breadth, around = _section(definition, palm, _KNUCKLES_MM)
+        thick, wanted = ((c - 2 * b) / (np.pi - 2) for b, c in ((breadth, around), aim))
+        for row in palm:
+            x, y, z = row["radii"]
+            row["radii"] = [x + 0.25 * (aim[0] - breadth), y, z + 0.25 * (wanted - thick)]
+    root = next(r for r in rows if r["bone"] == "root")
+    _, wrist = _section(definition, [root], 0.0)
+    factor = 0.5 * (1 + WRIST_MM / wrist)
+    root["radii"] = [root["radii"][0] * factor, root["radii"][1], root["radii"][2] * factor]
+    if report:
+        print(
+            f"  palm {own[0]:.1f} → {breadth:.1f} mm broad, {own[1]:.1f} → {around:.1f} round; wrist {wrist:.1f} round, × {factor:.3f}"
+        )
+
+
+def _metaballs(before: dict[str, Any], after: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the coarse ellipsoids changed as the fine ones are: by breadth, depth and middle of their section about the same bone."""
+    bones = bones_of(before), bones_of(after)
+    found = []
+    for row in before["ellipsoids"]["metaballs"]:
+        row, bone = dict(row), row["bone"]
+        found.append(row)
+        if bone == "forearm":
+            continue
+        factor = frame(bones[1][bone])[2] / frame(bones[0][bone])[2]
+        boxes = []
+        for definition, own, y in zip(
+            (before, after), bones, (row["centre"][1], row["centre"][1] * factor), strict=True
+        ):
+            is_palm = bone == "root"
+            about = [
+                r for r in definition["ellipsoids"]["fine"]
+                if (r["bone"] == "root" or ("carpal" in r["bone"] and "thumb" not in r["bone"]) if is_palm else r["bone"] == bone)
+            ]  # fmt: skip
+            head, axes, _ = frame(own[bone])
+            local = (_points(definition, about) - head) @ axes
+            near = local[np.abs(local[:, 1] - y) < 1.5][:, [0, 2]]
+            boxes.append((near.min(axis=0), near.max(axis=0)))
+        (low, high), (new_low, new_high) = boxes
+        ratio, moved = (new_high - new_low) / (high - low), 0.5 * (new_low + new_high - low - high)
+        x, y, z = row["centre"]
+        row["centre"] = [x + moved[0], y * factor, z + moved[1]]
+        row["radii"] = [
+            row["radii"][0] * ratio[0],
+            row["radii"][1] * factor,
+            row["radii"][2] * ratio[1],
+        ]
+    return found
+
+
+def _section(
+    definition: dict[str, Any], rows: list[dict[str, Any]], y: float
+) -> tuple[float, float]:
+    """Return breadth and convex circumference [mm] of ellipsoids in the zero pose, across the hand."""
+    points = _points(definition, rows)
+    near = points[np.abs(points[:, 1] - y) < 1.5][:, [0, 2]]
+    return float(np.ptp(near[:, 0])), float(ConvexHull(near).area)
+
+
+def _points(definition: dict[str, Any], rows: list[dict[str, Any]]) -> Floats[N, D3]:
+    bones, ball = bones_of(definition), np.random.default_rng(0).normal(size=(4000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    placed = [(*frame(bones[r["bone"]])[:2], r) for r in rows]
+    return np.concatenate(
+        [(r["centre"] + ball * r["radii"]) @ axes.T + head for head, axes, r in placed]
+    )
+
+
+def written(text: str, definition: dict[str, Any]) -> str:
+    """Return the text of a definition file with the numbers of another: ends of bones, and ellipsoids."""
+    for name, bone in bones_of(definition).items():
+        for end in ("head", "tail"):
+            text = re.sub(
+                rf'(name = "{name}"\n(?:(?!\[\[).*\n)*?{end} = )\[.*\]',
+                rf"\g<1>{_numbers(bone[end])}",
+                text,
+            )
+    for key, rows in definition["ellipsoids"].items():
+        lines = [
+            f'  {{ bone = "{r["bone"]}", centre = {_numbers(r["centre"])}, radii = {_numbers(r["radii"])} }},\n'
+            for r in rows
+        ]
+        text = re.sub(
+            rf"(\n{key} = \[\n)(?:  .*\n)*",
+            lambda m, lines=lines: m.group(1) + "".join(lines),
+            text,
+        )
+    return text
+
+
+def _numbers(values: Any) -> str:
+    return "[" + ", ".join(f"{round(float(v), 2):g}" for v in values) + "]"
+
+
+def main() -> None:
+    start, data, makehuman, out = map(Path, sys.argv[1:5])
+    text = start.read_text()
+    definition = tomllib.loads(text)
+    hands = families(definition, data, makehuman)
+    if "--without" in sys.argv:
+        hands.pop(sys.argv[sys.argv.index("--without") + 1])
+    out.write_text(written(text, mean_definition(definition, hands, report=True)))
+
+
+if __name__ == "__main__":
+    main()
