@@ -36,12 +36,10 @@ _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
 _FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
 _ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
-_ROBUST = GemanMcClure(
-    3.0
-)  # of given keypoints: one that is more than a few sigmas off no longer pulls
-_WIDE = Huber(
-    3.0
-)  # of detected joints in all stages but the last: they pull from wherever a start is
+_ROBUST = GemanMcClure(3.0)
+"""of given keypoints: one that is more than a few sigmas off no longer pulls"""
+_WIDE = Huber(3.0)
+"""of detected joints in all stages but the last: they pull from wherever a start is"""
 _DETECTED = {"hand": GemanMcClure(2.0), "body": _WIDE}
 """of detected joints in the last stage, by the model's kind: a camera that takes one finger for another is let go. The width was chosen on two
 recordings, a real hand before five cameras and images of a scanned one; 3 costs 0.1 mm there and wins 0.1 mm where no camera errs. A body

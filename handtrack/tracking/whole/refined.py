@@ -129,7 +129,9 @@ def refined(
     looks = _looks(evidence, [n for n in numbers if n not in lost])
     if who is not None and looks:
         evidence = replace(evidence, person=PersonChange.of(model, looks, who))
-    detected = any(isinstance(one, ImageKeypoints) for seen, _ in looks for one in seen.keypoints)
+    points = [one for seen, _ in looks for one in seen.keypoints]
+    # a body's joints are never let go: one estimate finds all
+    detected = model.kind == "hand" and any(isinstance(one, ImageKeypoints) for one in points)
     evidence = replace(evidence, wide=detected)
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     cameras = CameraChanges.none()
