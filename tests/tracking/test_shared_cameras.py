@@ -112,9 +112,11 @@ def test_a_camera_that_is_late_is_found_and_put_right():
     cameras = [camera_at(k) for k in range(3)]
     frames, truth, found = _tracked(cameras, (0, 2, 0))
     left, _, _ = _tracked(cameras, (0, 2, 0), corrects_cameras=False)
+    off = _off_mm(frames, truth)
+    assert off < 0.7  # measured 0.55 mm
     assert (
-        _off_mm(frames, truth) < _off_mm(left, truth) < 1.0
-    )  # measured 0.55 and 0.65 mm: its joints are let go
+        off < _off_mm(left, truth) < 0.8
+    )  # measured 0.65 mm: the joints of the late camera are let go
     late = {one.name: one.late_frames for one in found.cameras}
     assert late == pytest.approx({"cam0": 0.0, "cam1": 2.0, "cam2": 0.0}, abs=0.1)
     assert "cam1" in found.words[0]
