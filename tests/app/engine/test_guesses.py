@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -59,18 +58,19 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
     go.set()
 
 
-def press(bench: Workbench, handle: Any, option: str) -> None:
-    with WireClient(bench.url) as client:
-        client.set_value(handle, option)
-        time.sleep(0.2)
+@pytest.fixture
+def client(bench: Workbench) -> Iterator[WireClient]:
+    """One page for a whole test: a second one may only look on until the server has seen the first one go."""
+    with WireClient(bench.url) as one:
+        yield one
 
 
 def test_the_hand_is_found_taken_and_can_be_undone(
-    bench: Workbench, search: threading.Event
+    bench: Workbench, client: WireClient, search: threading.Event
 ) -> None:
     panel, state = bench.layout.guesses, bench.state
     before = state.values
-    press(bench, panel.find, "any frame")
+    client.set_value(panel.find, "any frame")
     eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible, "it can be cancelled")
     shown = bench.layout.progress
     eventually(
@@ -87,13 +87,13 @@ def test_the_hand_is_found_taken_and_can_be_undone(
     eventually(lambda: ">found<" in bench.layout.pose.card.content, "called found")
     eventually(lambda: "found</span>" in bench.layout.timeline.picture.content, "marked")
     assert "set by hand" not in bench.layout.timeline.picture.content
-    press(bench, panel.takes, "2")
+    client.set_value(panel.takes, "2")
     eventually(lambda: abs(state.values[0] - 0.08) < 1e-9, "the other one")
-    press(bench, bench.layout.pose.edit_buttons, "Undo")
+    client.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: abs(state.values[0] - 0.03) < 1e-9, "undone")
-    press(bench, bench.layout.pose.edit_buttons, "Undo")
+    client.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: np.allclose(state.values, before), "the pose before the search")
-    press(bench, panel.takes, "77")
+    client.set_value(panel.takes, "77")
     bench.go_to(6)
     eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible, "hidden")
     bench.go_to(5)
@@ -101,20 +101,19 @@ def test_the_hand_is_found_taken_and_can_be_undone(
 
 
 def test_a_found_pose_is_set_by_hand_once_it_is_edited(
-    bench: Workbench, search: threading.Event
+    bench: Workbench, client: WireClient, search: threading.Event
 ) -> None:
     card, timeline = bench.layout.pose.card, bench.layout.timeline.picture
     search.set()
-    press(bench, bench.layout.guesses.find, "any frame")
+    client.set_value(bench.layout.guesses.find, "any frame")
     eventually(lambda: ">found<" in card.content, "found")
     panel = bench.layout.guesses
     eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")
-    with WireClient(bench.url) as client:
-        client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 40.0)
-        eventually(lambda: ">set by hand<" in card.content, "edited")
-        eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: ">found<" in card.content, "as it was found")
+    client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 40.0)
+    eventually(lambda: ">set by hand<" in card.content, "edited")
+    eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")
+    client.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: ">found<" in card.content, "as it was found")
     bench.send(commands.SetSetting("model.name", "ball6"))
     eventually(lambda: len(bench.state.values) == 6, "a simpler model")
     bench.send(commands.SetSetting("model.name", ""))
