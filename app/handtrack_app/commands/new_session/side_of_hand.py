@@ -7,19 +7,24 @@ from pathlib import Path
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 from handtrack_app.commands.terminal.progress import say
-from handtrack_app.commands.terminal.questions import can_ask, question
+from handtrack_app.commands.terminal.questions import can_ask, confirmed, question
 
 USUAL = "right"
 _SURE = 0.9  # below, somebody is asked
 
 
-def check_detector(weights: Path | None) -> str:
+def check_detector(weights: Path | None, wanted: bool, yes: bool) -> str:
     """Return what is missing for the hand to be found in images, in a sentence, or nothing. Raises HandtrackError for a file
-    that was named and cannot be used.
+    that was named and cannot be used. wanted: it will be looked for, so that a detector is fetched if that is agreed to.
     """
+    from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights, has_weights
     from handtrack.session.detection import HandDetector
 
+    offer = f"The hand detector is not installed. Fetch it now, {DOWNLOAD_MB} MB by pip?"
     try:
+        if wanted and weights is None and not has_weights() and (yes or confirmed(offer)):
+            say(f"fetching the hand detector, {DOWNLOAD_MB} MB …")
+            fetch_weights()
         HandDetector.open(weights)
     except HandtrackError as error:
         if weights is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 
 from handtrack.errors import HandtrackError
@@ -14,6 +13,9 @@ from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.commands.terminal.progress import Stop, say
+from handtrack_app.commands.terminal.questions import can_ask, confirmed
+
+_ANYWAY = "Track from it all the same?"
 
 
 def found_first_pose(
@@ -37,7 +39,7 @@ def found_first_pose(
         raise no_hand_found(run)
     for line in described(found):
         say(line)
-    if found[0].confidence < SURE and not yes and not _confirmed():
+    if found[0].confidence < SURE and not yes and not confirmed(_ANYWAY):
         is_body = found[0].model.kind == "body"
         more = "add another camera's joints" if is_body else "give joints (`handtrack detect`)"
         raise HandtrackError(
@@ -53,24 +55,12 @@ def ask_for_other_side(session: Session, first: FirstPose | None, yes: bool) -> 
     if yes or first is None or first.xyz is None:
         return
     for finding in check_side_of("first pose", first.xyz, session):
-        if _can_ask():
+        if can_ask():
             say(f"note: {finding.text}")
-        if not _confirmed():
+        if not confirmed(_ANYWAY):
             raise HandtrackError(
                 f"{session.folder}, {finding.text} Nothing was tracked from it. Take it all the same with --yes."
             )
-
-
-def _can_ask() -> bool:
-    return sys.stdin.isatty() and sys.stderr.isatty()
-
-
-def _confirmed() -> bool:
-    """Ask at a terminal whether a pose that is not sure is to be taken; elsewhere it is not."""
-    if not _can_ask():
-        return False
-    say("Track from it all the same? [y/N]")
-    return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
 def first_pose_of_images(

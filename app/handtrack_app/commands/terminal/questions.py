@@ -18,3 +18,8 @@ def question(text: str, proposal: str = "") -> str:
     if not line:
         raise KeyboardInterrupt
     return line.strip() or proposal
+
+
+def confirmed(text: str) -> bool:
+    """Return whether somebody says yes; nobody does where nobody can be asked."""
+    return can_ask() and question(f"{text} y/n", "n").lower() in ("y", "yes")
