@@ -149,6 +149,26 @@ def test_a_mistake_is_named_and_no_other(tmp_path: Path, mistake: str) -> None:
     assert len(said) == 1 and words in said[0], said
 
 
+def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path: Path) -> None:
+    """In most frames the detector takes something else for the ring finger, in one camera."""
+    it = recorded()
+    ring = slice(13, 17)
+    it.pixels["cam1"][: FRAMES * 3 // 4, ring] += (30.0, -25.0)
+    said = [f for f in check_joints(Session.open(it.write(tmp_path))) if f.severity == "warning"]
+    assert len(said) == 1
+    assert "'cam1'" in said[0].text and "ring" in said[0].text and "'cam0'" not in said[0].text
+
+
+@pytest.mark.parametrize("frames", [0, FRAMES // 4])
+def test_a_finger_seen_elsewhere_in_few_frames_is_no_camera_s_fault(
+    tmp_path: Path, frames: int
+) -> None:
+    it = recorded()
+    it.pixels["cam1"][:frames, 13:17] += (30.0, -25.0)
+    found = list(check_joints(Session.open(it.write(tmp_path))))
+    assert [f.severity for f in found] == ["ok"]
+
+
 @pytest.mark.parametrize(
     ("coefficients", "odd"),
     [

@@ -66,7 +66,9 @@ def scene(case, rng):
     priors = (
         GaussianPrior(model.rest, np.where(np.arange(count) < 6, np.inf, 0.4)),
         CorrelatedPrior(model.rest, half @ half.T),
-        LinearPrior(rng.normal(size=(3, count)), GemanMcClure(2.0), 0.7),
+        LinearPrior(
+            rng.normal(size=(3, count)), GemanMcClure(2.0), 0.7, ratios=rng.normal(size=(3, count))
+        ),
     )
     if case == "collision":
         crossed = truth.copy()

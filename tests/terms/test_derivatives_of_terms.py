@@ -124,8 +124,12 @@ def test_gaussian_prior(rng, model):
 
 def test_linear_prior(rng, model):
     count = len(model.parameter_names)
-    rows = rng.normal(size=(5, count))
-    for term in (LinearPrior(rows), LinearPrior(rows, GemanMcClure(3.0), weight=0.4)):
+    rows, ratios = rng.normal(size=(2, 5, count))
+    for term in (
+        LinearPrior(rows),
+        LinearPrior(rows, GemanMcClure(3.0), weight=0.4),
+        LinearPrior(rows, GemanMcClure(3.0), weight=0.4, ratios=ratios),
+    ):
         check_parameter_term(term, rng.normal(size=count), model.parameter_names)
 
 

@@ -59,3 +59,29 @@ def test_the_posture_prior_is_about_fingers_alone(rng):
         for finger in ("index", "middle", "ring", "little"):
             evenly[model.parameter_names.index(f"{finger}_{name}")] = value
     assert prior.cost(evenly) == pytest.approx(0.0)
+
+
+def test_the_last_joint_is_tied_to_the_middle_one_the_less_the_more_that_bends():
+    """A finger's last joint 20° beside two thirds of the middle one, all fingers alike: the more these bend, the less it costs."""
+    model = load_model()
+    prior = posture_prior(model, 1.0)
+    assert prior is not None
+
+    def costs(bent_deg, off_deg):
+        evenly = np.zeros(len(model.parameter_names))
+        for finger in ("index", "middle", "ring", "little"):
+            for joint, deg in (
+                ("mcp", bent_deg),
+                ("pip", bent_deg),
+                ("dip", 2 / 3 * bent_deg + off_deg),
+            ):
+                evenly[model.parameter_names.index(f"{finger}_{joint}_flex")] = np.deg2rad(deg)
+        return prior.cost(evenly)
+
+    assert costs(0.0, -20.0) == pytest.approx(4 * 0.5 * (20 / 14) ** 2)
+    assert (
+        costs(0.0, -20.0)
+        > costs(45.0, -20.0)
+        > costs(90.0, -20.0)
+        == pytest.approx(4 * 0.5 * 20**2 / (14**2 + 18**2))
+    )

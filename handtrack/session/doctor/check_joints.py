@@ -63,11 +63,11 @@ def check_joints(session: Session) -> Iterator[Finding]:
         )
         return
     late = _late(seen, found)
-    yield (
-        warning(late)
-        if late
-        else ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")
-    )
+    if late:
+        yield warning(late)
+    else:
+        odd = list(map(warning, _fingers_elsewhere(names, seen)))
+        yield from odd or [ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")]
     yield from _check_size(session, names, found, len(seen[0].pixels))
 
 
@@ -100,8 +100,37 @@ def _seen_joints(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
     return names, seen
 
 
-def _match(seen: Sequence[_Seen]) -> _Match | None:
-    """Return how joints fit together; None where too few are seen by two cameras."""
+def _fingers_elsewhere(names: tuple[str, ...], seen: Sequence[_Seen]) -> Iterator[str]:
+    """Yield that one camera sees the joints of a finger elsewhere than all others do, which agree without it."""
+    hand = keypoint_names()
+    if len(seen) < 3 or not set(hand) <= set(names):
+        return
+    for first in range(1, len(hand), 4):
+        rows = [names.index(name) for name in hand[first : first + 4]]
+        rest = [(one, _match([o for o in seen if o is not one], rows)) for one in seen]
+        known = sorted(((m, one) for one, m in rest if m), key=lambda pair: pair[0].off)
+        if len(known) < 2 or known[0][0].off > _MOST_OFF:
+            continue
+        others, one = known[0]
+        least = known[1][0].off  # without any other camera
+        if least <= _MOST_OFF and others.off > _BETTER * least:
+            continue
+        straight = one.camera.undistort_points(one.pixels[:, rows]).reshape(1, -1, 2)
+        missed = missed_px([one.camera], straight, others.points)
+        px = float(np.median(missed[np.isfinite(missed)])) if np.isfinite(missed).any() else 0.0
+        if px > _MOST_OFF * _extent(one.pixels):
+            yield (
+                f"camera '{one.camera.name}' sees the joints of the {hand[first].split('_')[0]} {px:.0f} px (median) beside where all other cameras "
+                f"see them, which agree to {_words(others)}. Tracking mostly lets them go; is another hand or an object mistaken for the finger in "
+                "its images?"
+            )
+
+
+def _match(seen: Sequence[_Seen], rows: Sequence[int] | None = None) -> _Match | None:
+    """Return how joints, all or those of some rows, fit together; None where too few are seen by two cameras."""
+    extent = np.array([_extent(one.pixels) for one in seen])
+    if rows is not None:
+        seen = [one._replace(pixels=one.pixels[:, rows]) for one in seen]
     cameras = [one.camera for one in seen]
     straight = np.stack([one.camera.undistort_points(one.pixels).reshape(-1, 2) for one in seen])
     points = triangulated(cameras, straight)
@@ -110,7 +139,6 @@ def _match(seen: Sequence[_Seen]) -> _Match | None:
     if both.sum() < _FEWEST:
         return None
     missed[:, both & ~np.isfinite(points).all(axis=1)] = np.inf  # parallel
-    extent = np.array([_extent(one.pixels) for one in seen])
     worst = np.nanmax(
         np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9) / extent[:, None], axis=0
     )

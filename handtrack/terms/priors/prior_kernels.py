@@ -27,29 +27,35 @@ def independent_kernel(term, place, width):  # pragma: no cover - compiled
     return 0.5 * cost
 
 
-@TermKernel("f8 f8")
+@TermKernel("f8 f8 f8")
 def linear_kernel(term, place, width):  # pragma: no cover - compiled
-    """LinearPrior. Table: rows (R, S), and the loss, its scale and the weight."""
-    x, rows, chosen = (
+    """LinearPrior. Table: rows (R, S), the loss, its scale and the weight, and ratios (R, S)."""
+    x, rows, chosen, ratios = (
         array1(place, JOINTS, np.float64),
         array2(term, 0, np.float64),
         array1(term, 1, np.float64),
+        array2(term, 2, np.float64),
     )
     gradient, hessian = array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64)
-    cost = 0.0
+    cost, slope = 0.0, np.empty(x.shape[0])
     for n in range(rows.shape[0]):
-        r = 0.0
+        r, bent = 0.0, 0.0
         for s in range(x.shape[0]):
             r += rows[n, s] * x[s]
+            bent += ratios[n, s] * x[s]
+        narrow = 1.0 / np.sqrt(1.0 + bent * bent)
+        r *= narrow
         value, size = counted(np.int64(chosen[0]), chosen[1], r * r)
         cost += value
         if width > 0:
             for s in range(x.shape[0]):
-                pull = chosen[2] * size * rows[n, s]
+                slope[s] = narrow * (rows[n, s] - r * bent * narrow * ratios[n, s])
+            for s in range(x.shape[0]):
+                pull = chosen[2] * size * slope[s]
                 if pull != 0.0:
                     gradient[s] += pull * r
                     for t in range(x.shape[0]):
-                        hessian[s, t] += pull * rows[n, t]
+                        hessian[s, t] += pull * slope[t]
     return 0.5 * chosen[2] * cost
 
 

@@ -42,28 +42,40 @@ class GaussianPrior:
 
 @dataclass(frozen=True)
 class LinearPrior:
-    """½ weight Σ ρ((rows · x)²) on joint parameters (S,): combinations (R, S) that are near 0, in standard deviations.
+    """½ weight Σ ρ((rows · x)² / (1 + (ratios · x)²)) on joint parameters (S,): combinations (R, S) that are near 0, in standard deviations.
 
-    Serves for angles that go together without being coupled: neighbouring fingers, a finger's last two joints.
+    Serves for angles that go together without being coupled: neighbouring fingers, a finger's last two joints. ratios: how uncertain
+    the coefficients of a combination are, in the same deviations: what is tied by an uncertain ratio is tied the less the more it bends.
     """
 
     rows: Floats[K, S]
     loss: Loss = Quadratic()
     weight: float = 1.0
     name: str = "posture"
+    ratios: Floats[K, S] | None = None
 
     def cost(self, joint_params: Floats[S]) -> float:
-        squared = (self.rows @ joint_params) ** 2
+        squared = self._residual(joint_params)[0] ** 2
         return 0.5 * self.weight * float(self.loss.value(squared).sum())
 
     def linearize(self, joint_params: Floats[S]) -> JointSystem:
-        residual = self.rows @ joint_params
-        pull = self.weight * self.rows.T * self.loss.weight(residual**2)
-        return JointSystem(self.cost(joint_params), pull @ residual, pull @ self.rows)
+        residual, slope = self._residual(joint_params)
+        pull = self.weight * slope.T * self.loss.weight(residual**2)
+        return JointSystem(self.cost(joint_params), pull @ residual, pull @ slope)
+
+    def _residual(self, x: Floats[S]) -> tuple[Floats[K], Floats[K, S]]:
+        """Return the combinations in standard deviations (K,), and their derivatives (K, S)."""
+        ratios = np.zeros_like(self.rows) if self.ratios is None else self.ratios
+        wide = np.sqrt(1.0 + (ratios @ x) ** 2)
+        residual = self.rows @ x / wide
+        return residual, self.rows / wide[:, None] - (residual * (ratios @ x) / wide**2)[
+            :, None
+        ] * ratios
 
     def tables(self) -> list[TermTable]:
         kind, scale = compiled_loss(self.loss, self.name)
-        return [TermTable(linear_kernel, self.rows, np.array([kind, scale, self.weight]))]
+        ratios = np.zeros_like(self.rows) if self.ratios is None else self.ratios
+        return [TermTable(linear_kernel, self.rows, np.array([kind, scale, self.weight]), ratios)]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,9 @@ from handtrack.terms.priors.priors import LinearPrior
 # J. Neurosci. 20(22). The widths are about twice the spread of such differences in everyday postures. Knuckle and middle joint
 # bend together in the first synergy of grasping (Santello, Flanders & Soechting 1998, J. Neurosci. 18(23)), though a hook or a
 # flat hand bent at the knuckles parts them: a wide bell, so that what a fist hides is closed where its knuckles are bent.
+# The ratio of the last two joints differs: 0.76 in index fingers that move freely (Hahn et al. 1995, J. Biomech. 28(10)), less about a thin bar
+# than about a thick one (Shimawaki et al. 2019, Appl. Bionics Biomech. 2839648, by CT). A spread of 0.2 covers them.
+_RATIO_SPREAD = 0.2
 _TOGETHER = (
     [("thumb_ip_flex", 2 / 3, "thumb_mcp_flex", 25.0)]
     + [
@@ -65,9 +68,10 @@ def posture_prior(model: ArticulatedModel, strength: float) -> LinearPrior | Non
     known = [row for row in table if row[0] in names and row[2] in names]
     if not known:
         return None
-    rows: Floats = np.zeros((len(known), len(names)))
-    for row, (name, ratio, other, sigma) in zip(rows, known, strict=True):
-        row[names.index(name)] = 1.0
-        row[names.index(other)] -= ratio
-        row /= np.deg2rad(sigma)
-    return LinearPrior(rows, weight=strength)
+    rows, ratios = np.zeros((2, len(known), len(names)))
+    for n, (name, ratio, other, _) in enumerate(known):
+        rows[n, names.index(name)] = 1.0
+        rows[n, names.index(other)] -= ratio
+        ratios[n, names.index(other)] = _RATIO_SPREAD if name.endswith("_dip_flex") else 0.0
+    sigmas = np.deg2rad([row[3] for row in known])[:, None]
+    return LinearPrior(rows / sigmas, weight=strength, ratios=ratios / sigmas)
