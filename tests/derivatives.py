@@ -9,12 +9,12 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.kinematics import BonePoses
+from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.solver.problem import Problem
-from handtrack.terms.term import GrowingTerm, ObservationTerm, ParameterTerm
+from handtrack.terms.term import ObservationTerm, ParameterTerm
 
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
-GROWN = (*TWIST, "growth")
+DEFORMED = (*TWIST, "sx", "sy", "sz", "shift x", "shift y", "shift z")
 
 
 def check_jacobian(
@@ -63,12 +63,11 @@ def check_observation_term(
     step: float = 1e-6,
     rtol: float = 1e-5,
     atol: float = 0.0,
-    grows: bool = True,
 ) -> None:
     """Twist each bone about bones.reference and compare the change of cost with the term's gradient.
 
-    A term that can tell sizes grows each bone as well, unless `grows` is false. Also: `linearize` and `cost` tell the same cost; the Hessian is
-    symmetric, has no negative direction, and is the same with growth and without.
+    Each bone is stretched along its axes and its flesh is shifted as well, from bones that are no longer the model's.
+    Also: `linearize` and `cost` tell the same cost; the Hessian is symmetric, has no negative direction, and is the same by fields.
     """
     count = len(bones.position)
     labels = bone_names or [f"bone {b}" for b in range(count)]
@@ -76,25 +75,27 @@ def check_observation_term(
     assert system.gradient.shape == (6 * count,), system.gradient.shape
     _check_cost(system.cost, term.cost(bones), term.name)
     _check_hessian(system.hessian, 6 * count)
-    names = TWIST
-    if grows and isinstance(term, GrowingTerm):
-        plain, names = system, GROWN
-        system = term.linearize_growth(bones)
-        _check_cost(system.cost, plain.cost, term.name)
-        _check_hessian(system.hessian, 7 * count)
-        kept = np.arange(7 * count) % 7 < 6
-        scale = 1e-9 * max(float(np.abs(plain.hessian).max(initial=0.0)), 1e-300)
-        np.testing.assert_allclose(system.hessian[np.ix_(kept, kept)], plain.hessian, atol=scale)
-    width = len(names)
-    check_gradient(
-        lambda twists: term.cost(twisted(bones, twists.reshape(count, width))),
-        system.gradient,
-        np.zeros(width * count),
-        [f"{label} {axis}" for label in labels for axis in names],
-        step,
-        rtol,
-        atol,
+
+    def check(at: BonePoses, gradient: Floats, names: Sequence[str]) -> None:
+        width = len(names)
+        check_gradient(
+            lambda by: term.cost(deformed(at, by.reshape(count, width))), gradient, np.zeros(width * count),
+            [f"{label} {axis}" for label in labels for axis in names], step, rtol, atol,
+        )  # fmt: skip
+
+    check(bones, system.gradient, TWIST)
+    own = np.random.default_rng(7).uniform(-1.0, 1.0, (count, 12)) * np.repeat(
+        [0, 0.05, 1e-3], [6, 3, 3]
     )
+    larger = deformed(bones, own)
+    plain, width = term.linearize(larger), len(DEFORMED)
+    system = term.linearize_sized(larger, deformations(larger))
+    _check_cost(system.cost, plain.cost, term.name)
+    _check_hessian(system.hessian, width * count)
+    kept = np.arange(width * count) % width < 6
+    scale = 1e-9 * max(float(np.abs(plain.hessian).max(initial=0.0)), 1e-300)
+    np.testing.assert_allclose(system.hessian[np.ix_(kept, kept)], plain.hessian, atol=scale)
+    check(larger, system.gradient, DEFORMED)
 
 
 def check_parameter_term(
@@ -123,17 +124,37 @@ def check_problem(
     check_gradient(problem.cost, system.gradient, params, names, step, rtol, atol)
 
 
-def twisted(bones: BonePoses, twists: Floats) -> BonePoses:
-    """Return the bones each moved by its own twist (B, 6) = (v, ω), world axes, about bones.reference; (B, 7): grown too."""
-    turn = np.stack([rotation_matrix(w) for w in twists[:, 3:6]])
-    more = np.exp(twists[:, 6]) if twists.shape[1] == 7 else None
-    arm = bones.position - bones.reference
-    arm = arm if more is None else arm * more[:, None]
-    position = bones.reference + np.einsum("bij,bj->bi", turn, arm) + twists[:, :3]
-    growth = bones.growth
-    if more is not None:
-        growth = more[:, None] * (np.ones((len(more), 3)) if growth is None else growth)
-    return replace(bones, rotation=turn @ bones.rotation, position=position, growth=growth)
+def deformed(bones: BonePoses, by: Floats) -> BonePoses:
+    """Return the bones each moved by its own twist (B, 6) = (v, ω), world axes, about bones.reference; by (B, 12) they are stretched
+    about it as well, along their own axes by the exponentials of three numbers, and their flesh is shifted [m].
+    """
+    turn = np.stack([rotation_matrix(w) for w in by[:, 3:6]])
+    arm, growth, shift = bones.position - bones.reference, bones.growth, bones.shift
+    if by.shape[1] == 12:
+        more = np.exp(by[:, 6:9])
+        own = more * np.einsum("bji,bj->bi", bones.rotation, arm)
+        arm = np.einsum("bij,bj->bi", bones.rotation, own)
+        growth = more * (1.0 if growth is None else growth)
+        shift = more * (0.0 if shift is None else shift) + by[:, 9:]
+    position = bones.reference + np.einsum("bij,bj->bi", turn, arm) + by[:, :3]
+    return replace(
+        bones, rotation=turn @ bones.rotation, position=position, growth=growth, shift=shift
+    )
+
+
+def deformations(bones: BonePoses) -> BoneFields:
+    """Return what the numbers (12 B) of `deformed` do."""
+    count = len(bones.position)
+    twists = np.zeros((count, 6, count, 12))
+    stretch, shift = (np.zeros((count, 12, count, 12)) for _ in range(2))
+    for b, turn in enumerate(bones.rotation):
+        twists[b, :, b, :6] = np.eye(6)
+        for a, axis in enumerate(turn.T):
+            stretch[b, 3:, b, 6 + a] = np.outer(axis, axis).ravel()
+            shift[b, :3, b, 9 + a] = axis
+    fields = BoneFields.of_twists(twists.reshape(count, 6, -1), 100)
+    stretch, shift = stretch.reshape(fields.flesh.shape), shift.reshape(fields.flesh.shape)
+    return replace(fields, joints=fields.joints + stretch, flesh=fields.flesh + stretch + shift)
 
 
 def _check_cost(linearized: float, plain: float, name: str) -> None:

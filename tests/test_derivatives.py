@@ -9,12 +9,12 @@ import pytest
 
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import BoneSystem, JointSystem
-from handtrack.terms.rows import Rows, point_row
+from handtrack.terms.rows import Rows, field_row, point_row
 from tests.derivatives import (
     check_jacobian,
     check_observation_term,
     check_parameter_term,
-    twisted,
+    deformed,
 )
 
 
@@ -26,10 +26,10 @@ class PointTerm:
     slip: float = 0.0
     name: str = "point"
 
-    def rows(self, bones):
+    def rows(self, bones, row=point_row):
         x = bones.to_world(np.array([1, 1, 1]), np.tile([0.1, 0.2, 0.3], (3, 1)))
         residual = x[0] - self.target
-        twist = point_row(x, np.eye(3), bones.reference)
+        twist = row(x, np.eye(3), bones.reference)
         twist[0, 3] += self.slip
         cost = 0.5 * float(residual @ residual)
         return Rows(residual, np.arange(3), np.ones(3, int), twist, cost, np.ones(3))
@@ -39,6 +39,9 @@ class PointTerm:
 
     def linearize(self, bones) -> BoneSystem:
         return self.rows(bones).bone_system(2)
+
+    def linearize_sized(self, bones, fields) -> JointSystem:
+        return self.rows(bones, field_row).bone_system(2).pull_back(fields.joints)
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class RestTerm:
 @pytest.fixture
 def bones(rng) -> BonePoses:
     still = BonePoses(rng.normal(size=3), np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 3)))
-    return twisted(still, rng.normal(size=(2, 6)))
+    return deformed(still, rng.normal(size=(2, 6)))
 
 
 def test_a_right_term_passes(bones, rng):
@@ -81,11 +84,11 @@ def test_a_derivative_that_is_not_a_number_fails(rng):
         check_jacobian(lambda x: x, np.array([[1.0, 0.0], [np.nan, 1.0]]), rng.normal(size=2))
 
 
-def test_twisted_bones_move_as_the_convention_says(bones, rng):
+def test_deformed_bones_move_as_the_convention_says(bones, rng):
     """A point X of a bone moves by v + ω × (X − o)."""
     twists = 1e-7 * rng.normal(size=(2, 6))
     local = rng.normal(size=(2, 3))
     every = np.arange(2)
-    before, after = bones.to_world(every, local), twisted(bones, twists).to_world(every, local)
+    before, after = bones.to_world(every, local), deformed(bones, twists).to_world(every, local)
     told = twists[:, :3] + np.cross(twists[:, 3:], before - bones.reference)
     np.testing.assert_allclose(after - before, told, atol=1e-12)

@@ -51,7 +51,7 @@ def space_residuals(term: ObservationTerm, bones: BonePoses) -> SpaceResiduals |
         off = term.surface.distance(bones, term.points) / term.along_m
         return SpaceResiduals("cloud", term.points, off)
     if isinstance(term, CloudEmptinessTerm):
-        points = bones.to_world(term.bone, bones.grown(term.bone, term.local))
+        points = bones.to_world(term.bone, term.local)
         beyond = np.maximum(term.distances.at(points)[0] - term.slack_m, 0.0)
         return SpaceResiduals("empty", points, -beyond / term.sigma_m)
     return None
@@ -65,7 +65,7 @@ def image_residuals(term: ObservationTerm, bones: BonePoses) -> list[ImageResidu
         found = []
         for seen in term.seen:
             outline = seen.outline
-            at = bones.to_world(outline.bone, bones.grown(outline.bone, outline.local))
+            at = bones.to_world(outline.bone, outline.local)
             pixels = outline.camera.project(at)
             moved = ((pixels - outline.pixel) * outline.normal).sum(axis=1)
             off = seen.place - moved[:, None]

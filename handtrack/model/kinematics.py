@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, D6, Array, Axes, B, Floats, Ints, N, S, check_shape
+from handtrack.arrays import D3, D4, D6, D12, Array, Axes, B, Floats, Ints, J, N, S, check_shape
 from handtrack.model.kinematics_kernels import pose_bones, twist_columns
 from handtrack.model.root_turn_kernels import turn_root
 from handtrack.model.skeleton import Skeleton
@@ -45,43 +45,41 @@ class BonePoses:
         """Return points of a bone's frame [m] where its growth has moved them, in that frame."""
         return points if self.growth is None else points * self.growth[bone]
 
+    def on_flesh(self, bone: Ints[N], points: Floats[N, D3]) -> Floats[N, D3]:
+        """Return points of bones' surfaces likewise: they shift with the ellipsoids, too."""
+        return self.grown(bone, points) + (0.0 if self.shift is None else self.shift[bone])
+
 
 @dataclass(frozen=True, eq=False)
 class BoneFields:
-    """How points fixed to each bone move with each of N unknowns: dX = velocity + gradient (X − o), world axes, about the poses'
-    reference o.
+    """How bones move and deform with each of N unknowns: a point X of one moves by v + G (X − o), world axes, about the poses'
+    reference o; twelve numbers, (v, G row by row). G is antisymmetric where a bone only turns, symmetric where it only grows.
     """
 
-    velocity: Floats[B, D3, N]
+    joints: Floats[B, D12, N]
     """of joints and landmarks"""
-    gradient: Floats[B, D3, D3, N]
-    """antisymmetric where a bone only turns, symmetric where it only grows"""
-    ellipsoids: Floats[B, D3, N]
-    """velocity of what is on the bone's ellipsoids"""
+    flesh: Floats[B, D12, N]
+    """of what is on the bone's ellipsoids"""
+    landmarks: Floats[J, D3, N]
+    """how the points that a detector sees move besides, in their bones' frames, before these grow [m]"""
 
     @classmethod
-    def of_twists(cls, twists: Floats[B, D6, N]) -> BoneFields:
-        """Return the fields of bones that move and turn."""
+    def of_twists(cls, twists: Floats[B, D6, N], landmarks: int) -> BoneFields:
+        """Return the fields of bones that move and turn. landmarks: how many points there are that a detector sees."""
         x, y, z = np.moveaxis(twists[:, 3:], 1, 0)
         none = np.zeros_like(x)
-        turn = np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
-        return cls(twists[:, :3], np.moveaxis(turn, 2, 0), twists[:, :3])
+        turn = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1)
+        fields = np.concatenate([twists[:, :3], turn], axis=1)
+        return cls(fields, fields, np.zeros((landmarks, 3, twists.shape[2])))
 
     def beside(self, other: BoneFields) -> BoneFields:
         """Return the fields of these unknowns, then those."""
-        return BoneFields(
-            np.concatenate([self.velocity, other.velocity], axis=-1),
-            np.concatenate([self.gradient, other.gradient], axis=-1),
-            np.concatenate([self.ellipsoids, other.ellipsoids], axis=-1),
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return BoneFields(*(np.concatenate(pair, axis=-1) for pair in pairs))
 
     def chosen(self, unknowns: Array[N]) -> BoneFields:
         """Return those of some unknowns."""
-        return BoneFields(
-            self.velocity[..., unknowns],
-            self.gradient[..., unknowns],
-            self.ellipsoids[..., unknowns],
-        )
+        return BoneFields(*(fields[..., unknowns] for fields in vars(self).values()))
 
 
 def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats, Floats]:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, D7, B, Floats, J, N
+from handtrack.arrays import D3, Floats, J, N
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BoneFields, BonePoses
 
@@ -150,7 +150,7 @@ class SizeParameters:
         return moves
 
     def fields(self, bones: BonePoses) -> BoneFields:
-        """Return the velocities of points of each bone by each of the deviations.
+        """Return how the bones of a person move and deform by each of the deviations.
 
         bones: those of `grown`. A bone's head moves as far as those above it have grown, and no bone turns.
         """
@@ -170,19 +170,9 @@ class SizeParameters:
             )
         moved = np.tensordot(self._carried, further, axes=1)
         at = moved - np.einsum("bijn,bj->bin", stretch, bones.position - bones.reference)
-        return BoneFields(at, stretch, at + shift)
-
-    def twists(self, bones: BonePoses) -> Floats[B, D7, N]:
-        """Return the same as (v, ω, σ) of each bone, world axes, about bones.reference: exact where all three axes grow alike; else σ is
-        their mean, and only the bones' heads move as they do.
-        """
-        fields, arm = self.fields(bones), bones.position - bones.reference
-        mean = np.trace(fields.gradient, axis1=1, axis2=2) / 3.0
-        twists = np.zeros((len(mean), 7, mean.shape[1]))
-        twists[:, :3] = fields.velocity + np.einsum("bijn,bj->bin", fields.gradient, arm)
-        twists[:, :3] -= arm[:, :, None] * mean[:, None, :]
-        twists[:, 6] = mean
-        return twists
+        stretch = stretch.reshape(len(at), 9, -1)
+        joints, flesh = (np.concatenate([v, stretch], axis=1) for v in (at, at + shift))
+        return BoneFields(joints, flesh, self.offset_moves)
 
     @property
     def _proportions(self) -> slice:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from handtrack.terms.bone_kernels import fill_arm
 from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.term_table import (
     GRADIENT,
@@ -230,14 +231,14 @@ def collision_system(
     rotation, position, reference, bone, centre, turn, radii, first, second, slack, sigma, weight, width,
     gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add the pairs' overlaps to gradient (width · B,) and hessian; returns ½ weight Σ r². width: 6, 7 with growth, or 0."""
+    """Add the pairs' overlaps to gradient (width · B,) and hessian; returns ½ weight Σ r². width: 6, 12 by fields, or 0."""
     count = bone.shape[0]
     place, shape, reach = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
     posed_shapes(rotation, position, bone, centre, turn, radii, place, shape)
     for e in range(count):
         reach[e] = max(radii[e, 0], radii[e, 1], radii[e, 2])
     start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
-    row = np.empty(14)
+    row = np.empty(24)
     cost = 0.0
     for k in range(first.shape[0]):
         i, j = first[k], second[k]
@@ -261,12 +262,10 @@ def collision_system(
             y = place[e, 1] - reference[1] + (p[1] if side == 0 else -q[1])
             z = place[e, 2] - reference[2] + (p[2] if side == 0 else -q[2])
             at = width * side
-            row[at], row[at + 1], row[at + 2] = sign * n[0], sign * n[1], sign * n[2]
-            row[at + 3] = sign * (y * n[2] - z * n[1])
-            row[at + 4] = sign * (z * n[0] - x * n[2])
-            row[at + 5] = sign * (x * n[1] - y * n[0])
-            if width == 7:
-                row[at + 6] = sign * (x * n[0] + y * n[1] + z * n[2])
+            row[at], row[at + 1], row[at + 2] = n[0], n[1], n[2]
+            fill_arm(row, at, width, x, y, z)
+            for a in range(at, at + width):
+                row[a] *= sign
         for a in range(2 * width):
             column = width * bone[i] + a if a < width else width * bone[j] + a - width
             gradient[column] += weight * row[a] * residual

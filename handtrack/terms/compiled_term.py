@@ -5,8 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 from handtrack.arrays import Floats
-from handtrack.model.kinematics import BonePoses
-from handtrack.terms.bone_system import BoneSystem
+from handtrack.model.kinematics import BoneFields, BonePoses
+from handtrack.terms.bone_system import BoneSystem, JointSystem
 
 
 class CompiledTerm(ABC):
@@ -21,9 +21,9 @@ class CompiledTerm(ABC):
         """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
         return self._linearized(bones, 6)
 
-    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
-        """Return the same in seven numbers a bone, with its growth about bones.reference."""
-        return self._linearized(bones, 7)
+    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
+        """Return the same by N unknowns that move and deform the flesh."""
+        return self._linearized(bones, 12).pull_back(fields.flesh)
 
     def _linearized(self, bones: BonePoses, width: int) -> BoneSystem:
         system = BoneSystem.zero(len(bones.position), width)
@@ -32,4 +32,4 @@ class CompiledTerm(ABC):
 
     @abstractmethod
     def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
-        """Return the cost and, with a width of 6 or 7, add to gradient (width · B,) and the Hessian; 0: the cost alone."""
+        """Return the cost and, with a width of 6 or 12, add to gradient (width · B,) and the Hessian; 0: the cost alone."""

@@ -11,9 +11,9 @@ import numpy as np
 from handtrack.arrays import D3, Floats, Ints, J, N
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics import BonePoses
-from handtrack.terms.bone_system import BoneSystem
-from handtrack.terms.rows import Rows, grown_row, point_row
+from handtrack.model.kinematics import BoneFields, BonePoses
+from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.rows import Rows, field_row, point_row
 
 _STEP_M = 1e-6
 """of central differences: their error, the step's square, and that of rounding, 1e-16 over it, are both below 1e-9"""
@@ -53,9 +53,10 @@ class JointPositionTerm:
         """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
         return self._rows(bones, point_row).bone_system(len(bones.position))
 
-    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
-        """Return what `linearize` does, with each bone's growth as a seventh number."""
-        return self._rows(bones, grown_row).bone_system(len(bones.position))
+    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
+        """Return the same by N unknowns that move and deform the bones."""
+        rows = self._rows(bones, field_row)
+        return rows.bone_system(len(bones.position)).pull_back(fields.joints)
 
     def _rows(self, bones: BonePoses, row: Callable[..., Floats]) -> Rows:
         bone, _ = self._places

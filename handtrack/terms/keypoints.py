@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, Ints, J, K, N
+from handtrack.arrays import D3, Array, Axes, Floats, Ints, J, K
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
@@ -16,7 +16,7 @@ from handtrack.observation.pins import ImagePins, Pin
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.keypoint_kernels import keypoint_kernel
 from handtrack.terms.loss import Loss, Quadratic, compiled_loss
-from handtrack.terms.rows import Rows, grown_row, point_row
+from handtrack.terms.rows import Rows, point_row
 from handtrack.terms.term_table import TermTable
 
 Observed = Keypoints | ImageKeypoints | ImagePins
@@ -41,8 +41,8 @@ class KeypointTerm:
     loss: Loss = Quadratic()
     name: str = "keypoints"
 
-    def rows(self, bones: BonePoses, growing: bool = False) -> Rows:
-        """Return two (image) or three (space) rows a point. growing: with the bones' growth."""
+    def rows(self, bones: BonePoses) -> Rows:
+        """Return two (image) or three (space) rows a point."""
         bone, own, targets, sigma = self._places
         points = bones.to_world(bone, own)
         if isinstance(self.observed, Keypoints):
@@ -55,8 +55,9 @@ class KeypointTerm:
         count, width = difference.shape
         squared = (difference**2).sum(axis=1)
         weight = self.weight * np.repeat(self.loss.weight(squared), width)
-        row_of = grown_row if growing else point_row
-        twist = row_of(np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference)
+        twist = point_row(
+            np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference
+        )
         cost = 0.5 * self.weight * float(self.loss.value(squared).sum())
         row = np.arange(count * width)
         return Rows(difference.ravel(), row, np.repeat(bone, width), twist, cost, weight)
@@ -94,22 +95,16 @@ class KeypointTerm:
     def linearize(self, bones: BonePoses) -> BoneSystem:
         return self.rows(bones).bone_system(len(bones.position))
 
-    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
-        return self.rows(bones, growing=True).bone_system(len(bones.position))
-
-    def linearize_sized(
-        self, bones: BonePoses, fields: BoneFields, moves: Floats[J, D3, N]
-    ) -> JointSystem:
-        """Return cost, gradient and Hessian by N unknowns.
-
-        fields: how each moves what is fixed to the bones; moves: and the points that a detector sees, in the bones' frames before
-        they grow [m].
-        """
+    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
+        """Return cost, gradient and Hessian by N unknowns that move and deform the bones, or move what a detector sees."""
         rows, (bone, own, *_) = self.rows(bones), self._places
         arm = bones.to_world(bone, own) - bones.reference
-        moved = fields.velocity[bone] + np.einsum("kijn,kj->kin", fields.gradient[bone], arm)
+        velocity, gradient = np.split(fields.joints[bone], [3], axis=1)
+        moved = velocity + np.einsum(
+            "kijn,kj->kin", gradient.reshape(-1, 3, 3, gradient.shape[2]), arm
+        )
         if isinstance(self.observed, ImageKeypoints):
-            scaled = moves[self._joints]
+            scaled = fields.landmarks[self._joints]
             scaled = scaled if bones.growth is None else bones.growth[bone][:, :, None] * scaled
             moved += bones.rotation[bone] @ scaled
         along = rows.twist[:, :3].reshape(len(bone), -1, 3)

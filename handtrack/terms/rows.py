@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, D6, D7, Floats, Ints, K, L, N
+from handtrack.arrays import D3, D6, D12, Floats, Ints, K, L, N
 from handtrack.terms.bone_system import BoneSystem
 
 
@@ -20,24 +20,24 @@ def point_row(
     return np.concatenate([normals, np.cross(points - reference, normals)], axis=-1)
 
 
-def grown_row(
+def field_row(
     points: Floats[N, D3], normals: Floats[N, D3], reference: Floats[D3]
-) -> Floats[N, D7]:
-    """Return [n ; (X − o) × n ; n · (X − o)]: what the growth of X's bone about o adds, too."""
-    growth = (normals * (points - reference)).sum(axis=-1, keepdims=True)
-    return np.concatenate([point_row(points, normals, reference), growth], axis=-1)
+) -> Floats[N, D12]:
+    """Return [n ; n (X − o)ᵀ], what the field (v, G) of X's bone adds."""
+    outer = normals[..., None] * (points - reference)[..., None, :]
+    return np.concatenate([normals, outer.reshape(*normals.shape[:-1], 9)], axis=-1)
 
 
 @dataclass(frozen=True)
 class Rows:
-    """Residuals (N,), and one entry (6,) or (7,) for each bone that a residual depends on."""
+    """Residuals (N,), and one entry (6,) or (12,) for each bone that a residual depends on."""
 
     residual: Floats[N]
     row: Ints[K]
     """which residual an entry belongs to"""
     bone: Ints[K]
     twist: Floats[K, L]
-    """(K, 6) derivative of the residual by that bone's twist; (K, 7) by its growth too"""
+    """(K, 6) derivative of the residual by that bone's twist, or (K, 12) by its field"""
     cost: float
     """½ Σ ρ(r²)"""
     weight: Floats[N]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from handtrack.arrays import Floats, S
-from handtrack.model.kinematics import BonePoses
+from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.terms.bone_system import BoneSystem, JointSystem
 from handtrack.terms.term_table import TermTable
 
@@ -24,13 +24,8 @@ class ObservationTerm(Protocol):
         """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
         ...
 
-
-@runtime_checkable
-class GrowingTerm(ObservationTerm, Protocol):
-    """One that can tell a person's size too."""
-
-    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
-        """Return what `linearize` does, with seven numbers a bone: its twist, and its growth about the reference."""
+    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
+        """Return the same by N unknowns, of pose or shape: how they move and deform the bones is in `fields`."""
         ...
 
 

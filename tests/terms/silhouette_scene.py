@@ -9,7 +9,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import UNKNOWN, Silhouette
-from tests.derivatives import twisted
+from tests.derivatives import deformed
 
 BONES = 5
 
@@ -90,4 +90,4 @@ def assert_same_system(ours, other, tolerance=1e-9):
 
 def moved_along(bones, step):
     """Return bones moved by twists (6B,) about the reference."""
-    return twisted(bones, step.reshape(-1, 6))
+    return deformed(bones, step.reshape(-1, 6))

@@ -59,9 +59,7 @@ def test_conic_field(rng, normalised):
     bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
     seen = silhouettes_of(rng, focal=300.0, size=(260, 220))
     term = ConicFieldTerm(seen, flesh, normalised=normalised)
-    check_observation_term(
-        term, bones, grows=normalised, **KINKED
-    )  # the paper's own scale knows no growth
+    check_observation_term(term, bones, **KINKED)
 
 
 @pytest.mark.parametrize("unknown", [True, False])

@@ -35,8 +35,8 @@ def test_coverage_by_pose_and_shape(rng, side):
 
     model = size.grown(deviations)
     placed, twists, _ = model.linearize(moved)
-    fields = BoneFields.of_twists(twists @ model.transform.matrix).beside(size.fields(placed))
-    system = term.linearize_sized(placed, fields, np.zeros((0, 3, fields.velocity.shape[2])))
+    fields = BoneFields.of_twists(twists @ model.transform.matrix, len(model.joint_names))
+    system = term.linearize_sized(placed, fields.beside(size.fields(placed)))
     both = np.concatenate([moved, deviations])
     assert system.cost == pytest.approx(cost(both), rel=1e-10)
     names = (*model.transform.names, *size.names)

@@ -8,10 +8,17 @@ import pytest
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings
 from handtrack.solver.problem import Problem
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
+from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
+from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.sized_problem import SizedProblem, fit_size, linearize_sized
 from tests.derivatives import check_gradient
@@ -52,6 +59,39 @@ def test_one_frame_by_pose_and_size(frames, rng):
     assert system.cost == pytest.approx(cost(both))
     names = (*problems[0].model.transform.names, *size.names)
     check_gradient(cost, system.gradient, both, names)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_cloud_by_pose_and_shape(rng, side):
+    """Distances, viewing rays, places without a cloud, and overlaps of a hand that is scaled and whose flesh has shifted."""
+    size = SizeParameters(load_model("hand26", side, HandScale(1.04, {}, {"thenar": 0.5})))
+    hand, surface = size.model, MetaballSurface.of(size.model)
+    fist = {name: 1.3 for name in hand.skeleton.parameter_names if name.endswith("_flex")}
+    pose = hand.clipped(hand.params_from(fist) + rng.normal(scale=0.1, size=26))
+    centre = pose[:3] + np.array([0.05, -0.1, 0.6])
+    bones = hand.bones(pose)
+    points, _ = sample_surface(surface, bones, 300, rng)
+    points = points + rng.normal(scale=0.003, size=points.shape)
+    emptiness = CloudEmptinessTerm.at_start(points[::3], surface_mesh(surface, bones, 0.008))
+    terms = [
+        CloudDistanceTerm(prepare_cloud(points), surface, 0.004, GemanMcClure(3.0)),
+        CloudRaysTerm(points, centre, surface, along_m=0.02),
+        emptiness,
+        CollisionTerm.of(hand, slack_m=0.0),
+    ]
+    deviations = size.deviations(hand.scale) + rng.normal(scale=0.7, size=len(size.names))
+    both = np.concatenate([pose + rng.normal(scale=0.01, size=26), deviations])
+    every, names = np.ones(len(size.names), bool), (*hand.transform.names, *size.names)
+    for term in terms:
+        problem = Problem(hand, [term])
+
+        def cost(x, term=term):
+            return term.cost(size.grown(x[26:]).bones(x[:26]))
+
+        system = linearize_sized(problem, size.grown(deviations), size, every, both[:26])
+        assert system.cost == pytest.approx(cost(both))
+        assert np.abs(system.gradient[26:]).max() > 0
+        check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=1e-4)
 
 
 def test_what_is_left_by_size_alone(frames, rng):

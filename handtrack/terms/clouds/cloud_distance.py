@@ -81,7 +81,7 @@ class CloudDistanceTerm(CompiledTerm):
     """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
 
     A point moves no bone but the closest one's and those linked with it. The cloud stays, the bones move: a bone's
-    entry is −w_e [n_e ; (X − o) × n_e], and w_e (d_e − n_e · (X − o)) for its growth.
+    entry is −w_e [n_e ; (X − o) × n_e], by its field −w_e [n_e ; n_e (X − o)ᵀ − d_e t tᵀ], t the direction of d_e.
     """
 
     cloud: PreparedCloud

@@ -29,7 +29,7 @@ class CloudEmptinessTerm(CompiledTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 
     The points are fixed to their bones at the frame's start. The model point moves: its bone's entry is
-    +[n ; (X − o) × n] with n = ∇D, and n · (X − o) for its growth.
+    +[n ; (X − o) × n] with n = ∇D, by its field [n ; n (X − o)ᵀ].
     """
 
     distances: DistanceMap
@@ -101,7 +101,7 @@ class CloudEmptinessTerm(CompiledTerm):
             bones.position,
             bones.reference,
             self.bone,
-            bones.grown(self.bone, self.local),
+            bones.on_flesh(self.bone, self.local),
             share,
             self.slack_m,
             self.sigma_m,

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.model.surfaces.metaballs_kernels import STRETCH, pose_table
+from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, STRETCH, TINY, pose_table
+from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.clouds.cloud_lanes_kernels import (
     cross_products,
     distances,
@@ -57,7 +58,7 @@ def cloud_system(
     points, count, spheres, table, bone, start, members, sharpness, turning, sigma, loss, scale, weight,
     reference, width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add E1 to gradient (width · B,) and hessian; returns ½ weight Σ ρ(d²/σ²). width: 6, 7 with growth, 0 for that alone.
+    """Add E1 to gradient (width · B,) and hessian; returns ½ weight Σ ρ(d²/σ²). width: 6, 12 by fields, 0 for that alone.
 
     points: (3, N') world, N' ≥ count a multiple of 8; spheres: (4, blocks') centre and radius of each block of 32.
     """
@@ -74,7 +75,7 @@ def cloud_system(
     near = aligned(most * 5 * BUFFER).reshape(most, 5, BUFFER)
     rows = aligned(most * 6 * BUFFER).reshape(most, 6, BUFFER)
     vectors = aligned(5 * BUFFER).reshape(5, BUFFER)
-    growth = aligned(most * BUFFER).reshape(most, BUFFER)
+    wide = np.empty((12 * most if width == 12 else 0, BUFFER))
     margin = NEGLIGIBLE / sharpness
     cost = 0.0
     for block in range((count + BLOCK - 1) // BLOCK + 1):
@@ -113,7 +114,7 @@ def cloud_system(
             if filled[e] > (0 if last else BUFFER - BLOCK):
                 cost += work_off(
                     e, filled[e], buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale,
-                    weight, reference, width, near, rows, vectors, growth, gradient, hessian,
+                    weight, reference, width, near, rows, vectors, wide, gradient, hessian,
                 )  # fmt: skip
                 filled[e] = 0
             if not last:
@@ -216,9 +217,9 @@ def arrange(points, order, size):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def work_off(
     e, count, buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale, weight,
-    reference, width, near, rows, vectors, growth, gradient, hessian,
+    reference, width, near, rows, vectors, wide, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add the buffered points of ellipsoid e; returns Σ ρ. near, rows, vectors, growth: workspace."""
+    """Add the buffered points of ellipsoid e; returns Σ ρ. near, rows, vectors, wide: workspace."""
     for i in range(count, (count + LANES - 1) // LANES * LANES):
         for axis in range(3):
             buffers[e, axis, i] = buffers[e, axis, count - 1]
@@ -267,15 +268,24 @@ def work_off(
     for a in range(used):
         for i in range(8 * groups):
             factor[i] = size[i] * near[a, 4, i]
+        if width == 12:
+            _fill_wide(
+                buffers[e],
+                count,
+                table[who[a]],
+                turning,
+                reference,
+                near[a],
+                factor,
+                wide[12 * a :],
+            )
+            continue
         twist_rows(
             points, BUFFER, groups, reference, close, a * 5 * BUFFER, factor, row, a * 6 * BUFFER
         )
-        if width == 7:
-            for i in range(8 * groups):
-                growth[a, i] = -factor[i] * near[a, 0, i]
-                for axis in range(3):
-                    arm = buffers[e, axis, i] - reference[axis]
-                    growth[a, i] += rows[a, axis, i] * arm
+    if width == 12:
+        _add_wide(bone, who, used, count, wide, residual, gradient, hessian)
+        return cost
     sums = np.empty(36)
     for a in range(used):
         at = width * bone[who[a]]
@@ -296,30 +306,50 @@ def work_off(
                 for j in range(6):
                     hessian[at + i, to + j] += sums[6 * i + j]
                     hessian[to + j, at + i] += sums[6 * i + j]
-    if width == 7:
-        _add_growth(bone, who, used, 8 * groups, rows, growth, residual, gradient, hessian)
     return cost
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_growth(
-    bone, who, used, count, rows, growth, residual, gradient, hessian
+def _fill_wide(
+    points, count, ball, turning, reference, near, factor, wide
 ):  # pragma: no cover - compiled
-    """Add what the seventh number of each bone, its growth, makes of the points that are worked off."""
-    for a in range(used):
-        at = 7 * bone[who[a]] + 6
+    """Fill wide (12, N), by (v, G), with factor · [n ; n (X − o)ᵀ − d t tᵀ] of one ellipsoid: a distance along t grows as G says."""
+    row, t = np.empty(12), np.empty(3)
+    for i in range(count):
+        for k in range(3):
+            row[k], t[k] = near[1 + k, i], points[k, i] - ball[CENTRE + k]
+        level, least = 0.0, np.inf
+        for axis in range(AXES, AXES + 9, 3):
+            level += (ball[axis] * t[0] + ball[axis + 1] * t[1] + ball[axis + 2] * t[2]) ** 2
+        if level < turning * turning:  # inside, lengths are those of the shortest axis
+            for axis in range(AXES, AXES + 9, 3):
+                radius = (ball[axis] ** 2 + ball[axis + 1] ** 2 + ball[axis + 2] ** 2) ** -0.5
+                if radius < least:
+                    least = radius
+                    for k in range(3):
+                        t[k] = ball[axis + k]
+        x, y, z = points[0, i], points[1, i], points[2, i]
+        fill_arm(row, 0, 12, x - reference[0], y - reference[1], z - reference[2])
+        square = max(t[0] * t[0] + t[1] * t[1] + t[2] * t[2], TINY**2)
+        add_outer(row, 0, -near[0, i] / square, t, t)
+        for k in range(12):
+            wide[k, i] = factor[i] * row[k]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _add_wide(
+    bone, who, used, count, wide, residual, gradient, hessian
+):  # pragma: no cover - compiled
+    """Add what rows (12 · used, N) by the fields of the bones make of the points that are worked off."""
+    for a in range(12 * used):
+        at = 12 * bone[who[a // 12]] + a % 12
         for i in range(count):
-            gradient[at] += growth[a, i] * residual[i]
-        for b in range(used):
-            to = 7 * bone[who[b]]
-            for j in range(6):
-                total = 0.0
-                for i in range(count):
-                    total += growth[a, i] * rows[b, j, i]
-                hessian[at, to + j] += total
-                hessian[to + j, at] += total
+            gradient[at] += wide[a, i] * residual[i]
+        for b in range(12 * used):
+            to, total = 12 * bone[who[b // 12]] + b % 12, 0.0
             for i in range(count):
-                hessian[at, to + 6] += growth[a, i] * growth[b, i]
+                total += wide[a, i] * wide[b, i]
+            hessian[at, to] += total
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from handtrack.model.surfaces.metaballs_kernels import REACH, TINY, pose_table
+from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.loss_kernels import GEMAN_MCCLURE, OUTLIERS, counted
 from handtrack.terms.term_table import (
     GRADIENT,
@@ -78,12 +79,12 @@ def rays_system(
     centre, rays, depth, table, bone, beside, robust, along, outlier, weight, reference, width, gradient,
     hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add the viewing rays to gradient (width · B,) and hessian; returns their cost. width: 6, 7 with growth, 0 for that alone.
+    """Add the viewing rays to gradient (width · B,) and hessian; returns their cost. width: 6, 12 by fields, 0 for that alone.
 
     rays: (N, 3) unit; depth: (N,) where the points are along them [m]; beside, along: sigmas [m]; robust, outlier: scales
     of the two losses.
     """
-    cost, row = 0.0, np.empty(max(width, 6))
+    cost, row, share = 0.0, np.empty(max(width, 6)), 0.0
     unexplained = counted(OUTLIERS, outlier, _FAR)[0]
     for n in range(rays.shape[0]):
         rx, ry, rz = rays[n, 0], rays[n, 1], rays[n, 2]
@@ -92,6 +93,7 @@ def rays_system(
         t = depth[n] if hits and not behind else middle
         x, y, z = centre[0] + t * rx, centre[1] + t * ry, centre[2] + t * rz
         off, nx, ny, nz = slope_distance(table, e, x, y, z)
+        distance = off
         follows = 0.0 if hits and not behind else nx * rx + ny * ry + nz * rz
         sigma = along if hits else beside
         if hits:
@@ -106,7 +108,7 @@ def rays_system(
             continue
         ox, oy, oz = x - reference[0], y - reference[1], z - reference[2]
         row[0], row[1], row[2] = -nx, -ny, -nz
-        if follows != 0.0:  # the place of closest approach slides along the ray
+        if follows != 0.0 or width == 12:  # the place of closest approach slides along the ray
             cx, cy, cz = x - table[e, 0], y - table[e, 1], z - table[e, 2]
             mx, my, mz, sx, sy, sz, a = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for i in range(3, 12, 3):
@@ -120,18 +122,15 @@ def rays_system(
             row[0] += share * mx
             row[1] += share * my
             row[2] += share * mz
-        row[3] = oy * row[2] - oz * row[1]
-        row[4] = oz * row[0] - ox * row[2]
-        row[5] = ox * row[1] - oy * row[0]
-        if follows != 0.0:
+        fill_arm(row, 0, width, ox, oy, oz)
+        if width == 12:  # a length along the slope s grows as G says
+            s = (sx, sy, sz)
+            add_outer(row, 0, share, s, (rx, ry, rz))
+            add_outer(row, 0, distance / max(sx * sx + sy * sy + sz * sz, TINY**2), s, s)
+        elif follows != 0.0:
             row[3] += share * (ry * sz - rz * sy)
             row[4] += share * (rz * sx - rx * sz)
             row[5] += share * (rx * sy - ry * sx)
-        if width == 7:  # growing about the camera's centre: the same picture, all distances larger
-            slides = -depth[n] if behind else (nx * rx + ny * ry + nz * rz) * depth[n]
-            row[6] = off - (slides if hits else 0.0)
-            for i in range(3):
-                row[6] += row[i] * (centre[i] - reference[i])
         first = width * bone[e]
         for i in range(width):
             part = weight * size * row[i] / (sigma * sigma)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from handtrack.terms.bone_kernels import fill_arm
 from handtrack.terms.loss_kernels import counted
 from handtrack.terms.term_table import (
     GRADIENT,
@@ -109,7 +110,7 @@ def emptiness_system(
     nearest, first, points, low, spacing, rotation, position, reference, bone, local, share, slack, sigma, loss, scale, weight,
     width, gradient, hessian,
 ):  # fmt: skip  # pragma: no cover - compiled
-    """Add E2 to gradient (width · B,) and hessian; width: 6, 7 with growth, 0 for the cost alone. Returns ½ weight Σ share ρ.
+    """Add E2 to gradient (width · B,) and hessian; width: 6, 12 by fields, 0 for the cost alone. Returns ½ weight Σ share ρ.
 
     bone, local, share: (V,), (V, 3) and (V,); a share falls with the square of its bone's growth.
     """
@@ -131,14 +132,10 @@ def emptiness_system(
             continue
         x, y, z = x - reference[0], y - reference[1], z - reference[2]
         row[0], row[1], row[2] = gx / sigma, gy / sigma, gz / sigma
-        row[3], row[4], row[5] = (
-            y * row[2] - z * row[1],
-            z * row[0] - x * row[2],
-            x * row[1] - y * row[0],
-        )
-        if width == 7:
-            row[6] = x * row[0] + y * row[1] + z * row[2]
-            gradient[width * b + 6] -= weight * share[n] * value
+        fill_arm(row, 0, width, x, y, z)
+        if width == 12:  # the share falls as the patch grows
+            for i in range(3, 12, 4):
+                gradient[width * b + i] -= weight * share[n] * value / 3.0
         at = width * b
         for i in range(width):
             part = weight * share[n] * size * row[i]

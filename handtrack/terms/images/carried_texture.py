@@ -123,7 +123,7 @@ class CarriedTextureTerm(CompiledTerm):
             cost += texture_system(
                 image.values,
                 texture.bone,
-                bones.grown(texture.bone, texture.local),
+                bones.on_flesh(texture.bone, texture.local),
                 texture.color,
                 self.sigma,
                 kind,

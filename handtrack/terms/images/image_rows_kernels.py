@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numba
 
+from handtrack.terms.bone_kernels import fill_arm
+
 NEAREST = 1e-3  # [m] in front of the camera
 
 
@@ -28,18 +30,14 @@ def see(point, turn, shift, seen):  # pragma: no cover - compiled
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def fill_row(du, dv, seen, matrix, turn, point, reference, row):  # pragma: no cover - compiled
-    """Fill the row (6,), or (7,) with growth, of a residual that changes by du and dv per pixel across and down."""
+    """Fill the row (6,), or (12,) by fields, of a residual that changes by du and dv per pixel across and down."""
     x, y, z = seen[0], seen[1], seen[2]
     fu, fv = du * matrix[0, 0] / z, dv * matrix[1, 1] / z
     fz = -(fu * x + fv * y) / z
     for r in range(3):
         row[r] = fu * turn[0, r] + fv * turn[1, r] + fz * turn[2, r]
     ax, ay, az = point[0] - reference[0], point[1] - reference[1], point[2] - reference[2]
-    row[3] = ay * row[2] - az * row[1]
-    row[4] = az * row[0] - ax * row[2]
-    row[5] = ax * row[1] - ay * row[0]
-    if row.shape[0] == 7:
-        row[6] = ax * row[0] + ay * row[1] + az * row[2]
+    fill_arm(row, 0, row.shape[0], ax, ay, az)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")

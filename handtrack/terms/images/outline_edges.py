@@ -48,7 +48,7 @@ class OutlineEdgesTerm(CompiledTerm):
             outline, camera = seen.outline, seen.outline.camera
             cost += edges_system(
                 outline.bone,
-                bones.grown(outline.bone, outline.local),
+                bones.on_flesh(outline.bone, outline.local),
                 outline.pixel,
                 outline.normal,
                 self.weight * outline.length_px / self.stretch_px,

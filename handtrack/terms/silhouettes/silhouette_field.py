@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, D6, D9, C, E, Floats, J, N
+from handtrack.arrays import D2, D3, D4, D6, D9, C, E, Floats, N
 from handtrack.errors import HandtrackError
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BoneFields, BonePoses
@@ -69,22 +69,18 @@ def field_system(
     bones: BonePoses,
     weight: float | Sequence[float],
     want_system: bool = True,
-    growing: bool = False,
 ) -> BoneSystem:
     """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels.
 
     weight: one, or one a camera. Without want_system, gradient and Hessian are
-    those of no residual. growing: with the bones' growth, seven numbers a bone. About a camera's centre a bone can grow unseen: growing about the
-    root looks like coming nearer by the same share.
+    those of no residual.
     """
     if len(ellipsoids) > MOST_ELLIPSOIDS:
         raise HandtrackError(
             f"silhouettes: {len(ellipsoids)} ellipsoids; at most {MOST_ELLIPSOIDS} are handled. Use a coarser model."
         )
-    assert not (growing and shape.depth_scaled)  # whose values tell near from far
     ellipsoids, count = ellipsoids.grown(bones), len(bones.position) if want_system else 0
-    system, total = BoneSystem.zero(count), BoneSystem.zero(count, 7 if growing else 6)
-    cost = 0.0
+    system, cost = BoneSystem.zero(count), 0.0
     weights = per_camera(weight, len(silhouettes), "weight")
     for i, seen in enumerate(silhouettes):
         part = camera_system(
@@ -93,11 +89,7 @@ def field_system(
             shape.levels[i], shape.limit, shape.depth_scaled, shape.row_step(i), weights[i], want_system, system.gradient, system.hessian,
         )  # fmt: skip
         cost += max(part + 0.5 * weights[i] * seen.energy(shape.row_step(i)), 0.0)
-        if growing:
-            total += system.with_growth(seen.camera.centre - bones.reference)
-            system = BoneSystem.zero(count)
-    total = total if growing else system
-    return BoneSystem(cost, total.gradient, total.hessian)
+    return BoneSystem(cost, system.gradient, system.hessian)
 
 
 def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple[float, ...]:
@@ -162,26 +154,16 @@ class FieldTerm:
             for step in [shape.row_step(i)]
         ]  # fmt: skip
 
-    def linearize_growth(self, bones: BonePoses) -> BoneSystem:
-        """Return the same in seven numbers a bone, with its growth."""
-        return field_system(
-            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, growing=True
-        )
-
-    def linearize_sized(
-        self, bones: BonePoses, fields: BoneFields, moves: Floats[J, D3, N]
-    ) -> JointSystem:
-        """Return cost, gradient and Hessian by N unknowns, as `KeypointTerm` does; moves of points count for nothing."""
-        del moves
-        flesh, count = self.ellipsoids.grown(bones), fields.velocity.shape[-1]
+    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
+        """Return cost, gradient and Hessian by N unknowns that move and deform the flesh."""
+        flesh, count = self.ellipsoids.grown(bones), fields.flesh.shape[-1]
         centre, shape = np.empty((len(flesh), 3)), np.empty((len(flesh), 3, 3))
         posed_shapes(
             bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, centre, shape
         )  # fmt: skip
-        gradient = fields.gradient[flesh.bone]
-        by_centre = fields.ellipsoids[flesh.bone] + np.einsum(
-            "eijn,ej->ein", gradient, centre - bones.reference
-        )
+        velocity, gradient = np.split(fields.flesh[flesh.bone], [3], axis=1)
+        gradient = gradient.reshape(-1, 3, 3, count)
+        by_centre = velocity + np.einsum("eijn,ej->ein", gradient, centre - bones.reference)
         by_shape = np.einsum("eikn,ekj->eijn", gradient, shape)
         by_shape += by_shape.swapaxes(1, 2)
         cost, slope, hessian = 0.0, np.zeros(count), np.zeros((count, count))
@@ -199,7 +181,7 @@ class FieldTerm:
             unpack_all(moments, ellipses, self.shape.levels[i], won, sums, observed, conic)
             by_unknown = conic_by(
                 seen.camera.projection, ellipses[won], centre[won], shape[won],
-                by_centre[won], by_shape[won],
+                by_centre[won], by_shape[won], conic * self.shape.depth_scaled,
             )  # fmt: skip
             weight, summed = weights[i] * step, np.einsum("eij,ej->ei", sums, conic)
             core = moments[-1]
@@ -218,10 +200,12 @@ def conic_by(
     shape: Floats[E, D3, D3],
     by_centre: Floats[E, D3, N],
     by_shape: Floats[E, D3, D3, N],
+    conic: Floats[E, D6],
 ) -> Floats[E, D6, N]:
     """Return how the field's numbers for (x², 2xy, y², 2x, 2y, 1) change with N unknowns, as `conic_by_twist` does for twists.
 
-    centre, shape: of the ellipsoids, world; by_centre, by_shape: how they change. docs/derivations/silhouettes.md.
+    centre, shape: of the ellipsoids, world; by_centre, by_shape: how they change; conic: the numbers themselves where their scale
+    depends on depth, else 0. docs/derivations/silhouettes.md.
     """
     u0, v0, mu, mv, s11, s12, s22, gamma, s = ellipses.T
     matrix = np.repeat(projection[None], len(ellipses), axis=0)
@@ -247,4 +231,4 @@ def conic_by(
     by_k = np.einsum("eijn,ej->ein", by_q, middle) + q @ by_middle
     level = np.einsum("ein,ei->en", by_k, middle) + np.einsum("ei,ein->en", k, by_middle)
     rows = [by_q[:, 0, 0], by_q[:, 0, 1], by_q[:, 1, 1], -by_k[:, 0], -by_k[:, 1], level]
-    return s[:, None, None] * np.stack(rows, axis=1)
+    return s[:, None, None] * np.stack(rows, axis=1) - conic[:, :, None] * third[:, None]

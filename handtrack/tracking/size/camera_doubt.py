@@ -8,14 +8,13 @@ from functools import reduce
 
 import numpy as np
 
-from handtrack.arrays import D7, B, Floats, K, P
+from handtrack.arrays import D3, D6, B, Floats, K, P
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics import BonePoses
+from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import BoneSystem, JointSystem
-from handtrack.terms.term import GrowingTerm
+from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -70,12 +69,10 @@ class _Look:
     model: ArticulatedModel
     pose: Floats[P]
     bones: BonePoses
-    moves: Floats[B, D7, K]
-    """what pose (P) and overall size (1) add to the bones' twists and growth"""
     views: dict[str, Silhouette | ImageKeypoints]
     """of each camera one, by its name"""
-    seen: dict[str, BoneSystem]
-    """what each camera says, by its name"""
+    seen: dict[str, JointSystem]
+    """what each camera says, by its name, of pose (P), overall size (1), and its own direction (3) and lens (2)"""
     prior: JointSystem
     """what is known of the pose besides, in its P numbers"""
 
@@ -88,8 +85,9 @@ class _Look:
         pose: Floats[P],
     ) -> _Look:
         bones, twists, _ = model.linearize(pose)
-        twists = np.pad(twists @ model.transform.matrix, ((0, 0), (0, 1), (0, 0)))
-        growth = SizeParameters(model).twists(bones)[:, :, :1]
+        points = len(model.joint_names)
+        moves = BoneFields.of_twists(twists @ model.transform.matrix, points)
+        moves = moves.beside(SizeParameters(model).fields(bones).chosen(np.arange(1)))
         alone = replace(
             settings,
             silhouettes=replace(settings.silhouettes, bands_mm=(_BAND_MM,)),
@@ -97,9 +95,9 @@ class _Look:
         )
         joints = [seen for seen in observed.keypoints if isinstance(seen, ImageKeypoints)]
         views = {one.camera.name: one for one in (*observed.silhouettes, *joints)}
-        seen: dict[str, BoneSystem] = {}
+        seen: dict[str, JointSystem] = {}
         priors = frame_terms(model, alone, observed, bones, None).priors
-        for name in views:
+        for name, view in views.items():
             own = Observation(
                 observed.frame,
                 observed.time_s,
@@ -107,26 +105,29 @@ class _Look:
                 keypoints=tuple(one for one in joints if one.camera.name == name),
             )
             terms = frame_terms(model, alone, own, bones, None).wide().stage(0, bones)
-            told = [term.linearize_growth(bones) for term in terms if isinstance(term, GrowingTerm)]
-            seen[name] = reduce(BoneSystem.__add__, told, BoneSystem.zero(len(bones.position), 7))
+            changes = [_changes(model, bones, view, kind) for kind in KINDS]
+            fields = moves.beside(BoneFields.of_twists(np.concatenate(changes, axis=2), points))
+            seen[name] = reduce(
+                JointSystem.__add__,
+                (term.linearize_sized(bones, fields) for term in terms),
+                JointSystem.zero(fields.flesh.shape[2]),
+            )
         prior = Problem(model, (), priors).linearize(pose)
-        moves = np.concatenate([twists, growth], axis=2)
-        return cls(model, pose, bones, moves, views, seen, prior)
+        return cls(model, pose, bones, views, seen, prior)
 
     def without_pose(self, name: str, kind: str) -> JointSystem:
         """Return the system of the overall size (1) and of a camera's change (K), the pose following."""
-        own = self.changes(name, kind)
-        with_own, without = (
-            np.concatenate([self.moves, change], axis=2) for change in (own, 0.0 * own)
-        )
+        count = len(self.pose)
+        first, last = (count + 1, count + 4) if kind == "direction" else (count + 4, count + 6)
+        chosen = np.eye(count + 6)[:, [*range(count + 1), *range(first, last)]]
+        held = chosen * (np.arange(chosen.shape[1]) <= count)
         system = reduce(
             JointSystem.__add__,
             (
-                told.pull_back(with_own if camera == name else without)
+                told.pull_back(chosen if camera == name else held)
                 for camera, told in self.seen.items()
             ),
         )
-        count = len(self.pose)
         gradient, hessian = system.gradient.copy(), system.hessian.copy()
         gradient[:count] += self.prior.gradient
         hessian[:count, :count] += self.prior.hessian
@@ -146,42 +147,39 @@ class _Look:
             hessian[left, left] - mixed.T @ follow[:, :-1],
         )
 
-    def changes(self, name: str, kind: str) -> Floats[B, D7, K]:
-        """Return how the bones would have to move to look as they do to a camera that changes by one of each.
-
-        direction: three angles [rad] about world axes. lens: two coefficients, of the square and the fourth power of
-        the distance from its axis, taken where the bones' middles are.
-        """
-        bones, view = self.bones, self.views.get(name)
-        moved = np.zeros((len(bones.position), 7, 3 if kind == "direction" else 2))
-        if view is None:
-            return moved
-        camera = view.camera
-        if kind == "direction":
-            moved[:, 3:6] = np.eye(3)
-            moved[:, :3] = np.cross(np.eye(3), bones.reference - camera.centre).T
-            return moved
-        there = camera.to_camera(self._middles)
-        ray = there[:, :2] / there[:, 2:]
-        for k in range(2):
-            off = ray * (ray**2).sum(axis=1)[:, None] ** (k + 1) * there[:, 2:]
-            moved[:, :3, k] = np.column_stack([off, np.zeros(len(off))]) @ camera.rotation
-        return moved
-
     def off_px(self, name: str, kind: str, change: Floats[K]) -> Floats[B]:
         """Return by how much a camera's change moves the bones' middles in its images [px]; none where it saw nothing."""
-        view, twist = self.views.get(name), self.changes(name, kind) @ change
-        if view is None:
+        if name not in self.views:
             return np.zeros(0)
-        camera = view.camera
-        middle = self._middles
+        view, middle = self.views[name], _middles(self.model, self.bones)
+        twist = _changes(self.model, self.bones, view, kind) @ change
         moved = middle + twist[:, :3] + np.cross(twist[:, 3:6], middle - self.bones.reference)
-        return np.linalg.norm(camera.project(moved) - camera.project(middle), axis=1)
+        return np.linalg.norm(view.camera.project(moved) - view.camera.project(middle), axis=1)
 
-    @property
-    def _middles(self) -> Floats:
-        half = 0.5 * self.model.skeleton.length[:, None]
-        return self.bones.position + half * self.bones.rotation[:, :, 1]
+
+def _changes(
+    model: ArticulatedModel, bones: BonePoses, view: Silhouette | ImageKeypoints, kind: str
+) -> Floats[B, D6, K]:
+    """Return how the bones would have to move to look as they do to a camera that changes by one of each.
+
+    direction: three angles [rad] about world axes. lens: two coefficients, of the square and the fourth power of
+    the distance from its axis, taken where the bones' middles are.
+    """
+    camera, moved = view.camera, np.zeros((len(bones.position), 6, 3 if kind == "direction" else 2))
+    if kind == "direction":
+        moved[:, 3:] = np.eye(3)
+        moved[:, :3] = np.cross(np.eye(3), bones.reference - camera.centre).T
+        return moved
+    there = camera.to_camera(_middles(model, bones))
+    ray = there[:, :2] / there[:, 2:]
+    for k in range(2):
+        off = ray * (ray**2).sum(axis=1)[:, None] ** (k + 1) * there[:, 2:]
+        moved[:, :3, k] = np.column_stack([off, np.zeros(len(off))]) @ camera.rotation
+    return moved
+
+
+def _middles(model: ArticulatedModel, bones: BonePoses) -> Floats[B, D3]:
+    return bones.position + 0.5 * model.skeleton.length[:, None] * bones.rotation[:, :, 1]
 
 
 def _doubt(

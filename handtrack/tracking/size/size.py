@@ -12,7 +12,6 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.solver.problem import Problem
-from handtrack.terms.term import GrowingTerm
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -97,5 +96,4 @@ def _problem(
     start = model.bones(pose)
     terms = frame_terms(model, stage, seen, start, None)
     terms = terms if is_last else terms.wide()
-    telling = [term for term in terms.stage(0, start) if isinstance(term, GrowingTerm)]
-    return Problem(model, telling, terms.priors)
+    return Problem(model, terms.stage(0, start), terms.priors)

@@ -15,10 +15,9 @@ from handtrack.model.moving_limits import MovingLimits
 from handtrack.model.size import SizeParameters
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.silhouettes.silhouette_field import FieldTerm
-from handtrack.terms.term import GrowingTerm, ObservationTerm
+from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.size.size_doubt import doubt_of_size
 
 FARTHEST = 4.0
@@ -195,33 +194,21 @@ def linearize_sized(
     model: `size.grown`, of the size around which the system holds.
     """
     bones, twists, joint = model.linearize(pose)
-    count, growth = twists.shape[2], size.twists(bones)[:, :, free]
-    jacobian = np.concatenate([np.pad(twists, ((0, 0), (0, 1), (0, 0))), growth], axis=2)
-    fields = BoneFields.of_twists(twists).beside(size.fields(bones).chosen(free))
-    moves = np.concatenate(
-        [np.zeros((len(model.joint_names), 3, count)), size.offset_moves[:, :, free]], axis=2
-    )
-    parts: list[JointSystem] = []
-    whole: list[BoneSystem] = []
+    fields = BoneFields.of_twists(twists, len(model.joint_names))
+    fields = fields.beside(size.fields(bones).chosen(free))
+    count, both = twists.shape[2], fields.joints.shape[2]
+    system = JointSystem.zero(both)
     for term in terms_of(problem, model):
-        if isinstance(term, FieldTerm | KeypointTerm):
-            parts.append(term.linearize_sized(bones, fields, moves))
-            continue
-        assert isinstance(term, GrowingTerm), term.name
-        whole.append(term.linearize_growth(bones))
-    if whole or not parts:
-        whole = whole or [BoneSystem.zero(len(bones.position), 7)]
-        parts.append(sum(whole[1:], whole[0]).pull_back(jacobian))
-    system = sum(parts[1:], parts[0])
+        system += term.linearize_sized(bones, fields)
     gradient, hessian, cost = system.gradient, system.hessian, system.cost
     for prior in problem.parameter_terms:
         known = prior.linearize(joint)
         cost += known.cost
         gradient[:count] += known.gradient
         hessian[:count, :count] += known.hessian
-    matrix = np.zeros((len(gradient), len(pose) + growth.shape[2]))
+    matrix = np.zeros((both, len(pose) + both - count))
     matrix[:count, : len(pose)] = model.transform.matrix
-    matrix[count:, len(pose) :] = np.eye(growth.shape[2])
+    matrix[count:, len(pose) :] = np.eye(both - count)
     return JointSystem(cost, gradient, hessian).pull_back(matrix)
 
 
