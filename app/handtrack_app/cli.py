@@ -161,6 +161,20 @@ _MOTION = (
     _option("--positions", choices=("add", "replace"), help="what a BVH's position channels do to OFFSETs, where it does not show"),
 )  # fmt: skip
 
+_KNOWN_PERSON = _option(
+    "--person", type=Path, metavar="FILE", help="a person's file: their shape is fitted, and begins with what that knows"
+)  # fmt: skip
+_OF_PERSON = (
+    _option("session", type=Path, metavar="SESSION|POSES.npz", help="a session's folder; or a result whose shape was fitted, which is saved"),
+    _FRAMES,
+    _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
+    _INIT, _YES,
+    _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
+    _SET, _KNOWN_PERSON,
+    _option("--out", type=Path, metavar="FILE.toml|.json",
+            help="default: person.toml in the session's folder or beside the result; of `size` hand.json, of a body body.json"),
+    _JSON,
+)  # fmt: skip
 COMMANDS: dict[str, _Command] = {
     "open": _Command("workbench", "Open the workbench in the browser, on a session folder or on the bundled one.", (
         _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
@@ -218,7 +232,7 @@ COMMANDS: dict[str, _Command] = {
     "track": _Command("track", "Track a session and save poses.npz; the workbench's engine and numbers.", (
         _SESSION, _INIT, _YES, _FRAMES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
-        _SET,
+        _SET, _KNOWN_PERSON,
         _option("--seed", type=int, metavar="N", help="of everything random, the setting tracker.seed (default: 0)"),
         _option("--size-later", action="store_true",
                 help="where the hand's size is to be fitted: track at once, fit it to what was tracked, track again"),
@@ -250,14 +264,8 @@ COMMANDS: dict[str, _Command] = {
         _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
         _TAKE_OVER, _JSON,
     )),
-    "size": _Command("person.size", "Fit the size of a person's hand or body to a recording and save it for others.", (
-        _SESSION, _FRAMES,
-        _option("--count", type=int, default=20, metavar="N", help="of them, evenly spread, are fitted (20)"),
-        _INIT, _YES,
-        _option("--use", metavar="NAMES", help="of silhouettes, cloud; comma-separated"),
-        _SET,
-        _option("--out", type=Path, metavar="FILE.json", help="result (default: SESSION/hand.json, of a body body.json)"), _JSON,
-    )),
+    "person": _Command("person.size", "Save a person's hand or body, of a recording or of a tracked sequence, for other recordings.", _OF_PERSON),
+    "size": _Command("person.size", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
     "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,
         _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D6, D21, Array, Axes, B, Floats, Ints, J, K, P, S, check_shape
+from handtrack.arrays import (
+    D2,
+    D3,
+    D6,
+    D21,
+    Array,
+    Axes,
+    B,
+    Floats,
+    Ints,
+    J,
+    K,
+    N,
+    P,
+    S,
+    check_shape,
+)
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
@@ -35,6 +51,32 @@ _CONTRADICTION = 1e-6  # [m, rad] values that were written with six digits agree
 
 
 @dataclass(frozen=True)
+class ShapeCovariance:
+    """Covariance of numbers of a person's shape: logarithms of `overall` and parts, proportions, offsets (`index_tip x`) in mm."""
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[float, ...], ...]
+    """the lower triangle: of each with those before it, and with itself"""
+
+    @property
+    def matrix(self) -> Floats[N, N]:
+        lower = np.zeros((len(self.names), len(self.names)))
+        lower[np.tril_indices(len(self.names))] = [value for row in self.rows for value in row]
+        return lower + np.tril(lower, -1).T
+
+    @classmethod
+    def of(cls, names: Sequence[str], matrix: Floats[N, N]) -> ShapeCovariance:
+        """Return that of a symmetric matrix."""
+        rows = (tuple(row[: k + 1]) for k, row in enumerate(matrix.tolist()))
+        return cls(tuple(names), tuple(rows))
+
+    def only(self, wanted: Sequence[str]) -> ShapeCovariance:
+        """Return that of some of the numbers, whatever the others are."""
+        kept = [k for k, name in enumerate(self.names) if name in wanted]
+        return self.of([self.names[k] for k in kept], self.matrix[np.ix_(kept, kept)])
+
+
+@dataclass(frozen=True)
 class HandScale:
     """A person's hand or body as factors on the definition: overall, and each part's on top of it."""
 
@@ -49,6 +91,10 @@ class HandScale:
     """where it was fitted, standard deviations: of `length_mm` [mm], and of the logarithms of `overall` and each part"""
     landmark_definition: str = field(default=UNNAMED_LANDMARKS, compare=False)
     """whose points the offsets lead to: `mediapipe21`, `openpose21`, a marker set's own name"""
+    covariance: ShapeCovariance | None = field(default=None, compare=False)
+    """where it was fitted, how what was found of it errs together"""
+    source: str = field(default="", compare=False)
+    """what it was found from, in words"""
 
     def factor(self, group: str) -> float:
         """Return the factor of a group of bones: `palm`, a finger, `forearm`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from importlib import resources
@@ -28,6 +28,7 @@ from handtrack.model.articulated import (
     ArticulatedModel,
     HandScale,
     Proportions,
+    ShapeCovariance,
 )
 from handtrack.model.definition import Definition, Narrowing, extended
 from handtrack.model.flesh import Ellipsoids
@@ -116,17 +117,18 @@ def _sized(
 
 
 def read_scale(path: Path) -> HandScale:
-    """Return a person's saved hand or body: JSON with `overall`, `parts`, `proportions`. Raises HandtrackError."""
-    return scale_from(read_json(path, "a saved hand"), path)
+    """Return a person's saved hand or body, as `scale_table` has it: TOML by its name, else JSON. Raises HandtrackError."""
+    read = read_toml if path.suffix.lower() == ".toml" else read_json
+    return scale_from(read(path, "a saved hand"), path)
 
 
 def scale_from(data: Any, path: Path | str) -> HandScale:
     """Return the size that a table of a file says, as `scale_table` makes it. Raises HandtrackError."""
     try:
-        known = {"overall", "parts", "proportions", "offsets_mm", "landmark_definition", "std"}
-        odd = sorted(set(data) - known)
+        known = [field.name for field in fields(HandScale)]
+        odd = sorted(set(data) - {*known})
         if odd:
-            raise KeyError(f"unknown key '{odd[0]}'")
+            raise KeyError(f"unknown key '{odd[0]}'; known keys: {', '.join(known)}")
         parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
         proportions = {str(k): float(v) for k, v in data.get("proportions", {}).items()}
         offsets = {str(k): _vector(v) for k, v in data.get("offsets_mm", {}).items()}
@@ -134,10 +136,13 @@ def scale_from(data: Any, path: Path | str) -> HandScale:
         if not all(0 <= value < np.inf for value in std.values()):
             raise ValueError("its standard deviations are not all numbers from 0")
         definition = str(data.get("landmark_definition", UNNAMED_LANDMARKS))
-        size = HandScale(float(data["overall"]), parts, proportions, offsets, std, definition)
+        size = HandScale(
+            float(data["overall"]), parts, proportions, offsets, std, definition,
+            _covariance(data.get("covariance")), str(data.get("source", "")),
+        )  # fmt: skip
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
-            f'{path}: a saved hand is a JSON file like {{"overall": 1.03, "parts": {{"thumb": 0.98}}}}; {error}.'
+            f"{path}: a saved hand is a TOML or JSON file with a number `overall` and tables like `parts`; {error}."
         ) from None
     for part in parts:
         if part not in HAND_PARTS + BODY_PARTS:
@@ -152,21 +157,52 @@ def _vector(values: Any) -> tuple[float, float, float]:
     return x, y, z
 
 
-def write_scale(path: Path, scale: HandScale) -> None:
-    """Save a person's hand or body, to be named by `scale` in session.toml."""
-    replace_text(path, json.dumps(scale_table(scale), indent=1) + "\n")
+def _covariance(data: Any) -> ShapeCovariance | None:
+    if data is None:
+        return None
+    names, rows = tuple(map(str, data["names"])), data["rows"]
+    if len(set(names)) != len(names) or [len(r) for r in rows] != [*range(1, len(names) + 1)]:
+        raise ValueError("its covariance is not a lower triangle with a row for each name")
+    found = ShapeCovariance(names, tuple(tuple(map(float, row)) for row in rows))
+    if not np.isfinite(found.matrix).all() or (np.linalg.eigvalsh(found.matrix) <= 0).any():
+        raise ValueError("its covariance is not positive definite")
+    return found
+
+
+def write_scale(path: Path, scale: HandScale, words: Mapping[str, str] | None = None) -> None:
+    """Save a person's hand or body, to be named by `scale` in session.toml: as TOML by its name, else as JSON.
+
+    words: what is said of its numbers, by their names, in comments of a TOML file.
+    """
+    table = scale_table(scale)
+    if path.suffix.lower() != ".toml":
+        replace_text(path, json.dumps(table, indent=1) + "\n")
+        return
+    import tomlkit  # slow to import
+
+    text = tomlkit.document()
+    for key in sorted(table, key=lambda key: isinstance(table[key], dict)):
+        text[key] = table[key]
+    for name, said in (words or {}).items():
+        place = next((text[k] for k in ("parts", "proportions") if name in text.get(k, {})), text)
+        if name in place:
+            place[name].comment(said)
+    replace_text(path, tomlkit.dumps(text))
 
 
 def scale_table(scale: HandScale) -> dict[str, Any]:
-    """Return what is saved of a person's size; a hand has no proportions, offsets only where a detector saw it, doubts where it was
-    fitted.
-    """
+    """Return what is saved of a person: of what is empty nothing."""
     table: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
     table |= {"proportions": scale.proportions} if scale.proportions else {}
     table |= {"offsets_mm": scale.offsets_mm} if scale.offsets_mm else {}
     if scale.offsets_mm and scale.landmark_definition != UNNAMED_LANDMARKS:
         table["landmark_definition"] = scale.landmark_definition
-    return table | ({"std": scale.std} if scale.std else {})
+    table |= {"source": scale.source} if scale.source else {}
+    table |= {"std": scale.std} if scale.std else {}
+    if scale.covariance is not None:
+        rows = [list(row) for row in scale.covariance.rows]
+        table["covariance"] = {"names": list(scale.covariance.names), "rows": rows}
+    return table
 
 
 @lru_cache(maxsize=8)

@@ -74,6 +74,8 @@ class TrackingRun:
     model: ArticulatedModel
     arm_m: float = np.inf
     """how far from the wrist the forearm ends, if it has one, as a cuff does [m of the mean adult's]; infinite where it goes on"""
+    known_person: HandScale | None = None
+    """what a person's file says beforehand of a hand that is fitted"""
 
     @classmethod
     def open(
@@ -99,8 +101,11 @@ class TrackingRun:
         scale = _with_own_landmarks(session, settings, _hand_scale(session, settings, first))
         arm_m = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, arm_m)
-        run = cls(session, first, settings, scale, arm_m > 0, model, arm_m or np.inf)
-        if run.size_is_open and settings.model.fit_size == "true" and first is not None:
+        known = session.known_person and _with_own_landmarks(
+            session, settings, session.known_person
+        )
+        run = cls(session, first, settings, scale, arm_m > 0, model, arm_m or np.inf, known)
+        if run.sizes_first and settings.model.fit_size == "true" and first is not None:
             return run.fit_size(should_stop, tell=tell)
         return run
 
@@ -110,6 +115,12 @@ class TrackingRun:
         if self.settings.model.fit_size == "false":
             return False
         return self.session.hand_scale == "fit" or (self.sees_joints and not self.scale.offsets_mm)
+
+    @property
+    def sizes_first(self) -> bool:
+        """Whether something of the person is to be found before tracking: nothing that their file tells."""
+        knows_joints = bool(self.scale.offsets_mm) or not self.sees_joints
+        return self.size_is_open and (self.known_person is None or not knows_joints)
 
     @property
     def sees_joints(self) -> bool:
@@ -135,7 +146,8 @@ class TrackingRun:
         most `most` of them, evenly spread, together; where a detector sees the joints is found with them, or alone: sizes
         says so, else session.toml. tell: is called with the share that is done, 0 to 1, and what is done in words.
         """
-        sizes = self.session.hand_scale == "fit" if sizes is None else sizes
+        if sizes is None:
+            sizes = self.session.hand_scale == "fit" and self.known_person is None
         say = tell or (lambda share, words: None)
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
@@ -418,6 +430,8 @@ def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | 
         return read_scale(given)
     if given != "fit":
         return HandScale(float(given))
+    if (person := session.known_person) is not None:
+        return person
     if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
         return first.scale if first is not None and first.scale is not None else HandScale()
     seen = _keypoints(first, settings)
@@ -437,8 +451,12 @@ def _with_own_landmarks(session: Session, settings: TrackerSettings, scale: Hand
         return scale
     own = "+".join(sorted({one.landmark_definition for one in files}))
     alike = scale.landmark_definition in (own, UNNAMED_LANDMARKS)
-    offsets = scale.offsets_mm if alike else {}
-    return replace(scale, offsets_mm=offsets, landmark_definition=own)
+    if alike:
+        return replace(scale, landmark_definition=own)
+    known = scale.covariance
+    if known is not None:  # of an offset it names its joint and an axis
+        known = known.only([name for name in known.names if " " not in name])
+    return replace(scale, offsets_mm={}, landmark_definition=own, covariance=known)
 
 
 def _forearm(

@@ -18,7 +18,8 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.capture.live.live_feed import LiveFeed
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import CameraRig
-from handtrack.model.model_file import MODELS, load_model
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import MODELS, load_model, read_scale
 from handtrack.observation.agreement import weighed
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
@@ -169,6 +170,12 @@ class Session:
             return self._hand_file("scale", scale)
         return scale
 
+    @cached_property
+    def known_person(self) -> HandScale | None:
+        """What a person's file says beforehand of a hand that is fitted to the recording. Raises HandtrackError."""
+        person = self.file.hand.person
+        return None if person is None else read_scale(self._hand_file("person", person))
+
     @property
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
@@ -228,6 +235,13 @@ class Session:
     def cloud_camera_centres(self) -> Floats[C, D3] | None:
         """Centres world [m] of the cameras that measured the clouds; None without clouds."""
         return None if self._clouds is None else self._clouds.camera_centres
+
+    def with_person(self, file: Path) -> Session:
+        """Return this session of a person whose file the fit of their hand begins with. Raises HandtrackError."""
+        changed = copy(self)
+        changed.file = replace(self.file, hand=replace(self.file.hand, scale="fit", person=None))
+        changed.known_person = read_scale(file)
+        return changed
 
     def with_clouds(self, clouds: CloudSettings | None) -> Session:
         """Return this session with other settings of [clouds]; session.toml stays as it is, and what was read is shared.

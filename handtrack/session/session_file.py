@@ -61,10 +61,18 @@ class HandSettings:
     """a model's name, or the path of a definition in the folder."""
     side: Annotated[str, one_of(("right", "left"))] = "right"
     scale: Annotated[float, above(0)] | _Text = 1.0
-    """a factor, "fit" (from the keypoints of init.json), or the path of a saved hand in the
-    folder."""
+    """a factor, "fit" (to the recording), or the path of a person's file in the folder, taken as it is."""
     forearm: Annotated[bool | Literal["auto"], _FOREARM] = "auto"
     """whether the model has a forearm: true, false, or "auto"."""
+    person: _Text | None = None
+    """with scale = "fit": the path of a person's file in the folder, which the recording adds to."""
+
+    def __post_init__(self) -> None:
+        if self.person is not None and self.scale != "fit":
+            raise ValueError(
+                f'person = "{self.person}" is what a fit begins with, and needs scale = "fit". To take the file as it is, '
+                f'write scale = "{self.person}" alone.'
+            )
 
 
 @dataclass(frozen=True)

@@ -134,7 +134,7 @@ def who_is_open(run: TrackingRun) -> OpenPerson | None:
     def build(scale: HandScale) -> ArticulatedModel:
         return replace(run.with_scale(scale).model, limits=run.model.limits)
 
-    return OpenPerson(build, sizes=run.session.hand_scale == "fit")
+    return OpenPerson(build, sizes=run.session.hand_scale == "fit", known=run.known_person)
 
 
 def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:

@@ -38,7 +38,7 @@ from tests.export.sequences import LOST_ROW, sample_sequence
 SCALE = HandScale(0.98, {"index": 1.02}, offsets_mm={"index_tip": (0.1, -2.0, 0.5)}, std={"length_mm": 1.2, "overall": 0.01})  # fmt: skip
 EVERYTHING = SessionFile(
     RecordingSettings("all keys", 30.0, "timestamps.csv", 0.043),
-    HandSettings("hands/claw.toml", "left", "hand.json", False),
+    HandSettings("hands/claw.toml", "left", "fit", False, "person.toml"),
     (
         CameraSettings(
             "cam0", "cam0/*.png", "masks/cam0/*.png", 128, (320, 240), (10, 20, 30, 40), bayer="rggb", demosaic="level_line",

@@ -65,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     began = time.monotonic()
     session = Session.open(args.session)
+    session = session if args.person is None else session.with_person(args.person)
     overrides: dict[str, object] = dict(parse_settings(args.set))
     if args.seed is not None:
         overrides["tracker.seed"] = args.seed

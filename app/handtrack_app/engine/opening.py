@@ -50,7 +50,7 @@ class Opening:
         run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
         wanted = session.settings.model.fit_size
         run = run.with_values({"model.fit_size": wanted})
-        pending = run.size_is_open
+        pending = run.sizes_first
         if run.first is None:
             middle = _middle_of_cloud(session)
             return Document(run, 0, placed_in_view(run, middle), pending)

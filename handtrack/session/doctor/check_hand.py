@@ -96,7 +96,7 @@ def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedMode
     if isinstance(scale, Path):
         size = read_scale(scale)
     elif scale == "fit":
-        size = fitted or HandScale()
+        size = session.known_person or fitted or HandScale()
     else:
         size = HandScale(float(scale))
     return load_model(session.hand_model, session.file.hand.side, size, forearm=True)

@@ -14,8 +14,10 @@ from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.seen_around import joints_around, seen_around
-from handtrack.tracking.size.size_doubt import doubt_of_size
-from handtrack.tracking.size.sized_problem import FARTHEST
+from handtrack.tracking.size.size_doubt import shape_covariance, with_doubt
+
+FARTHEST = 4.0
+"""standard deviations from the mean adult that a person may be"""
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class OpenPerson:
     """lengths and girths; not those that a person gave"""
     offsets: bool = False
     """where a detector sees joints"""
+    known: HandScale | None = None
+    """what is known of them beforehand, as other recordings told; None: what is known of people"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +42,8 @@ class PersonChange:
     """of the model as it was tracked"""
     free: Array[N]
     values: Floats[N]
+    known: HandScale | None = None
+    """see OpenPerson"""
 
     @classmethod
     def none(cls, model: ArticulatedModel) -> PersonChange:
@@ -67,7 +73,7 @@ class PersonChange:
         free[:split] = who.sizes and around
         free[split - len(model.proportion_names) : split] &= model.kind == "body" or not cloud
         free[0] = who.sizes and (around or cloud)
-        return cls(parameters, free, parameters.deviations(model.scale))
+        return cls(parameters, free, parameters.deviations(model.scale), who.known)
 
     @property
     def count(self) -> int:
@@ -81,9 +87,19 @@ class PersonChange:
         return replace(self, values=values)
 
     def prior(self) -> JointSystem:
-        """Return what is known of people, by the free ones (K,)."""
-        found = self.values[self.free]
-        return JointSystem(0.5 * float(found @ found), found, np.eye(len(found)))
+        """Return what is known beforehand, of this person or of people, by the free ones (K,)."""
+        mean = 0.0 if self.known is None else self.parameters.deviations(self.known)
+        off = (self.values - mean)[self.free]
+        information = np.linalg.inv(self._known_covariance[np.ix_(self.free, self.free)])
+        return JointSystem(0.5 * float(off @ information @ off), information @ off, information)
+
+    @cached_property
+    def _known_covariance(self) -> Floats[N, N]:
+        """Of all that is known beforehand; what is not free is as uncertain as it came."""
+        if self.known is not None:
+            return shape_covariance(self.parameters, self.known)
+        came = shape_covariance(self.parameters, self.parameters.model.scale)
+        return np.where(np.outer(~self.free, ~self.free), came, np.eye(len(came)))
 
     @cached_property
     def model(self) -> ArticulatedModel:
@@ -91,6 +107,17 @@ class PersonChange:
         return self.parameters.grown(self.values) if self.count else self.parameters.model
 
     def scale(self, covariance: Floats[K, K]) -> HandScale:
-        """Return the same as it is saved; covariance: of the free ones."""
-        std = doubt_of_size(self.parameters, self.values, self.free, covariance)
-        return replace(self.parameters.scale(self.values), std=std)
+        """Return the same as it is saved; covariance: of the free ones. What is not free is known better by these, where both err
+        together.
+        """
+        scale, came, free = (
+            self.parameters.scale(self.values),
+            self.parameters.model.scale,
+            self.free,
+        )
+        if not free[: len(free) - self.parameters.offset_count].any():  # no size was looked for
+            return replace(scale, std=came.std, covariance=came.covariance)
+        known = self._known_covariance
+        gain = known[:, free] @ np.linalg.inv(known[np.ix_(free, free)])
+        less = known[np.ix_(free, free)] - covariance
+        return with_doubt(self.parameters, scale, known - gain @ less @ gain.T)

@@ -1,37 +1,54 @@
-"""How well a fitted size is known: of the whole hand, of its parts, and of its length in millimetres."""
+"""How well a person's shape is known: its covariance, and the standard deviation of the length in millimetres."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from handtrack.arrays import Array, Floats, K, N
+from handtrack.arrays import Floats, N
+from handtrack.model.articulated import HandScale, ShapeCovariance
 from handtrack.model.size import SizeParameters, hand_length_mm
 
 _STEP = 1e-3  # of a deviation: the length is as good as linear in it
+_MM = 1e3
 
 
-def doubt_of_size(
-    size: SizeParameters, deviations: Floats[N], free: Array[N], covariance: Floats[K, K]
-) -> dict[str, float]:
-    """Return standard deviations: of `length_mm`, and of the logarithms of `overall` and each part.
+def shape_covariance(size: SizeParameters, scale: HandScale) -> Floats[N, N]:
+    """Return how well a saved person is known, by deviations; what their file does not tell is as uncertain as adults differ."""
+    names, units = size.names, _units(size)
+    std = [scale.std.get(name, unit) / unit for name, unit in zip(names, units, strict=True)]
+    found = np.diag(np.square(std))
+    if scale.covariance is not None:
+        told = scale.covariance.only(names)
+        at = [names.index(name) for name in told.names]
+        found[at] = found[:, at] = 0.0
+        found[np.ix_(at, at)] = told.matrix / np.outer(units[at], units[at])
+    return found
 
-    covariance: of the free deviations. What was not fitted is as uncertain as it came, or as adults differ; empty where nothing
-    of the size was fitted.
+
+def with_doubt(size: SizeParameters, scale: HandScale, covariance: Floats[N, N]) -> HandScale:
+    """Return a person with what is known of their shape: the covariance, by deviations; standard deviations of sizes, and of
+    `length_mm`.
     """
-    count = len(size.names) - size.offset_count
-    if not free[:count].any():
-        return dict(size.model.scale.std)
-    names, units, came = size.names[:count], size.units[:count], size.model.scale.std
-    std = [came[n] / u if n in came else 1.0 for n, u in zip(names, units, strict=True)]
-    whole = np.diag(np.square(std))
-    fitted = np.flatnonzero(free[:count])
-    whole[np.ix_(fitted, fitted)] = covariance[: len(fitted), : len(fitted)]
-    known = dict(zip(names, (np.sqrt(np.diag(whole)) * units).tolist(), strict=True))
-    slope = np.zeros(count)
+    units, count = _units(size), len(size.names) - size.offset_count
+    std = np.sqrt(np.diag(covariance)) * units
+    known = dict(zip(size.names[:count], std[:count].tolist(), strict=True))
+    at, slope = size.deviations(scale), np.zeros(len(size.names))
     for k in range(count):
-        step = np.zeros(len(deviations))
+        step = np.zeros(len(slope))
         step[k] = _STEP
-        ahead, behind = (hand_length_mm(size.grown(deviations + s)) for s in (step, -step))
+        ahead, behind = (hand_length_mm(size.grown(at + s)) for s in (step, -step))
         slope[k] = (ahead - behind) / (2 * _STEP)
-    length = float(np.sqrt(slope @ whole @ slope))
-    return known if np.isnan(length) else {"length_mm": length} | known
+    length = float(np.sqrt(slope @ covariance @ slope))
+    return replace(
+        scale,
+        std=known if np.isnan(length) else {"length_mm": length} | known,
+        covariance=ShapeCovariance.of(size.names, covariance * np.outer(units, units)),
+    )
+
+
+def _units(size: SizeParameters) -> Floats[N]:
+    """Return one deviation of each as files have it: offsets in mm."""
+    units, first = size.units, len(size.names) - size.offset_count
+    return np.concatenate([units[:first], units[first:] * _MM])

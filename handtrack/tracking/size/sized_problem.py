@@ -18,10 +18,8 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.term import ObservationTerm
-from handtrack.tracking.size.size_doubt import doubt_of_size
+from handtrack.tracking.size.person import FARTHEST, PersonChange
 
-FARTHEST = 4.0
-"""standard deviations from the mean adult that a person may be"""
 _POSES = SolverSettings(iterations=15, damping=1e-3)
 _SIZES = SolverSettings(
     iterations=8,
@@ -61,8 +59,8 @@ def fit_size(
     sizes = replace(_SIZES, cost_tolerance=max(share, _SIZES.cost_tolerance))
     solve(problem, start[every], sizes, should_stop)
     best = problem.best
-    std = doubt_of_size(size, best.deviations, every, problem.covariance(repeated))
-    return replace(size.scale(best.deviations), std=std), best.poses
+    person = PersonChange(size, every, best.deviations)
+    return person.scale(problem.covariance(repeated)), best.poses
 
 
 class _Solved(NamedTuple):

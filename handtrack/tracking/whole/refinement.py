@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats
 from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import HandScale
+from handtrack.model.articulated import HandScale, ShapeCovariance
 from handtrack.tracking.whole.cameras import SHIFTED, TURNED, ZOOMED, CameraChanges
 from handtrack.tracking.whole.estimate import WholeEstimate
 
@@ -107,7 +107,12 @@ class Refinement:
             )
             for one in known["cameras"]
         ]  # fmt: skip
-        scale = None if known.get("scale") is None else HandScale(**known["scale"])
+        scale = known.get("scale")
+        if scale is not None:
+            errors = scale.get("covariance")
+            rows = errors and tuple(map(tuple, errors["rows"]))
+            errors = errors and ShapeCovariance(tuple(errors["names"]), rows)
+            scale = HandScale(**scale | {"covariance": errors})
         return cls(known["why"], known["sweeps"], tuple(cameras), scale)
 
     def corrected(self, camera: Camera) -> Camera:

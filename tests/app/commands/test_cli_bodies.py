@@ -36,7 +36,7 @@ def test_a_persons_size_is_saved(handtrack: CommandLine, folder: Path) -> None:
     ended = handtrack("size", folder, "--init", "auto", "--count", "6")
     assert ended.code == 0, ended.err
     saved = folder / "body.json"
-    assert re.search(r"overall 1\.0\d\d ± 0\.0\d\d, trunk", ended.out)
+    assert re.search(r"\+\d\.\d ± \d\.\d %, trunk", ended.out)
     assert f"Saved to {saved}" in ended.out
     scale = read_scale(saved)
     assert scale.overall * np.mean(list(scale.parts.values())) == pytest.approx(1.05, abs=0.04)

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from handtrack.model.model_file import load_model, read_scale
+from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model, read_scale, scale_from, scale_table
 from handtrack.model.size import hand_length_mm
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.run import TrackingRun
@@ -69,6 +70,48 @@ def test_a_size_is_saved_and_used(handtrack: CommandLine, larger: Path) -> None:
         ["size", larger],
         ["hand.json exists", "not written over", "--out"],
     )
+
+
+def test_a_person_of_a_recording_is_what_the_next_one_begins_with(
+    handtrack: CommandLine, larger: Path, tmp_path: Path
+) -> None:
+    """A tracked result has the person; two frames that begin with their file know them better than alone."""
+    edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
+    assert handtrack("track", larger).code == 0
+    ended = handtrack(
+        "person", larger / "tracks/poses.npz", "--out", larger / "person.toml", "--json"
+    )
+    assert ended.code == 0, ended.err
+    found, said = read_scale(larger / "person.toml"), json.loads(ended.out)
+    assert found == scale_from(json.loads(read_npz(larger / "tracks/poses.npz").scale), "track")
+    assert found.covariance is not None
+    assert {"overall", *load_model().proportion_names} <= set(found.covariance.names)
+    assert "forearm" not in said["not_measured"], "there is none"
+
+    def person_of(*more: str) -> HandScale:
+        out = tmp_path / "few.npz"
+        out.unlink(missing_ok=True)
+        assert handtrack("track", larger, "--frames", "0:3", "--out", out, *more).code == 0
+        return scale_from(json.loads(read_npz(out).scale), "track")
+
+    alone, both = person_of(), person_of("--person", str(larger / "person.toml"))
+    assert both.std["length_mm"] < min(alone.std["length_mm"], found.std["length_mm"])
+    edit(larger / "session.toml", 'scale = "fit"', 'scale = "fit"\nperson = "person.toml"')
+    assert scale_table(person_of()) == scale_table(both)
+
+    given = larger / "given.npz"
+    assert (
+        handtrack(
+            "track", larger, "--frames", "0:1", "--set", "model.fit_size=false", "--out", given
+        ).code
+        == 0
+    )
+    edit(larger / "session.toml", 'scale = "fit"\n', "scale = 1.0\n")
+    refused(handtrack, larger.parent, ["track", larger], ["person.toml", "fit"])
+    edit(larger / "session.toml", '\nperson = "person.toml"', "")
+    assert handtrack("track", larger, "--frames", "0:1", "--out", given, "--restart").code == 0
+    refused(handtrack, larger.parent, ["person", given], ["given"])
+    refused(handtrack, larger.parent, ["person", given, "--frames", "0:1"], ["--frames"])
 
 
 def test_what_cannot_be_sized(handtrack: CommandLine, larger: Path) -> None:

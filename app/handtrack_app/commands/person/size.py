@@ -1,17 +1,21 @@
-"""`handtrack size`: the size of a person's hand or body from a recording, saved for every other one."""
+"""`handtrack person` and `handtrack size`: a person's hand or body from a recording, saved for every other one."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import HandScale
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import scale_table, write_scale
+from handtrack.model.shape import shape_numbers
+from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.assessment import hand_words
+from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.first_pose import ask_for_other_side, found_first_pose
 from handtrack_app.commands.terminal.output import output_file
@@ -29,13 +33,22 @@ from handtrack_app.commands.terminal.track_options import (
     parse_sources,
 )
 
-_FILES = {"hand": "hand.json", "body": "body.json"}
+_FILES = {
+    "person": {"hand": "person.toml", "body": "person.toml"},
+    "size": {"hand": "hand.json", "body": "body.json"},
+}
+_OF_RECORDINGS = ("frames", "init", "use", "set", "person")
 _INTERRUPTED = 130
 
 
 def run(args: argparse.Namespace) -> int:
-    """Track the frames asked for, fit one size to some of them, and save it; return the exit code."""
+    """Save the person of a tracked sequence; or track the frames asked for, fit a person to some of them, and save it. Return the
+    exit code.
+    """
+    if args.session.suffix.lower() == ".npz":
+        return _of_track(args)
     session = Session.open(args.session)
+    session = session if args.person is None else session.with_person(args.person)
     overrides: dict[str, object] = dict(parse_settings(args.set))
     settings = session.settings.with_values(overrides)
     overrides |= parse_sources(args.use, settings) | {"model.fit_size": False}
@@ -50,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
             f"--count {args.count}: expected at least one frame to fit the size to."
         )
     kind = TrackingRun.open(session, overrides, use_init=False).model.kind
-    out = _new_file(args.out or session.folder / _FILES[kind], kind)
+    out = _new_file(args.out or session.folder / _FILES[args.command][kind], kind)
     with stoppable() as stop, saying_compiling():
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop, args.yes)
@@ -63,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
             with share_bar("sizing") as tell:
                 after = before.fit_size(stop, frames, args.count, tell, sizes=True)
         if stop() or after is None:
-            say("handtrack size: interrupted; nothing was saved.")
+            say(f"handtrack {args.command}: interrupted; nothing was saved.")
             return _INTERRUPTED
     if after is before:
         raise HandtrackError(
@@ -73,36 +86,61 @@ def run(args: argparse.Namespace) -> int:
         )
     for note in dict.fromkeys(after.notes):
         say(f"note: {note}")
-    write_scale(out, after.scale)
-    hand = hand_words(after.model)
-    use = f'To use it: copy it into a session and set scale = "{out.name}" in [hand] of its {SESSION_FILE}.'
-    if out.resolve().parent == session.folder.resolve():
-        use = f'To use it: in {SESSION_FILE}, [hand], scale = "{out.name}".'
-    saved = f"{_words(after.scale, kind)}{hand and f' {hand.capitalize()}.'} Saved to {out}"
-    answer(args, {"scale": scale_table(after.scale), "hand": hand, "output": out}, saved, use)
-    return 0
+    source = f"session {session.name}, frames {frames.start} to {frames.stop - 1}"
+    return _save(args, out, replace(after.model, scale=replace(after.scale, source=source)))
 
 
-def _words(scale: HandScale, kind: str) -> str:
-    if kind == "body":
-        known = {"overall": scale.overall, **scale.parts}
-        said = (f"{name} {size:.3f}{_doubt(scale, name)}" for name, size in known.items())
-        return f"Of a mean adult's: {', '.join(said)}."
-    parts = ", ".join(f"{name} {scale.factor(name):.3f}" for name in scale.parts)
-    return (
-        f"palm {scale.overall:.3f} of a mean adult's, {parts}."
-        if parts
-        else f"{scale.overall:.3f}."
+def _of_track(args: argparse.Namespace) -> int:
+    given = [name for name in _OF_RECORDINGS if getattr(args, name)]
+    if given:
+        raise HandtrackError(
+            f"{args.session} is tracked already: --{given[0]} is for a session. Leave it out, or name the session's folder."
+        )
+    track = read_npz(args.session)
+    model = model_of(track, str(args.session))
+    if not model.scale.std:
+        raise HandtrackError(
+            f"{args.session}: its {model.kind}'s shape was given, and not found from the recording, so there is nothing to save. "
+            f'Track with scale = "fit" in [hand] of its {SESSION_FILE}.'
+        )
+    out = _new_file(
+        args.out or args.session.with_name(_FILES[args.command][model.kind]), model.kind
+    )
+    return _save(
+        args,
+        out,
+        replace(
+            model,
+            scale=replace(model.scale, source=f"{args.session.name} of session {track.session}"),
+        ),
     )
 
 
-def _doubt(scale: HandScale, name: str) -> str:
-    std = scale.std.get(name)
-    return "" if std is None else f" ± {std:.3f}"
+def _save(args: argparse.Namespace, out: Path, model: ArticulatedModel) -> int:
+    rows = shape_numbers(model)
+    write_scale(out, model.scale, {row.name: row.words for row in rows})
+    hand, unmeasured = hand_words(model), [row.label for row in rows if not row.is_measured]
+    use = f'To use it: copy it into a session and set scale = "{out.name}" in [hand] of its {SESSION_FILE}.'
+    if (out.parent / SESSION_FILE).is_file():
+        use = f'To use it: in {SESSION_FILE}, [hand], scale = "{out.name}".'
+    saved = [
+        f"Of the mean adult's: {', '.join(f'{r.label} {r.words}' for r in rows if r.is_measured)}."
+    ]
+    if unmeasured:
+        saved += [f"This recording does not tell, so as in the mean: {', '.join(unmeasured)}."]
+    saved += [f"{hand.capitalize()}." if hand else "", f"Saved to {out}"]
+    scale = scale_table(model.scale)
+    answer(
+        args,
+        {"scale": scale, "hand": hand, "not_measured": unmeasured, "output": out},
+        " ".join(filter(None, saved)),
+        use,
+    )
+    return 0
 
 
 def _new_file(out: Path, kind: str) -> Path:
-    output_file(out, (".json",), "hands of persons are")
+    output_file(out, (".toml", ".json"), "hands of persons are")
     if out.exists():
         raise HandtrackError(
             f"{out} exists, and a person's {kind} is not written over. Name another file with --out, or move it away."
