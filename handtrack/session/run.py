@@ -139,11 +139,11 @@ class TrackingRun:
         tracked: Iterable[FrameResult] | None = None,
         sizes: bool | None = None,
     ) -> TrackingRun:
-        """Return the run for the hand size that explains some frames best; the same run where none can tell it.
+        """Return the run for the person who explains the surest frames best; the same run where none can tell it.
 
         Takes frames that are tracked; or those of `frames` (of all unless given) whose poses joints of two cameras say; or
-        tracks `frames` (a stretch after the first pose unless given) with the size at hand. Then fits size and poses of at
-        most `most` of them, evenly spread, together; where a detector sees the joints is found with them, or alone: sizes
+        tracks `frames` (from the first pose until enough are sure, unless given) with the size at hand. Then fits shape and poses of
+        at most `most` of the surest together; where a detector sees the joints is found with them, or alone: sizes
         says so, else session.toml. tell: is called with the share that is done, 0 to 1, and what is done in words.
         """
         if sizes is None:
@@ -435,7 +435,7 @@ def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | 
     if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
         return first.scale if first is not None and first.scale is not None else HandScale()
     seen = _keypoints(first, settings)
-    return fit_scale(lambda scale: _whole(_model(session, settings, scale, False)), seen)[0]
+    return fit_scale(lambda scale: _whole(_model(session, settings, scale, False)), seen)
 
 
 def _asked_forearm(session: Session, settings: TrackerSettings) -> str:

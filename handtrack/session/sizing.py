@@ -1,4 +1,4 @@
-"""A person's hand size from tracked frames: which of them can tell it, and what it is, a detector's offsets with it."""
+"""A person's size and shape from the frames that are surest: which they are, and who it is, a detector's offsets with it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,10 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.poor_cloud import agreement
 from handtrack.tracking.size.person import OpenPerson
-from handtrack.tracking.size.seen_around import (
-    FEWEST_BY_JOINTS,
-    image_joints,
-    joints_around,
-    seen_around,
-)
-from handtrack.tracking.size.size import refine_scale
+from handtrack.tracking.size.seen_around import FEWEST_BY_JOINTS, image_joints, seen_around
+from handtrack.tracking.state import TrackerState
+from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.chosen_frames import fit_person
 
 if TYPE_CHECKING:
     from handtrack.session.run import TrackingRun
@@ -38,27 +35,25 @@ MOST_BY_JOINTS = 16
 TRACKED_SHARE = 0.6
 """of the time that a fit takes, where its frames are to be tracked first"""
 _LEAST_MEASURED = 0.7  # share of the hand in view that clouds measured, median; behind a can 0.62 made a hand of 125 mm from one of 180
-_STRETCH = 40  # frames tracked to fit the hand's size
-
-
-def stretch_after(start: int, count: int) -> range:
-    """Return the frames to be tracked for a fit: some after the first pose, or the last ones of all."""
-    after = range(start, min(start + _STRETCH, count))
-    return after if len(after) > 1 else range(max(count - _STRETCH, 0), count)
+_STRETCH = 40  # frames tracked to fit the hand's size, at least; more until enough of them are sure
+_ROUNDS = 2  # of choosing: a better shape makes more frames sure
 
 
 def tracked_for_size(
     run: TrackingRun, frames: range | None, should_stop: Callable[[], bool] | None, tell: Tell
 ) -> list[FrameResult]:
-    """Return frames tracked from the first pose, a stretch after it unless given."""
-    start, params = run.initial()
-    frames = frames or stretch_after(start, run.session.frame_count)
-    results: dict[int, FrameResult] = {}
-    for result in run.track(frames, start, params, should_stop):
-        results[result.frame] = result
-        done, count = len(results), len(frames)
-        tell(TRACKED_SHARE * done / count, f"{done} of {count} frames tracked")
-    return list(results.values())
+    """Return frames tracked from the first pose, each by those before it: all of `frames`, or unless given until enough are sure."""
+    live, (start, params) = run.with_values({"tracker.estimate": "forward"}), run.initial()
+    results: list[FrameResult] = []
+    wanted = frames or run.session.frame_range
+    for result in live.track(wanted, start, params, should_stop):
+        results.append(result)
+        count, sure = len(results), sum(r.status == Status.TRACKED for r in results)
+        least = len(wanted) if frames else min(_STRETCH, len(wanted))
+        tell(TRACKED_SHARE * min(count / least, 1.0), f"{count} frames tracked, {sure} are sure")
+        if frames is None and count >= least and sure >= MOST_FRAMES:
+            break
+    return results
 
 
 def posed_by_joints(
@@ -66,7 +61,7 @@ def posed_by_joints(
 ) -> list[FrameResult]:
     """Return frames spread evenly over `frames` at the poses that joints of two cameras say; none where too few have any.
 
-    They are not tracked yet: what else was seen of them is for the fit to meet.
+    They are not tracked yet: how sure they are is not known.
     """
     posed: list[FrameResult] = []
     if not run.sees_joints or len(run.session.views) < 2:
@@ -81,7 +76,7 @@ def posed_by_joints(
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:
             params = carried_over(hand, found.params, run.model)
-            posed.append(posed_result(run.model, seen, params, Status.TRACKED, None))
+            posed.append(posed_result(run.model, seen, params, Status.DOUBTFUL, None))
     return posed if len(posed) >= FEWEST_BY_JOINTS else []
 
 
@@ -93,44 +88,68 @@ def size_of_frames(
     tell: Tell,
     sizes: bool = True,
 ) -> HandScale | None:
-    """Return the size that explains at most so many of the frames best, evenly spread; None where none can tell it. Where clouds
-    alone show the hand, and measured less than 70 % of what they could, it is held at the population's mean and spread.
+    """Return the person who explains the surest frames best, at most so many, of postures that differ; None where none can tell. Where
+    clouds alone show the hand, and measured less than 70 % of what they could, the size is held at the population's mean and spread.
 
-    Seen from around, every finger has a size of its own; clouds are one-sided and tell the whole hand's only. Where a
-    detector's joints are seen from around, where it sees them is found with the size; alone, if `sizes` is not wished.
+    With the shape that is found frames are assessed again, and those that are sure then count too. If `sizes` is not wished,
+    where a detector sees joints is found alone.
     """
-    results = list(results)
-    tracked = sorted((r for r in results if r.fits), key=lambda r: r.frame)
-    seen = [(result, run.seen_at(result)) for result in _spread(tracked, most)]
-    around = [(r, known) for r, known in seen if seen_around(known, _middle(r))]
-    if sizes and not around and _measured(run, results, most) < _LEAST_MEASURED:
-        given = run.first is not None and run.first.xyz is not None  # a size that points tell
-        mean = replace(run.scale, overall=run.scale.overall if given else 1.0)
-        return unmeasured_size(lambda size: run.with_scale(size).model, mean)
-    used = around or [pair for pair in seen if pair[1].cloud is not None]
-    places = [(known, _middle(result)) for result, known in used]
-    joints = joints_around(places) if run.sees_joints else ()
-    if not used or not (sizes or joints):
-        return None
-    return refine_scale(
-        lambda size: run.with_scale(size).model,
-        run.settings,
-        run.scale,
-        [known for _, known in used],
-        [run.model.transform.solver_params(result.parameters) for result, _ in used],
-        should_stop,
-        parts=bool(around),
-        tell=tell,
-        seen=joints,
-        sizes=sizes,
-    )
+    stop, scale, used = should_stop or (lambda: False), None, set[int]()
+    results = [result for result in results if result.status != Status.LOST]
+    for step in range(_ROUNDS):
+        if step or any(not result.energies for result in results):
+            results = [_assessed(run, one) for one in _spread(results, 2 * most) if not stop()]
+        chosen = _unlike(results, most)
+        if stop() or not chosen or {result.frame for result in chosen} <= used:
+            break
+        used = {result.frame for result in chosen}
+        seen = [run.seen_at(result) for result in chosen]
+        places = list(zip(seen, map(_middle, chosen), strict=True))
+        around = any(seen_around(one, place) for one, place in places)
+        if sizes and not around and _measured(run, results, most) < _LEAST_MEASURED:
+            given = run.first is not None and run.first.xyz is not None  # a size that points tell
+            mean = replace(run.scale, overall=run.scale.overall if given else 1.0)
+            return unmeasured_size(_who(run).build, mean)
+        who = replace(_who(run), sizes=sizes, offsets=run.sees_joints)
+        poses = [run.model.transform.solver_params(result.parameters) for result in chosen]
+        words = f"{len(chosen)} frames fitted together"
+        found = fit_person(
+            who, run.model, run.settings, seen, poses, stop,
+            lambda share, step=step, words=words: tell((step + share) / _ROUNDS, words),
+        )  # fmt: skip
+        if found is None:
+            break
+        scale, run = found, run.with_scale(found)
+    return scale
+
+
+def _assessed(run: TrackingRun, result: FrameResult) -> FrameResult:
+    """Return a frame alone at the pose of this person nearest to that it had, and how sure it is."""
+    start = run.model.clipped(run.model.transform.solver_params(result.parameters))
+    tracker = Tracker(run.model, run.settings)
+    return tracker.glance(TrackerState.beginning_at(start), run.seen_at(result))[1]
+
+
+def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
+    """Return at most so many frames, ascending: of those that are sure, or as many of the least doubtful, those whose postures differ most."""
+    sure = sorted(results, key=lambda r: (r.status != Status.TRACKED, np.nan_to_num(r.p_off_25mm)))
+    sure = sure[: max(sum(r.status == Status.TRACKED for r in sure), most)]
+    joints = np.array([result.joint_positions - _middle(result) for result in sure])
+    kept, far = [0] if sure else [], np.full(len(sure), np.inf)
+    while 0 < len(kept) < min(most, len(sure)):
+        far = np.minimum(far, np.linalg.norm(joints - joints[kept[-1]], axis=2).mean(axis=1))
+        kept.append(int(np.argmax(far)))
+    return sorted((sure[n] for n in kept), key=lambda result: result.frame)
 
 
 def who_is_open(run: TrackingRun) -> OpenPerson | None:
     """Return what of the person refining may find: not what was given, and nothing where `model.fit_size` says so."""
     if not run.size_is_open or is_unmeasured(run.scale):
         return None
+    return _who(run)
 
+
+def _who(run: TrackingRun) -> OpenPerson:
     def build(scale: HandScale) -> ArticulatedModel:
         return replace(run.with_scale(scale).model, limits=run.model.limits)
 
@@ -147,8 +166,7 @@ def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
 def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> float:
     """Return which share of the hand in view clouds measured, the median of frames; 1 where there are none."""
     shares = []
-    posed = sorted((r for r in results if r.status != Status.LOST), key=lambda r: r.frame)
-    for result in _spread(posed, most):
+    for result in _spread(sorted(results, key=lambda r: r.frame), most):
         bones = run.model.bones(run.model.transform.solver_params(result.parameters))
         terms = frame_terms(run.model, run.settings, run.seen_at(result), bones, None)
         found = None if terms.cloud is None else agreement(terms.cloud, run.model, bones)

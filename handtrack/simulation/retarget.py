@@ -15,7 +15,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.body_priors import body_priors
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
-from handtrack.tracking.size.sized_problem import fit_size
+from handtrack.tracking.size.estimate import fit_size
 
 _SIGMA_M = 0.01  # how well another skeleton's joints are ours
 _SIZE_FRAMES = 24  # spread over the clip, to fit the person's size

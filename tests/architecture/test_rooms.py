@@ -28,7 +28,7 @@ ARROWS: dict[str, set[str]] = {
     "solver": {"model", "terms"},
     "sampling": {"geometry", "observation", "model", "terms", "solver"},
     "tracking.frame": {"geometry", "observation", "model", "terms", "solver", "sampling"},
-    "tracking.size": {"observation", "model", "terms", "solver", "tracking.frame"},
+    "tracking.size": {"geometry", "observation", "model", "terms", "solver", "tracking.frame"},
     "tracking.hypotheses": {
         "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame",
         "tracking.search",
@@ -50,7 +50,7 @@ ARROWS: dict[str, set[str]] = {
     "store": {"files", "tracking", "tracking.frame", "tracking.hypotheses"},
     "session": {
         "files", "geometry", "capture", "observation", "model", "detector", "tracking", "tracking.frame",
-        "tracking.size", "tracking.search", "store",
+        "tracking.size", "tracking.search", "tracking.whole", "store",
     },
     "export": {
         "files", "geometry", "capture", "model", "diagnostics", "session", "tracking.frame",

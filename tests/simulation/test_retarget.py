@@ -13,7 +13,7 @@ from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import BANDAI_JOINTS, CMU_WRIST_JOINTS
 from handtrack.simulation.retarget import body_problem, fitted_model, retarget, retarget_errors
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.tracking.size.sized_problem import fit_size
+from handtrack.tracking.size.estimate import fit_size
 
 
 def build(scale):

@@ -9,12 +9,12 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import PriorSettings
+from handtrack.tracking.size.cameras import LATE, CameraChanges, velocities
+from handtrack.tracking.size.estimate import WholeEstimate
+from handtrack.tracking.size.motion import TURN, Motion, changes, moved
 from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.whole.cameras import LATE, CameraChanges, velocities
-from handtrack.tracking.whole.estimate import WholeEstimate
-from handtrack.tracking.whole.motion import TURN, Motion, changes, moved
+from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack.tracking.whole.shared import Shared
 from tests.derivatives import check_gradient, check_jacobian
 
 HAND = load_model("hand26")

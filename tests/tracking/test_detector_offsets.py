@@ -17,7 +17,8 @@ from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.size.sized_problem import fit_size, linearize_sized
+from handtrack.tracking.size.estimate import fit_size
+from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
 
 NAMES = keypoint_names()

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.whole import frame_systems
-from handtrack.tracking.whole.evidence import FrameSystem
-from handtrack.tracking.whole.frame_systems import FrameSystems
+from handtrack.tracking.size import frame_systems
+from handtrack.tracking.size.frame_systems import FrameSystem, FrameSystems
 
 FRAMES, SIZE, SHARED = 5, 4, 3
 

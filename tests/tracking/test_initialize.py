@@ -53,6 +53,6 @@ def test_the_hands_size_is_found_from_noisy_keypoints():
     errors = []
     for seed in range(6):
         seen = seen_pose(model, "open", np.random.default_rng(seed), noise=0.005)
-        scale, _ = fit_scale(lambda s: load_model(scale=s), seen)
+        scale = fit_scale(lambda s: load_model(scale=s), seen)
         errors.append(scale.overall / truth.overall - 1)
     assert np.sqrt(np.mean(np.square(errors))) < 0.03

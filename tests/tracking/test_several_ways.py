@@ -15,11 +15,11 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking import sequence
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.size.estimate import estimate_whole
+from handtrack.tracking.size.motion import PLACE
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole import refined as whole
-from handtrack.tracking.whole.estimate import estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, new_share
-from handtrack.tracking.whole.motion import PLACE
 from handtrack.tracking.whole.several import Way, several_ways
 
 BODY = load_model("body34")

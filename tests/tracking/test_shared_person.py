@@ -14,15 +14,15 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.size.cameras import CameraChanges
+from handtrack.tracking.size.motion import moved
 from handtrack.tracking.size.person import OpenPerson, PersonChange
+from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.size.size_doubt import shape_covariance
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.evidence import Evidence
-from handtrack.tracking.whole.motion import moved
 from handtrack.tracking.whole.refined import refined
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack.tracking.whole.shared import Shared
 from tests.derivatives import check_gradient
 from tests.tracking.test_shared_cameras import FPS, FRAMES, SIGMA_PX, camera_at, waving_poses
 

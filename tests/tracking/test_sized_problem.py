@@ -1,4 +1,4 @@
-"""Size and poses in one system: its derivatives, and the Schur complement against the full system."""
+"""Size and poses of chosen frames in one estimate."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from handtrack.model.size import SizeParameters
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.observation.observation import Keypoints
-from handtrack.solver.levenberg_marquardt import SolverSettings
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
@@ -20,7 +19,8 @@ from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.size.sized_problem import SizedProblem, fit_size, linearize_sized
+from handtrack.tracking.size.estimate import fit_size
+from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
 
 TRUTH = HandScale(1.06, {"thumb": 0.95, "ring": 1.03})
@@ -92,24 +92,6 @@ def test_a_cloud_by_pose_and_shape(rng, side):
         assert system.cost == pytest.approx(cost(both))
         assert np.abs(system.gradient[26:]).max() > 0
         check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=1e-4)
-
-
-def test_what_is_left_by_size_alone(frames, rng):
-    """Gradient and curvature where the poses follow, along one direction; Gauss-Newton's is that of small residuals."""
-    problems, poses = frames
-    size = SizeParameters(problems[0].model)
-    free = np.array([name != "forearm" for name in size.names])
-    tight = SolverSettings(iterations=60, cost_tolerance=1e-15, step_tolerance=1e-12)
-    problem = SizedProblem(problems[:2], poses[:2], size, free, tight)
-    at = size.deviations(TRUTH)[free]
-    along = rng.normal(size=len(at))
-    system = problem.linearize(at)
-    assert system.cost == pytest.approx(problem.cost(at))
-    ahead, behind = (problem.linearize(at + step * along) for step in (1e-2, -1e-2))
-    slope, bend = (ahead.cost - behind.cost) / 2e-2, (ahead.gradient - behind.gradient) / 2e-2
-    told = system.hessian @ along
-    assert slope == pytest.approx(system.gradient @ along, abs=1e-3 * np.linalg.norm(told))
-    np.testing.assert_allclose(told, bend, atol=0.03 * np.linalg.norm(bend))
 
 
 def test_the_size_is_found(frames):

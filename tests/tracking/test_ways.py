@@ -19,8 +19,8 @@ from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.size.motion import changes
 from handtrack.tracking.whole.lattice import Lattice, Minimum
-from handtrack.tracking.whole.motion import changes
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refined import refined
 

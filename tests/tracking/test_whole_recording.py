@@ -13,8 +13,8 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import PriorSettings, TrackerSettings
 from handtrack.tracking.sequence import track_frames, track_recording
+from handtrack.tracking.size.motion import Motion, changes, moved
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.motion import Motion, changes, moved
 from handtrack.tracking.whole.refined import _bridged, refined, refined_near
 from tests.derivatives import check_gradient, check_jacobian
 

@@ -31,9 +31,10 @@ from handtrack.simulation.scenes.depth_hand import (
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
-from handtrack.tracking.size.size import refine_scale
+from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.chosen_frames import fit_person
 
 _IMAGES = Path("sr305_depth_hand") / "20210326-230536"
 _MM = 1e3
@@ -98,7 +99,8 @@ def fitted(frames: Sequence[int] | None = None) -> DepthFits:
         return found
 
     starts = [_found(observation, settings) for observation in seen]
-    scale = refine_scale(build, settings, HandScale(), seen, starts, parts=False)
+    scale = fit_person(OpenPerson(build), build(HandScale()), settings, seen, starts)
+    assert scale is not None, "clouds tell a size"
     mean, own = (fits(Tracker(build(size), settings)) for size in (HandScale(), scale))
     return DepthFits(mean, own, scale)
 

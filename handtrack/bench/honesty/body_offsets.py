@@ -31,8 +31,8 @@ from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.search.keypoint_start import in_space
 from handtrack.tracking.sequence import refine_recording, track_frames
 from handtrack.tracking.size.person import OpenPerson
-from handtrack.tracking.size.size import refine_scale
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.refinement import Refinement
 
 FRAMES, OWN_FRAMES, CAMERAS, OWN = 30, 40, 3, 4
@@ -165,8 +165,8 @@ def _figures(filmed: Filmed, sizes: bool, offsets: bool, together: bool) -> dict
         looked = np.unique(np.linspace(0, frames[-1], _SIZED_FRAMES).round()).astype(int).tolist()
         seen = [filmed.observation(frame) for frame in looked]
         poses = [filmed.placed(model, frame) for frame in looked]
-        joints = filmed.names if offsets else ()
-        model = body(refine_scale(body, SETTINGS, HandScale(), seen, poses, seen=joints, sizes=sizes))  # fmt: skip
+        scale = fit_person(OpenPerson(body, sizes, offsets), model, SETTINGS, seen, poses)
+        model = model if scale is None else body(scale)
     tracker, told = Tracker(model, SETTINGS), list[str]()
     start = filmed.placed(model, 0)
     live = list(track_frames(tracker, filmed.observation, 0, start, frames))

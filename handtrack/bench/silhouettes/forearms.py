@@ -56,7 +56,7 @@ def _errors(rig: str, arm: str, seed: int, frames: int) -> Iterator[float]:
     seen, truth = recording(cameras(rig), *ARMS[arm], frames, rng)
     given = Keypoints(keypoint_names(), truth[0] + 0.005 * rng.normal(size=(21, 3)), 0.008)
     seen[0] = replace(seen[0], keypoints=(given,))
-    scale = fit_scale(lambda size: load_model(scale=size), given)[0]
+    scale = fit_scale(lambda size: load_model(scale=size), given)
     hand = load_model(scale=scale)
     found = forearm_in_view(hand, [(fit_keypoints(hand, given), seen[0])])
     for forearm in (False, True, found):

@@ -29,7 +29,7 @@ def body_priors(
     """Return a model's soft priors, each a negative log-likelihood.
 
     rest_sigma_deg: width of a weak pull of all joint angles to rest, 0 for none. The prior on proportions belongs to the
-    estimation of a person's size: `tracking.size.sized_problem`.
+    estimation of a person's size: `tracking.size.estimate`.
     """
     joints: list[ParameterTerm] = []
     if rest_sigma_deg > 0:

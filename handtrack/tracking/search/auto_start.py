@@ -18,10 +18,9 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Search, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.evidence_landscape import EvidenceLandscape, Resize
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.policy import FIRST_POSE
-from handtrack.tracking.search.sized_start import Resize
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,

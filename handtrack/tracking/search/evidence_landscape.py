@@ -13,7 +13,8 @@ from functools import partial
 import numpy as np
 
 from handtrack.arrays import D3, Floats, P
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.parallel import in_parallel
 from handtrack.sampling.hypotheses import apart
@@ -25,16 +26,18 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
 from handtrack.tracking.search.engine import Candidate, Fit
 from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
-from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle
+from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle, shape_of
 from handtrack.tracking.search.evidence.silhouette_evidence import silhouette_evidence
 from handtrack.tracking.search.evidence.source import EvidenceSource
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
 from handtrack.tracking.search.proposers.rigid_grid import rigid_grid, spread_over_places
-from handtrack.tracking.search.sized_start import Resize, sized
 from handtrack.tracking.search.start_confidence import BASIN_M
-from handtrack.tracking.size.size import SIZE_BANDS_MM
+from handtrack.tracking.size.estimate import fit_size
+from handtrack.tracking.size.person import SIZE_BANDS_MM
 
+Resize = Callable[[ArticulatedModel, HandScale], ArticulatedModel]
+"""makes the same hand in another size"""
 WIDE_M, NARROW_M = 0.012, 0.004
 _PROMISING = 3.0  # times the least cost, beyond which another place is not worth a look
 _WAYS = 2  # of bending a pose's fingers otherwise that are proposed
@@ -133,7 +136,7 @@ class EvidenceLandscape:
                 partial(self._problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM
             ]
             problems = [partial(self._problem, band_m=WIDE_M), *exact]
-            return self.measured(sized(candidate, problems, self.resize))
+            return self.measured(_sized(candidate, problems, self.resize))
         assert self.solve is not None
         solved = self.solve(
             candidate.model, candidate.params, fit.kind == "tracker with lost fingers"
@@ -175,3 +178,26 @@ class EvidenceLandscape:
         promising = [n for n in rows if ordered[n].cost <= _PROMISING * ordered[0].cost]
         kept = [*spread_over_places(promising, palms, most), *rows[len(promising) :]]
         return sorted((ordered[n] for n in kept[:most]), key=lambda c: c.cost)
+
+
+def _sized(
+    candidate: Candidate,
+    problems_around: Sequence[Callable[[Candidate], Problem]],
+    resize: Resize,
+) -> Candidate:
+    """Return a pose with the overall size that explains what was seen best with it.
+
+    The parts keep their shares: one frame, seen with a pose still wrong, would blame a bent finger on its length. What is
+    looked at stays the same, so that costs can be compared. problems_around: what pulls a candidate, from far first.
+    """
+    for problem_around in problems_around:
+        model, before = candidate.model, candidate.shape
+        assert before is not None, "a candidate of evidence starts from a shape"
+        free = np.array([name == "overall" for name in SizeParameters(model).names])
+        problem = problem_around(candidate)
+        scale, (params,) = fit_size([problem], [candidate.params], free)
+        model = resize(model, scale)
+        shape = shape_of(model, model.joint_params(params), before.posture)
+        shape = replace(shape, reach=before.reach)
+        candidate = replace(candidate, model=model, shape=shape, params=params)
+    return replace(candidate, origin=f"{candidate.origin}, of another size")

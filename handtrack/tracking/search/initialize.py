@@ -16,7 +16,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.frame.terms.priors import POINTS_REST_RAD, pose_priors
-from handtrack.tracking.size.sized_problem import fit_size
+from handtrack.tracking.size.estimate import fit_size
 
 FEWEST = 4
 """joints that are known; fewer leave the hand's place open"""
@@ -70,10 +70,8 @@ def carried_over(source: ArticulatedModel, params: Floats[P], model: Articulated
     return model.clipped(model.transform.solver_params(np.array(joint)))
 
 
-def fit_scale(
-    build: Callable[[HandScale], ArticulatedModel], seen: Keypoints
-) -> tuple[HandScale, Floats[P]]:
-    """Return a person's hand and solver parameters fitted together to points in space.
+def fit_scale(build: Callable[[HandScale], ArticulatedModel], seen: Keypoints) -> HandScale:
+    """Return a person's hand fitted to points in space, together with its pose.
 
     build: makes the model of a given size. Factors are pulled towards an adult's mean by how much
     adults differ, so that noisy points do not make odd hands. One frame's points tell no proportions of a hand: noise would be
@@ -83,8 +81,7 @@ def fit_scale(
     held = model.proportion_names if model.kind == "hand" else ()
     free = np.array([name not in held for name in SizeParameters(model).names])
     problem = _on_points(model, seen)
-    scale, _ = fit_size([problem], [fit_keypoints(model, seen)], free)
-    return scale, fit_keypoints(build(scale), seen)
+    return fit_size([problem], [fit_keypoints(model, seen)], free)[0]
 
 
 def _on_points(model: ArticulatedModel, seen: Keypoints) -> Problem:

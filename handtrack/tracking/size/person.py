@@ -16,6 +16,8 @@ from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.seen_around import joints_around, seen_around
 from handtrack.tracking.size.size_doubt import shape_covariance, with_doubt
 
+SIZE_BANDS_MM = (4.0, 1.5)
+"""narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last"""
 FARTHEST = 4.0
 """standard deviations from the mean adult that a person may be"""
 

@@ -26,11 +26,11 @@ from handtrack.tracking.frame.doubt.mirrored import only_camera
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.poor_cloud import poor_cloud_settings
+from handtrack.tracking.size.cameras import CameraChanges
+from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
+from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.size.sized_problem import linearize_sized
-from handtrack.tracking.whole.cameras import CameraChanges, SeenPoses
-from handtrack.tracking.whole.motion import TURN, by_turn
-from handtrack.tracking.whole.shared import Shared
+from handtrack.tracking.size.shared import Shared
 
 _HELD = 400
 """frames whose terms stay in memory, about 0.3 MB each; of longer recordings they are read anew in each sweep"""
@@ -53,34 +53,14 @@ Observe = Callable[[int, BonePoses | None], Observation]
 
 
 @dataclass(frozen=True, eq=False)
-class FrameSystem:
-    """What a frame says of its pose (P) and of what all share (K)."""
-
-    whole: JointSystem
-    """of P + K numbers: changes of the pose as `motion.moved` makes them, small turns of the root; then the shared ones"""
-    seen: Floats[P, P]
-    """what the frame alone would say by what was seen: matrix, without what is known of poses beforehand"""
-    share: float = 1.0
-    """of that, how much is in `whole`"""
-
-
-@dataclass(frozen=True, eq=False)
-class FrameEvidence:
+class FrameEvidence(FrameProblem):
     """A frame as it was seen, and what it costs; its images are not kept, which take ten times as much."""
 
     frame: int
     time_s: float
     terms: FrameTerms
-    views: tuple[Problem, ...]
-    """what each of the cameras saw that may change"""
-    others: Problem
-    """all else that was seen"""
-    prior: Problem
-    """what is known of poses beforehand"""
     around: BonePoses
     """where its bands are frozen"""
-    share: float = 1.0
-    """of what was seen, how much counts: less where errors last, and the poses are as wrong as they are"""
 
     @cached_property
     def problem(self) -> Problem:
@@ -89,37 +69,6 @@ class FrameEvidence:
         return Problem(
             self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
         )
-
-    def linearize(
-        self, pose: Floats[P], views: Sequence[SeenPoses], n: int, person: PersonChange
-    ) -> FrameSystem:
-        """Return the frame's system; views: of each camera that may change, the frame being their n-th."""
-        size, first = len(pose), len(pose)
-        count = sum(view.by_camera.shape[2] for view in views) + person.count
-        gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
-        grown = np.arange(size + count - person.count, size + count)
-        cost = 0.0
-        for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
-            wide = 0 if view is None else view.by_camera.shape[2]
-            if problem.observation_terms:
-                seen = _by_changes(person, problem, pose if view is None else view.poses[n])
-                at = np.r_[:size, first : first + wide, grown]
-                if view is not None:
-                    moves = np.zeros((size + person.count, len(at)))
-                    moves[:size, :size], moves[:6, :6] = np.eye(size), view.by_pose[n]
-                    moves[:size, size : size + wide] = view.by_camera[n]
-                    moves[size:, size + wide :] = np.eye(person.count)
-                    seen = seen.pull_back(moves)
-                cost += seen.cost
-                gradient[at] += seen.gradient
-                matrix[np.ix_(at, at)] += seen.hessian
-            first += wide
-        known = by_changes(self.prior.linearize(pose), pose)
-        told = matrix[:size, :size].copy()
-        gradient[:size] += known.gradient
-        matrix[:size, :size] += known.hessian
-        whole = JointSystem(cost + known.cost, gradient, matrix)
-        return FrameSystem(whole, told / self.share, self.share)
 
     def seen_by(self, cameras: Sequence[Camera], pose: Floats[P]) -> tuple[FrameTerms, Problem]:
         """Return the terms and the whole problem where these have taken the place of cameras of their names."""
@@ -155,24 +104,6 @@ class FrameEvidence:
         return by_changes(Problem(model, seen, terms.priors).linearize(pose), pose)
 
 
-def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
-    """Return a pose's system by changes as `motion.moved` makes them; what follows the pose's P numbers stays."""
-    turn = by_turn(pose)
-    gradient, hessian = system.gradient.copy(), system.hessian.copy()
-    gradient[TURN] = turn.T @ gradient[TURN]
-    hessian[TURN] = turn.T @ hessian[TURN]
-    hessian[:, TURN] = hessian[:, TURN] @ turn
-    return replace(system, gradient=gradient, hessian=hessian)
-
-
-def _by_changes(person: PersonChange, problem: Problem, pose: Floats[P]) -> JointSystem:
-    """Return what was seen by changes of the pose, and by a person's."""
-    if not person.count:
-        return by_changes(problem.linearize(pose), pose)
-    system = linearize_sized(problem, person.model, person.parameters, person.free, pose)
-    return by_changes(system, pose)
-
-
 @dataclass(eq=False)
 class Evidence:
     """The frames of a recording, read when they are asked for.
@@ -200,6 +131,8 @@ class Evidence:
     """where something of the person may change"""
     outline_mm: Mapping[str, float] = field(default_factory=dict)
     """by camera, what outlines are off by in this recording (`measured_outlines`); the usual where that is more"""
+    follows: bool = True
+    """whether frames follow one another; chosen ones, `seconds` apart, do not"""
     wide: bool = False
     """whether detected joints pull from however far: where cameras are corrected, whose errors look like the joints'"""
     new: float = 1.0
@@ -233,6 +166,18 @@ class Evidence:
     def shared(self) -> Shared:
         """What all frames share."""
         return Shared(self.cameras, self.person or PersonChange.none(self.model))
+
+    @property
+    def usual(self) -> Motion | None:
+        """How poses usually follow one another."""
+        if not self.follows:
+            return None
+        return Motion.usual(self.settings.prior, self.model.transform.matrix.shape[1], self.seconds)
+
+    @property
+    def repeated(self) -> float:
+        """How many frames show one pose."""
+        return max(NEW_POSE_S / self.seconds, 1.0)
 
     def _observed(self, frame: int, bones: BonePoses) -> Observation:
         """Return what was seen beside a frame: of cameras that are late, later images."""
@@ -280,8 +225,8 @@ class Evidence:
         views = [told.pop(name, []) for name in self.cameras.names]
         others += [term for own in told.values() for term in own]
         return FrameEvidence(
-            observation.frame, observation.time_s, terms, tuple(Problem(model, own) for own in views), Problem(model, others),
-            Problem(model, (), terms.priors), bones, share,
+            Problem(model, others), Problem(model, (), terms.priors), tuple(Problem(model, own) for own in views), share,
+            observation.frame, observation.time_s, terms, bones,
         )  # fmt: skip
 
 

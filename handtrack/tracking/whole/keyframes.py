@@ -15,8 +15,8 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.size.motion import Motion, changes, moved
 from handtrack.tracking.whole.evidence import Evidence, Observe
-from handtrack.tracking.whole.motion import Motion, changes, moved
 
 KEYFRAME_REACH = 50
 """frames on either side that a keyframe may change"""

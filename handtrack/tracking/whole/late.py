@@ -9,8 +9,8 @@ import numpy as np
 
 from handtrack.arrays import C, F, Floats, K, P
 from handtrack.solver.problem import Problem
+from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.sized_problem import terms_of
-from handtrack.tracking.whole.cameras import CameraChanges
 from handtrack.tracking.whole.evidence import Evidence, by_camera
 
 _MOST = 5

@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import F, Floats, Ints, K, L, P
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.whole.motion import changes
+from handtrack.tracking.size.motion import changes
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,9 +22,10 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.policy import POOR
 from handtrack.tracking.search.poor_cloud import poor_agreement
+from handtrack.tracking.size.cameras import CameraChanges
+from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
+from handtrack.tracking.size.motion import TURN, by_turn
 from handtrack.tracking.size.person import OpenPerson, PersonChange
-from handtrack.tracking.whole.cameras import CameraChanges
-from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import (
     MOSTLY_NEW,
     Evidence,
@@ -34,7 +35,6 @@ from handtrack.tracking.whole.evidence import (
 )
 from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
-from handtrack.tracking.whole.motion import TURN, by_turn
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack.tracking.whole.several import Way, several_ways

@@ -12,8 +12,8 @@ import numpy as np
 from handtrack.arrays import D3, Floats
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import HandScale, ShapeCovariance
-from handtrack.tracking.whole.cameras import SHIFTED, TURNED, ZOOMED, CameraChanges
-from handtrack.tracking.whole.estimate import WholeEstimate
+from handtrack.tracking.size.cameras import SHIFTED, TURNED, ZOOMED, CameraChanges
+from handtrack.tracking.size.estimate import WholeEstimate
 
 _SURE = 3.0
 """standard deviations by which a camera must be off to be named: of which camera it is, too"""
@@ -77,7 +77,7 @@ class Refinement:
     def of(cls, found: WholeEstimate, by_cameras: WholeEstimate | None = None) -> Refinement:
         """Return what an estimate found; by_cameras: the one that corrected the cameras, if it was another."""
         corrected_by = by_cameras or found
-        changes, person = corrected_by.cameras, found.shared.person
+        changes = corrected_by.cameras
         std = np.sqrt(np.diag(corrected_by.shared_covariance)[: changes.count]).reshape(-1, 8)
         units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0])
         cameras = []
@@ -92,9 +92,7 @@ class Refinement:
                     -float(late), tuple((units * spread).round(4).tolist()),
                 )
             )  # fmt: skip
-        known = found.shared_covariance[found.cameras.count :, found.cameras.count :]
-        scale = person.scale(known) if person.count else None
-        return cls(found.why, found.sweeps, tuple(cameras), scale)
+        return cls(found.why, found.sweeps, tuple(cameras), found.scale)
 
     @classmethod
     def read(cls, text: str) -> Refinement:

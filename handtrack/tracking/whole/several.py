@@ -11,9 +11,8 @@ from handtrack.arrays import F, Floats, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.doubt.mirrored import apart_m, flips_of_limbs, only_camera
-from handtrack.tracking.whole.estimate import WholeEstimate, estimate_whole
+from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence
-from handtrack.tracking.whole.motion import Motion
 
 _SWEEPS = 6
 """of ways beside the best: they show which is better, and what else it may be"""
@@ -34,10 +33,9 @@ class Way:
     @property
     def cost(self) -> float:
         """By which ways are compared: what all frames say, and what is usual of motion."""
-        usual = Motion.usual(
-            self.evidence.settings.prior, self.found.poses.shape[1], self.evidence.seconds
-        )
-        return float(self.found.costs.sum()) + usual.cost(self.found.poses)
+        usual = self.evidence.usual
+        moves = 0.0 if usual is None else usual.cost(self.found.poses)
+        return float(self.found.costs.sum()) + moves
 
 
 def several_ways(

@@ -19,9 +19,9 @@ from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.search.policy import SUSPICIOUS_RATIO
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.search.proposers.finger_moves import finger_grid
+from handtrack.tracking.size.motion import Motion, changes, moved
 from handtrack.tracking.whole.evidence import Evidence, FrameEvidence
 from handtrack.tracking.whole.lattice import Lattice, Minimum
-from handtrack.tracking.whole.motion import Motion, changes, moved
 
 APART_M = 0.01
 """[m] by which some joint of two minima differs at least: the breadth of half a finger"""

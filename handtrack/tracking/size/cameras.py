@@ -11,7 +11,7 @@ from handtrack.arrays import D6, D8, C, F, Floats, K, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.whole.motion import PLACE, TURN, changes, moved
+from handtrack.tracking.size.motion import PLACE, TURN, changes, moved
 
 _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
 """what a calibration may be off by: a camera that was touched after it, or a board that was not flat. Of turn and shift the length"""

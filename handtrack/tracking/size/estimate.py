@@ -1,25 +1,29 @@
-"""All frames of a recording as one problem: what each says, and how poses follow one another."""
+"""Frames as one problem, those of a recording or chosen ones: what each says, how poses follow one another, and what all share."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol, Self
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, F, Floats, K, P
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.arrays import D2, Array, F, Floats, K, N, P
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.size import SizeParameters
 from handtrack.solver.block_banded import BlockBanded
 from handtrack.solver.bordered import Bordered
+from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import POINTS_LAST
-from handtrack.tracking.whole.cameras import CameraChanges, velocities
-from handtrack.tracking.whole.evidence import NEW_POSE_S, Evidence
-from handtrack.tracking.whole.frame_systems import FrameSystems
-from handtrack.tracking.whole.motion import Motion, moved
-from handtrack.tracking.whole.shared import Shared
+from handtrack.tracking.size.cameras import CameraChanges, velocities
+from handtrack.tracking.size.frame_systems import FrameProblem, FrameSystems
+from handtrack.tracking.size.motion import Motion, moved
+from handtrack.tracking.size.person import PersonChange
+from handtrack.tracking.size.shared import Shared
 
-_SWEEPS = 10
+_SWEEPS, _SWEEPS_AFAR = 10, 30
+"""at most: of tracked frames; of those whose poses may be far off yet, of a first pose or another skeleton's"""
 _ENOUGH = 0.02
 """a step of which no frame foretells a greater gain is the last: no pose moved by more than a fifth of a standard deviation, ½ (1/5)²
 (Newton's decrement). In angles of joints that nothing shows a step may be large for as little"""
@@ -41,7 +45,7 @@ class WholeEstimate:
     poses: Floats[F, P]
     covariance: Floats[F, P, P]
     """of the changes of each pose as `motion.moved` makes them, errors that last counted once"""
-    motion: Motion
+    motion: Motion | None
     costs: Floats[F]
     """what each frame says against its pose"""
     sweeps: int
@@ -55,6 +59,63 @@ class WholeEstimate:
     @property
     def cameras(self) -> CameraChanges:
         return self.shared.cameras
+
+    @property
+    def scale(self) -> HandScale | None:
+        """The person, where something of them was found."""
+        first = self.cameras.count
+        person, known = self.shared.person, self.shared_covariance[first:, first:]
+        return person.scale(known) if person.count else None
+
+
+class Frames(Protocol):
+    """Where the estimate reads frames, and what they share."""
+
+    @property
+    def model(self) -> ArticulatedModel: ...
+    @property
+    def shared(self) -> Shared: ...
+    @property
+    def usual(self) -> Motion | None:
+        """How poses usually follow one another; None where frames do not follow one another."""
+        ...
+
+    @property
+    def repeated(self) -> float:
+        """How many frames show one pose."""
+        ...
+
+    def of(self, frame: int) -> FrameProblem:
+        """Return what a frame says."""
+        ...
+
+    def sharing(self, shared: Shared) -> Self:
+        """Return the same frames of a person and through cameras that have changed."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenFrames:
+    """Frames with a problem each that do not follow one another."""
+
+    problems: Sequence[Problem]
+    person: PersonChange
+    repeated: float = 1.0
+    usual: Motion | None = None
+
+    @property
+    def model(self) -> ArticulatedModel:
+        return self.problems[0].model
+
+    @property
+    def shared(self) -> Shared:
+        return Shared(CameraChanges.none(), self.person)
+
+    def of(self, frame: int) -> FrameProblem:
+        return FrameProblem.of(self.problems[frame])
+
+    def sharing(self, shared: Shared) -> Self:
+        return replace(self, person=shared.person)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +138,13 @@ class _Swept:
     def costs(self) -> Floats[F]:
         return self.systems.costs
 
-    def cost(self, motion: Motion) -> float:
-        return (
-            float(self.costs.sum()) + motion.cost(self.poses) + self.shared.known(self.alike).cost
-        )
+    def cost(self, motion: Motion | None) -> float:
+        moves = 0.0 if motion is None else motion.cost(self.poses)
+        return float(self.costs.sum()) + moves + self.shared.known(self.alike).cost
 
 
 def estimate_whole(
-    evidence: Evidence,
+    evidence: Frames,
     frames: Sequence[int],
     poses: Floats[F, P],
     should_stop: Callable[[], bool] = lambda: False,
@@ -92,7 +152,7 @@ def estimate_whole(
     sweeps: int = _SWEEPS,
     promise: float = np.inf,
 ) -> WholeEstimate | None:
-    """Return the poses that are most probable together, from `poses` on, solver parameters of frames in a row, and the changes of
+    """Return the poses that are most probable together, from `poses` on, solver parameters of the frames, and the changes of
     the evidence's cameras and person; None when stopped, or where its first step does not foretell that a frame costs less than
     `promise` on average.
 
@@ -102,11 +162,10 @@ def estimate_whole(
     the share that is done, frame by frame, since reading them takes longest; sweeps: at most.
     """
     model = evidence.model
-    usual = Motion.usual(evidence.settings.prior, poses.shape[1], evidence.seconds)
-    motion = usual.estimated(poses, (), usual)
-    alike = evidence.shared.alike(
-        len(frames), min(max(NEW_POSE_S / evidence.seconds, 1.0), len(frames))
-    )
+    usual = motion = evidence.usual
+    if usual is not None:
+        motion = usual.estimated(poses, (), usual)
+    alike = evidence.shared.alike(len(frames), min(evidence.repeated, len(frames)))
     damping, stiff = np.full(len(frames), _DAMPING), _DAMPING
     why, sweep = "sweeps", 0
 
@@ -121,19 +180,22 @@ def estimate_whole(
             if should_stop():
                 raise _StoppedError
             systems.put(n, evidence.of(frames[n]).linearize(poses[n], views, n, person))
-            tell((sweep + count / len(frames)) / (_SWEEPS + 1))
+            tell((sweep + count / len(frames)) / (sweeps + 1))
         return _Swept(model, poses, shared, alike, systems)
 
     try:
         best = swept(_within(model, poses))
         for sweep in range(1, sweeps + 1):
             for _ in range(_MOTIONS if sweep <= _MOTION_SWEEPS else 0):
+                if motion is None or usual is None:
+                    break
                 system, right = _system(best, motion)
                 ahead = moved(best.poses, system.solve(*right)[0])
                 motion = motion.estimated(ahead, system.frames.inverse_parts(), usual)
             system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
-            promised = 0.5 * (right[0] * step).sum(axis=1)
+            promised = 0.5 * float((right[0] * step).sum(axis=1).max())
+            promised += 0.5 * float((right[1] * change / alike).sum())
             foretold = best.systems.foretold(step, change)
             if sweep == 1 and foretold.mean() >= promise:
                 return None
@@ -156,7 +218,7 @@ def estimate_whole(
             if nearer.ahead != best.shared.cameras.ahead:
                 evidence = evidence.sharing(best.shared.through(nearer))
                 best = swept(best.poses)
-            elif gain > 0 and promised.max() < _ENOUGH:
+            elif gain > 0 and promised < _ENOUGH:
                 why = "converged"
                 break
     except _StoppedError:
@@ -167,18 +229,43 @@ def estimate_whole(
     )
 
 
+def fit_size(
+    problems: Sequence[Problem],
+    poses: Sequence[Floats[P]],
+    free: Array[N] | None = None,
+    seen: tuple[str, ...] = (),
+    repeated: float = 1.0,
+) -> tuple[HandScale, Floats[F, P]]:
+    """Return the person who explains frames' problems best, and the poses of each.
+
+    problems: of one model; its size and `poses` are where the search starts. free: which of the model's `SizeParameters` may
+    change; all unless given. seen: joints whose offsets, where a detector sees them, are found too. repeated: how many frames tell as
+    much as one, since they err alike.
+    """
+    size = SizeParameters(problems[0].model, seen)
+    every = np.ones(len(size.names), bool) if free is None else free
+    person = PersonChange(size, every, size.deviations(size.model.scale))
+    frames = ChosenFrames(problems, person, repeated)
+    found = estimate_whole(frames, range(len(problems)), np.array(poses), sweeps=_SWEEPS_AFAR)
+    assert found is not None, "nobody stops it"
+    assert found.scale is not None, "something is free"
+    return found.scale, found.poses
+
+
 class _StoppedError(Exception):
     """Asked to."""
 
 
-def _stated_covariance(swept: _Swept, motion: Motion) -> tuple[Floats[F, P, P], Floats[K, K]]:
+def _stated_covariance(
+    swept: _Swept, motion: Motion | None
+) -> tuple[Floats[F, P, P], Floats[K, K]]:
     """Return each pose's covariance, and that of what they share, where what was seen errs alike from frame to frame: a model's own
     flesh, and where a detector sees its joints, are wrong in the next frame too.
 
     Of the other frames one in (1 + ρ)/(1 − ρ) is new; and what they say of a direction does not add to what its own frame
     says of it: the surer of both counts. What is shared is not known from the frame alone: its doubt comes on top.
     """
-    system, _ = _system(swept, motion, new=_NEW)
+    system, _ = _system(swept, motion, stated=True)
     found = np.empty((*swept.poses.shape, swept.poses.shape[1]))
     for first, blocks in system.frames.inverse_parts():
         found[first : first + len(blocks)] = blocks[:, 0]
@@ -201,16 +288,17 @@ def _surer(own: Floats[P, P], others: Floats[P, P]) -> Floats[P, P]:
 
 def _system(
     swept: _Swept,
-    motion: Motion,
+    motion: Motion | None,
     damping: Floats[F] | None = None,
     shared_damping: float = 0.0,
-    new: float = 1.0,
+    stated: bool = False,
 ) -> tuple[Bordered, tuple[Floats[F, P], Floats[K]]]:
     """Return the system of poses and what they share, and its right sides, in which nothing moves that a limit stops.
 
-    new: share of what a frame saw that counts, the rest being as in the frame before; of what all share all frames then tell as
-    much as those that are alike.
+    stated: of what a frame that follows another saw only that counts which was not seen before; of what all share all frames then tell
+    as much as those that are alike.
     """
+    new = 1.0 if motion is None or not stated else _NEW
     systems, size = swept.systems, swept.poses.shape[1]
     matrix, gradient = BlockBanded.zero(*swept.poses.shape), systems.gradient[:, :size].copy()
     for at, own in systems.own():
@@ -218,9 +306,10 @@ def _system(
     for at, seen in systems.seen() if new < 1.0 else ():
         more = np.maximum(systems.share[at], new) - new
         matrix.blocks[at, 0] -= more[:, None, None] * seen
-    motion.add_to(matrix, gradient, swept.poses)
+    if motion is not None:
+        motion.add_to(matrix, gradient, swept.poses)
     own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
-    extra = _LEAST * own if damping is None else damping[:, None] * own
+    extra = (_LEAST if damping is None else damping[:, None]) * own + _LEAST
     stopped = _stopped(swept, gradient)
     free = ~stopped
     for k in range(matrix.blocks.shape[1]):
@@ -229,8 +318,8 @@ def _system(
         matrix.blocks[: len(rows), k] *= both
     every = np.arange(size)
     matrix.blocks[:, 0, every, every] += np.where(free, extra, 1.0 + own)
-    alike = swept.alike if new < 1.0 else np.ones_like(swept.alike)
-    counted = systems.share[:, None, None] if new < 1.0 else 1.0
+    alike = swept.alike if stated else np.ones_like(swept.alike)
+    counted = systems.share[:, None, None] if stated else 1.0
     border = systems.border * free[:, :, None] * np.sqrt(new / counted / alike)
     known = swept.shared.known(swept.alike / alike)
     corner = systems.corner / np.mean(counted) / np.sqrt(np.outer(alike, alike)) + known.hessian

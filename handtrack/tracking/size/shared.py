@@ -8,8 +8,8 @@ import numpy as np
 
 from handtrack.arrays import Floats, K
 from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.whole.cameras import CameraChanges
 
 
 @dataclass(frozen=True, eq=False)

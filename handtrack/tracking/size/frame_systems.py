@@ -1,0 +1,189 @@
+"""What each frame says of its pose and of what all share; of all frames kept small: symmetric matrices as their lower halves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from handtrack.arrays import F, Floats, Ints, K, L, M, N, P
+from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.size.cameras import SeenPoses
+from handtrack.tracking.size.motion import TURN, by_turn
+from handtrack.tracking.size.person import PersonChange
+from handtrack.tracking.size.sized_problem import linearize_sized
+
+_AT_ONCE = 256
+"""frames that are unpacked at once"""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSystem:
+    """What a frame says of its pose (P) and of what all share (K)."""
+
+    whole: JointSystem
+    """of P + K numbers: changes of the pose as `motion.moved` makes them, small turns of the root; then the shared ones"""
+    seen: Floats[P, P]
+    """what the frame alone would say by what was seen: matrix, without what is known of poses beforehand"""
+    share: float = 1.0
+    """of that, how much is in `whole`"""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameProblem:
+    """What a frame says of its pose, and of what all share."""
+
+    others: Problem
+    """what was seen, but for `views`"""
+    prior: Problem
+    """what is known of poses beforehand"""
+    views: tuple[Problem, ...]
+    """what each of the cameras saw that may change"""
+    share: float
+    """of what was seen, how much counts: less where errors last, and the poses are as wrong as they are"""
+
+    @classmethod
+    def of(cls, problem: Problem) -> FrameProblem:
+        """Return a frame's problem as it is, through cameras that stay."""
+        seen = replace(problem, parameter_terms=())
+        return cls(seen, replace(problem, observation_terms=()), (), 1.0)
+
+    def linearize(
+        self, pose: Floats[P], views: Sequence[SeenPoses], n: int, person: PersonChange
+    ) -> FrameSystem:
+        """Return the frame's system; views: of each camera that may change, the frame being their n-th."""
+        size, first = len(pose), len(pose)
+        count = sum(view.by_camera.shape[2] for view in views) + person.count
+        gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
+        grown = np.arange(size + count - person.count, size + count)
+        cost = 0.0
+        for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
+            wide = 0 if view is None else view.by_camera.shape[2]
+            if problem.observation_terms:
+                seen = _by_changes(person, problem, pose if view is None else view.poses[n])
+                at = np.r_[:size, first : first + wide, grown]
+                if view is not None:
+                    moves = np.zeros((size + person.count, len(at)))
+                    moves[:size, :size], moves[:6, :6] = np.eye(size), view.by_pose[n]
+                    moves[:size, size : size + wide] = view.by_camera[n]
+                    moves[size:, size + wide :] = np.eye(person.count)
+                    seen = seen.pull_back(moves)
+                cost += seen.cost
+                gradient[at] += seen.gradient
+                matrix[np.ix_(at, at)] += seen.hessian
+            first += wide
+        known = by_changes(self.prior.linearize(pose), pose)
+        told = matrix[:size, :size].copy()
+        gradient[:size] += known.gradient
+        matrix[:size, :size] += known.hessian
+        whole = JointSystem(cost + known.cost, gradient, matrix)
+        return FrameSystem(whole, told / self.share, self.share)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameSystems:
+    """Each frame's cost to second order, by L = P + K numbers: changes of its own pose, and of what all frames share.
+
+    10,000 frames of a hand before three cameras take 150 MB, whole matrices 350; there are two while a step is tried.
+    """
+
+    size: int
+    """P"""
+    costs: Floats[F]
+    gradient: Floats[F, L]
+    share: Floats[F]
+    """of what was seen, how much counts"""
+    _halves: Floats[F, M]
+    """rows of the lower halves, one after the other: those of the poses come first"""
+    _seen: Floats[F, N]
+    """of the poses' part what is of what was seen"""
+
+    @classmethod
+    def empty(cls, frames: int, size: int, shared: int) -> FrameSystems:
+        """Return room for as many frames as `put` is called for."""
+        whole = size + shared
+        return cls(
+            size, np.empty(frames), np.empty((frames, whole)), np.ones(frames),
+            np.empty((frames, whole * (whole + 1) // 2)), np.empty((frames, size * (size + 1) // 2)),
+        )  # fmt: skip
+
+    def put(self, frame: int, system: FrameSystem) -> None:
+        """Keep a frame's system, in place."""
+        self.costs[frame], self.gradient[frame] = system.whole.cost, system.whole.gradient
+        self.share[frame] = system.share
+        self._halves[frame] = system.whole.hessian[_half(self.gradient.shape[1])]
+        self._seen[frame] = system.seen[_half(self.size)]
+
+    def own(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
+        """Yield the poses' part, some frames at once."""
+        for at in self._parts():
+            yield at, self._halves[at][:, _places(self.size)]
+
+    def seen(self) -> Iterator[tuple[slice, Floats[N, P, P]]]:
+        """Yield what each frame alone would say of its pose by what was seen, some frames at once."""
+        for at in self._parts():
+            yield at, self._seen[at][:, _places(self.size)]
+
+    @property
+    def border(self) -> Floats[F, P, K]:
+        """By pose and what is shared."""
+        return self._halves[:, _places(self.gradient.shape[1])[: self.size, self.size :]]
+
+    @property
+    def corner(self) -> Floats[K, K]:
+        """By what is shared, all frames together."""
+        places = _places(self.gradient.shape[1])
+        return self._halves.sum(axis=0)[places[self.size :, self.size :]]
+
+    def foretold(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
+        """Return what each frame should cost after a step, to second order."""
+        rows, columns = _half(self.gradient.shape[1])
+        twice = np.where(rows == columns, 0.5, 1.0)
+        found = self.costs.copy()
+        for at in self._parts():
+            whole = np.column_stack([step[at], np.tile(shared, (len(step[at]), 1))])
+            bent = self._halves[at] * whole[:, rows]
+            found[at] += np.einsum("fm,fm,m->f", bent, whole[:, columns], twice)
+            found[at] += (self.gradient[at] * whole).sum(axis=1)
+        return found
+
+    def _parts(self) -> Iterator[slice]:
+        for first in range(0, len(self.costs), _AT_ONCE):
+            yield slice(first, first + _AT_ONCE)
+
+
+def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
+    """Return a pose's system by changes as `motion.moved` makes them; what follows the pose's P numbers stays."""
+    turn = by_turn(pose)
+    gradient, hessian = system.gradient.copy(), system.hessian.copy()
+    gradient[TURN] = turn.T @ gradient[TURN]
+    hessian[TURN] = turn.T @ hessian[TURN]
+    hessian[:, TURN] = hessian[:, TURN] @ turn
+    return replace(system, gradient=gradient, hessian=hessian)
+
+
+def _by_changes(person: PersonChange, problem: Problem, pose: Floats[P]) -> JointSystem:
+    """Return what was seen by changes of the pose, and by a person's."""
+    if not person.count:
+        return by_changes(problem.linearize(pose), pose)
+    system = linearize_sized(problem, person.model, person.parameters, person.free, pose)
+    return by_changes(system, pose)
+
+
+@lru_cache(maxsize=8)
+def _half(size: int) -> tuple[Ints[M], Ints[M]]:
+    """Return rows and columns of a matrix's lower half, row after row."""
+    rows, columns = np.tril_indices(size)
+    return rows, columns
+
+
+@lru_cache(maxsize=8)
+def _places(size: int) -> Ints[N, N]:
+    """Return where each entry of a symmetric matrix is in its lower half."""
+    found = np.empty((size, size), int)
+    rows, columns = _half(size)
+    found[rows, columns] = found[columns, rows] = np.arange(len(rows))
+    return found

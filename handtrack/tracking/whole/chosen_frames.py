@@ -1,0 +1,56 @@
+"""A person's size and shape from chosen frames: the estimate of a whole recording without its motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from handtrack.arrays import Floats, P
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.observation.observation import Observation
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.size.estimate import estimate_whole
+from handtrack.tracking.size.person import SIZE_BANDS_MM, OpenPerson, PersonChange
+from handtrack.tracking.whole.evidence import Evidence
+
+
+def fit_person(
+    who: OpenPerson,
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    seen: Sequence[Observation],
+    poses: Sequence[Floats[P]],
+    should_stop: Callable[[], bool] = lambda: False,
+    tell: Callable[[float], None] = lambda share: None,
+) -> HandScale | None:
+    """Return the person who explains frames best, from `model` on, with the poses moving along; None where they tell nothing of
+    what is open, or when stopped.
+
+    seen, poses: ascending; solver parameters of each, already found. tell: is called with the share that is done.
+    """
+    observed, current = {one.frame: replace(one, images=()) for one in seen}, np.array(poses)
+    gaps = np.diff([one.time_s for one in seen])
+    seconds = float(np.median(gaps)) if len(gaps) else 1.0
+    settings = replace(settings, tracker=replace(settings.tracker, smoothing=0.0))
+    scale = None
+    for stage, band in enumerate(SIZE_BANDS_MM):
+        places = [model.bones(pose).position.mean(axis=0) for pose in current]
+        person = PersonChange.of(model, list(zip(seen, places, strict=True)), who)
+        if not person.count:
+            return None
+        frames = Evidence(
+            model, replace(settings, silhouettes=replace(settings.silhouettes, bands_mm=(band,))),
+            lambda frame, bones: observed[frame], dict(zip(observed, current, strict=True)), seconds,
+            person=person, follows=False, wide=stage + 1 < len(SIZE_BANDS_MM),
+        )  # fmt: skip
+        found = estimate_whole(
+            frames, list(observed), current, should_stop,
+            lambda share, stage=stage: tell((stage + share) / len(SIZE_BANDS_MM)),
+        )  # fmt: skip
+        if found is None or found.scale is None:
+            return None
+        scale, current = found.scale, found.poses
+        model = who.build(scale)
+    return scale
