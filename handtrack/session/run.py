@@ -114,7 +114,13 @@ class TrackingRun:
         """Whether session and settings ask for the hand's size to be fitted, or where a detector sees its joints."""
         if self.settings.model.fit_size == "false":
             return False
-        return self.session.hand_scale == "fit" or (self.sees_joints and not self.scale.offsets_mm)
+        return self.session.hand_scale == "fit" or self.offsets_are_open
+
+    @property
+    def offsets_are_open(self) -> bool:
+        """Whether it is to be found where a detector sees joints: no saved hand says so."""
+        saved = isinstance(self.session.hand_scale, Path) and bool(self.scale.offsets_mm)
+        return self.sees_joints and not saved
 
     @property
     def sizes_first(self) -> bool:

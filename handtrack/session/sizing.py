@@ -110,7 +110,7 @@ def size_of_frames(
             given = run.first is not None and run.first.xyz is not None  # a size that points tell
             mean = replace(run.scale, overall=run.scale.overall if given else 1.0)
             return unmeasured_size(_who(run).build, mean)
-        who = replace(_who(run), sizes=sizes, offsets=run.sees_joints)
+        who = replace(_who(run), sizes=sizes)
         poses = [run.model.transform.solver_params(result.parameters) for result in chosen]
         words = f"{len(chosen)} frames fitted together"
         found = fit_person(
@@ -153,7 +153,8 @@ def _who(run: TrackingRun) -> OpenPerson:
     def build(scale: HandScale) -> ArticulatedModel:
         return replace(run.with_scale(scale).model, limits=run.model.limits)
 
-    return OpenPerson(build, sizes=run.session.hand_scale == "fit", known=run.known_person)
+    sizes, offsets = run.session.hand_scale == "fit", run.offsets_are_open
+    return OpenPerson(build, sizes, offsets, run.known_person)
 
 
 def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:

@@ -38,7 +38,7 @@ def run_of(scale: HandScale, observations, first=None) -> SimpleNamespace:
 
     return SimpleNamespace(
         model=load_model("hand26", scale=scale), settings=TrackerSettings(), scale=scale, first=first, with_scale=with_scale,
-        seen_at=lambda result: observations[result.frame], sees_joints=False, size_is_open=True,
+        seen_at=lambda result: observations[result.frame], sees_joints=False, offsets_are_open=False, known_person=None, size_is_open=True,
         session=SimpleNamespace(hand_scale="fit"),
     )  # fmt: skip
 

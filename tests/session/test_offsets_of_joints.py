@@ -19,6 +19,8 @@ from handtrack.session.seen.joint_errors import joint_sigma_px
 from handtrack.session.session import Session
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.whole.refinement import Refinement
 
 OFFSETS = {
     "thumb_mcp": (4.0, 8.0, -4.0), "index_mcp": (0.0, -9.0, 6.0), "little_pip": (0.0, 8.0, 0.0)
@@ -60,6 +62,18 @@ def test_offsets_are_found_though_the_size_is_given(folder, use):
     for joint, true in OFFSETS.items():
         assert missed_mm(run.scale, joint) < 0.6 * np.linalg.norm(true), joint
     assert set(run.scale.offsets_mm) == set(keypoint_names())
+
+
+def test_offsets_are_found_again_with_all_frames(folder):
+    """The pass that refines the recording finds them itself, where nothing was fitted before; not those of a saved hand."""
+    told = []
+    values = {"keypoints.sigma_px": 1.0, "silhouettes.weight": 0, "model.fit_size": "later"}
+    run = TrackingRun.open(Session.open(folder), values)
+    list(run.track_with(Control(on_shared=told.append), range(WHAT.frames), *run.initial()))
+    found = Refinement.read(told[-1]).scale
+    for joint, true in OFFSETS.items():
+        assert missed_mm(found, joint) < 0.6 * np.linalg.norm(true), joint
+    assert found.overall == run.scale.overall, "the size was given"
 
 
 def test_results_have_landmarks_where_the_detector_sees_the_joints(folder, tmp_path):

@@ -31,7 +31,7 @@ class OpenPerson:
     sizes: bool = True
     """lengths and girths; not those that a person gave"""
     offsets: bool = False
-    """where a detector sees joints"""
+    """where a detector sees joints; not those that came with a saved hand"""
     known: HandScale | None = None
     """what is known of them beforehand, as other recordings told; None: what is known of people"""
 
