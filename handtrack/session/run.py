@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import Floats, P, S
 from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
@@ -58,7 +58,9 @@ from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
 from handtrack.version import VERSION
 
+_WRIST = ("wrist_flex", "wrist_abd")  # freedoms that only a forearm shows
 _ARM_LOOKS = 8  # frames, evenly spread
+_ARM_ERROR_M = 0.01  # by which a cuff's end is measured differently in one frame and another
 
 
 @dataclass(frozen=True)
@@ -161,22 +163,41 @@ class TrackingRun:
             if not tracked:
                 share = TRACKED_SHARE
                 tracked = tracked_for_size(self, frames, should_stop, say)
-        run = self._with_cuff_of(tracked)
+        tracked = list(tracked)
+        run = self.with_arm_of(tracked)
+        if run is not self:
+            tracked = [
+                replace(r, parameters=run.joint_params_from(self, r.parameters)) for r in tracked
+            ]
         scale = size_of_frames(
             run, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
         )  # fmt: skip
-        return self if scale is None else run.with_scale(scale)
+        return run if scale is None else run.with_scale(scale)
 
-    def _with_cuff_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
-        """Return the run whose forearm ends where tracked frames, spread evenly, show that it does; the same where none is modelled."""
-        done = sorted((r for r in tracked if r.status == Status.TRACKED), key=lambda r: r.frame)
-        if not self.forearm or not self._leaves_forearm_open or not done:
+    def with_arm_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
+        """Return the run whose forearm is as long as tracked frames, spread evenly, show it: none, a cuff, or a whole one. The same
+        where they show about that, or nothing, or where it is not left to the program.
+        """
+        posed = sorted((r for r in tracked if r.status != Status.LOST), key=lambda r: r.frame)
+        done = [r for r in posed if r.status == Status.TRACKED] or posed
+        if not self._leaves_forearm_open or not done or self.model.kind == "body":
             return self
         spread = np.unique(np.linspace(0, len(done) - 1, _ARM_LOOKS).round().astype(int))
         solver = self.model.transform.solver_params
         posed = ((solver(done[i].parameters), self.seen_at(done[i])) for i in spread)
-        arm_m = forearm_in_view(self.model, posed)
-        return replace(self, arm_m=arm_m or self.arm_m).with_scale(self.scale)
+        arm_m, before = forearm_in_view(self.model, posed), self.arm_m if self.forearm else 0.0
+        if (
+            arm_m is None
+            or arm_m == before
+            or (abs(arm_m - before) < _ARM_ERROR_M and min(arm_m, before) > 0)
+        ):
+            return self
+        return replace(self, forearm=arm_m > 0, arm_m=arm_m or np.inf).with_scale(self.scale)
+
+    def joint_params_from(self, other: TrackingRun, joint_params: Floats[S]) -> Floats[S]:
+        """Return joint parameters of another run, whose forearm may be another, as those of this run's model."""
+        params = other.model.transform.solver_params(joint_params)
+        return self.model.joint_params(carried_over(other.model, params, self.model))
 
     def seen_at(self, result: FrameResult) -> Observation:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
@@ -420,7 +441,9 @@ def _first_params(model: ArticulatedModel, first: FirstPose, settings: TrackerSe
         return carried_over(whole, _first_params(whole, first, settings), model)
     if first.xyz is not None:
         return fit_keypoints(model, _keypoints(first, settings))
-    return model.params_from(first.parameters, nearest=True)
+    arm = () if model.has_forearm else _WRIST
+    given = {name: value for name, value in first.parameters.items() if name not in arm}
+    return model.params_from(given, nearest=True)
 
 
 def _whole(model: ArticulatedModel) -> ArticulatedModel:
@@ -474,10 +497,11 @@ def _forearm(
         return np.inf if wanted == "true" else 0.0
     if first is None:
         return 0.0
-    given = any(name.startswith("wrist_") for name in first.parameters)
+    given = any(name in _WRIST for name in first.parameters)
     model = _model(session, settings, scale, np.inf if given else 0.0)
     if model.kind == "body":
         return 0.0
     params = _first_params(model, first, settings)
     found = forearm_in_view(model, [(params, _seen(session, settings, first.frame))])
-    return found or (np.inf if given else 0.0)
+    unseen = np.inf if given else 0.0
+    return unseen if found is None else found

@@ -116,7 +116,8 @@ def test_where_nobody_knows_a_forearm_may_go_on():
 
 
 def test_no_silhouettes_show_no_forearm():
-    assert forearm_length(HAND, HAND.bones(without_arm(posed())), ()) == 0.0
+    assert np.isnan(forearm_length(HAND, HAND.bones(without_arm(posed())), ()))
+    assert forearm_in_view(HAND, [(without_arm(posed()), Observation(0, 0.0))]) is None
 
 
 @pytest.mark.parametrize("flex", [-1.3, 0.0, 0.8, 1.5])

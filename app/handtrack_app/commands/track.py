@@ -124,6 +124,8 @@ def run(args: argparse.Namespace) -> int:
             if later and not problem and not stop():
                 reports.clear()
                 run_, results = passes.track_again(run_, results, frames)
+            elif not problem and not stop():
+                run_, results = passes.with_arm_of_all(run_, results, frames)
             doubts = _doubts_of_side(run_, results, args, stop) if take.is_first else []
             refinement = Refinement.read(passes.refinement) if passes.refinement else None
             if refinement is not None and refinement.scale is not None:

@@ -58,7 +58,7 @@ def _errors(rig: str, arm: str, seed: int, frames: int) -> Iterator[float]:
     seen[0] = replace(seen[0], keypoints=(given,))
     scale = fit_scale(lambda size: load_model(scale=size), given)
     hand = load_model(scale=scale)
-    found = forearm_in_view(hand, [(fit_keypoints(hand, given), seen[0])])
+    found = forearm_in_view(hand, [(fit_keypoints(hand, given), seen[0])]) or 0.0
     for forearm in (False, True, found):
         yield _error(load_model(scale=scale, forearm=forearm), seen, given, truth)
 

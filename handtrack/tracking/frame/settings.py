@@ -40,8 +40,8 @@ class ModelSettings:
         words={"26": "26, all free", "21": "21, tips follow", "18": "18, spread linked"},
     )  # fmt: skip
     forearm: Literal["auto", "true", "false"] = setting(
-        "auto", "Whether the model has a forearm: yes where the arm is bare and in view. Automatic: where silhouettes go on "
-        "beyond the wrist by 3 cm, and as far as they do.", label="Forearm", level="user", about="hand",
+        "auto", "Whether the model has a forearm: yes where the arm is bare and in view. Automatic: where silhouettes of "
+        "most frames go on beyond the wrist by 2 cm, and as far as they do.", label="Forearm", level="user", about="hand",
         words={"auto": "automatic", "true": "with", "false": "without"},
     )  # fmt: skip
     spread_index: float = setting(

@@ -119,6 +119,7 @@ def _compared(
     kept = landscape.distinct([c for c in done if c.solved is not None], most)
     if not kept:
         return []
+    kept = sorted(landscape.compared(kept), key=lambda c: c.cost)
     quality = fit_quality(kept[0].model, settings, landscape.seen, kept[0].params)
     count = independent_errors(landscape.sources, kept[0])
     share = shares(np.array([c.cost for c in kept]), count)

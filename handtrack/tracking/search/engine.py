@@ -210,13 +210,18 @@ def improved(
     control: Control,
     frame: int,
     why: str,
+    compared: Callable[[Sequence[C]], list[C]] = list,
 ) -> C:
-    """Return the best candidate that is better than the standing one, or that one itself. Reports what was tried."""
+    """Return the best candidate that is better than the standing one, or that one itself. Reports what was tried.
+
+    compared: measures them by the same pixels, where their costs are not.
+    """
     for _ in range(search.repeats):
         tried: Tried = []
         found = run_rounds(search, landscape, [standing], control, tried=tried)
         if control.should_stop():
             return standing
+        standing, *found = compared([standing, *found])
         best = min(found, key=lambda c: c.cost, default=standing)
         taken = search.is_better(best.cost, standing.cost)
         tell(search, control, frame, why, tried, best if taken else None, standing.cost)

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, P
+from handtrack.arrays import D3, Floats, M, P
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
@@ -58,6 +58,8 @@ class EvidenceLandscape:
     """makes the hand in another size, where its size is not known"""
     within: tuple[Floats[D3], float] | None = None
     """a point and a distance from it [m] beyond which no palm is looked for"""
+    palms: Floats[M, D3] | None = None
+    """around which points and pixels count; around each pose's own unless given"""
     control: Control = Control()
 
     @classmethod
@@ -145,8 +147,34 @@ class EvidenceLandscape:
         return self.measured(replace(candidate, params=params, solved=solved))
 
     def measured(self, candidate: Candidate) -> Candidate:
-        """Return a candidate with the cost by which finished ones are compared: short arms, the same for all."""
-        return replace(candidate, cost=self.narrow_problem(candidate).cost(candidate.params))
+        """Return a candidate with the cost by which finished ones are compared: short arms, the same for all; with its forearm or
+        without, whichever explains more. One that nothing shows would speak against the right pose, and for one that lays it over the fingers.
+        """
+        shape, model = candidate.shape, candidate.model
+        cost = self.narrow_problem(candidate).cost(candidate.params)
+        if model.has_forearm and shape is not None:
+            bare = replace(candidate, shape=replace(shape, model=_without_arm(model)))
+            cost = min(cost, self.narrow_problem(bare).cost(candidate.params))
+        return replace(candidate, cost=cost)
+
+    def compared(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Return candidates with costs by the same points and pixels: where each counts those around itself alone, a hand that is upside
+        down leaves out the fingers that it does not explain. Those elsewhere than the best explain something else, and stay as measured.
+        """
+        if len(candidates) < 2:
+            return list(candidates)
+        palms = np.array([palm_middle(c.model, c.params) for c in candidates])
+        best = int(np.argmin([c.cost for c in candidates]))
+        shape = candidates[best].shape
+        assert shape is not None, "a candidate of evidence starts from a shape"
+        rival = np.linalg.norm(palms - palms[best], axis=1) < shape.reach
+        alike = replace(self, palms=palms[rival])
+        found = [alike.measured(c) if r else c for c, r in zip(candidates, rival, strict=True)]
+        # the best costs what it did, so that those elsewhere can be compared
+        share = candidates[best].cost / found[best].cost if found[best].cost > 0 else 1.0
+        return [
+            replace(c, cost=share * c.cost) if r else c for c, r in zip(found, rival, strict=True)
+        ]
 
     def narrow_problem(self, candidate: Candidate) -> Problem:
         """Return the problem around a pose by which finished ones are compared; of several sizes it favours none."""
@@ -158,7 +186,7 @@ class EvidenceLandscape:
         terms = [
             term
             for source in self.sources
-            for term in source.terms(shape, candidate.params, band_m, unbiased)
+            for term in source.terms(shape, candidate.params, band_m, unbiased, self.palms)
         ]
         return Problem(model, terms, pose_priors(model, SEARCH_REST_RAD))
 
@@ -201,3 +229,10 @@ def _sized(
         shape = replace(shape, reach=before.reach)
         candidate = replace(candidate, model=model, shape=shape, params=params)
     return replace(candidate, origin=f"{candidate.origin}, of another size")
+
+
+@lru_cache(maxsize=8)
+def _without_arm(model: ArticulatedModel) -> ArticulatedModel:
+    """Return the model with a forearm that covers nothing."""
+    flesh = {n: one.subset(~model.is_forearm(one.bone)) for n, one in model.flesh.items()}
+    return replace(model, flesh=flesh)

@@ -57,7 +57,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     params = model.transform.solver_params(result.parameters)
     standing = landscape.measured(Candidate(model, params, origin="standing pose", shape=here))
     number = task.observation.frame
-    best = improved(LOST_HAND, landscape, standing, task.control, number, why)
+    best = improved(LOST_HAND, landscape, standing, task.control, number, why, landscape.compared)
     return solved if best.solved is None else _judged(task, best.solved)
 
 

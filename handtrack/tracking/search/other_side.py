@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -41,8 +41,10 @@ def evidence_of_other_side(
     """
     shapes_of = cache(hand_shapes)  # of this hand they are rarely needed
 
-    def least_of(hand: ArticulatedModel, landscape: EvidenceLandscape, standing: float) -> float:
-        return _least(replace(landscape, shapes=shapes_of(hand)), standing)
+    def found_of(
+        hand: ArticulatedModel, landscape: EvidenceLandscape, standing: float
+    ) -> list[Candidate]:
+        return _found(replace(landscape, shapes=shapes_of(hand)), standing)
 
     total = 0.0
     for seen, params in looks:
@@ -58,24 +60,33 @@ def evidence_of_other_side(
             within=(palm_middle(model, params), _NEAR_M),
             control=control,
         )
-        theirs = least_of(other, landscape, ours.cost)
-        least = ours.cost
-        if theirs < least:
-            least = min(least, least_of(model, landscape, theirs))
+        theirs = found_of(other, landscape, ours.cost)
+        least, best = _least_of_each(landscape, [ours], theirs)
+        if best < least:
+            this = [ours, *found_of(model, landscape, best)]
+            least, best = _least_of_each(landscape, this, theirs)
         if control.should_stop():
             return 0.0
-        if least > 0 and theirs > 0:  # else nothing of it was seen
-            total += 0.5 * count * float(np.log(least / theirs))
+        if 0 < least < np.inf and 0 < best < np.inf:  # else nothing of it was seen
+            total += 0.5 * count * float(np.log(least / best))
         if total < 0:
             break
     return total
 
 
-def _least(landscape: EvidenceLandscape, standing: float) -> float:
-    """Return the least cost at which a hand of the landscape's shapes was found."""
+def _least_of_each(
+    landscape: EvidenceLandscape, this: Sequence[Candidate], other: Sequence[Candidate]
+) -> tuple[float, float]:
+    """Return the least cost of this hand's poses and of the other's, by the same pixels."""
+    costs = [c.cost for c in landscape.compared([*this, *other])]
+    return min(costs[: len(this)]), min(costs[len(this) :], default=np.inf)
+
+
+def _found(landscape: EvidenceLandscape, standing: float) -> list[Candidate]:
+    """Return poses at which a hand of the landscape's shapes was found."""
     control, tried = landscape.control, Tried()
     found = run_rounds(OTHER_SIDE, landscape, [], control, tried=tried)
     best = min(found, key=lambda c: c.cost, default=None)
     why = f"is it a {landscape.shapes[0].model.side} hand?"
     tell(OTHER_SIDE, control, landscape.seen.frame, why, tried, best, standing)
-    return np.inf if best is None else best.cost
+    return found

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from handtrack.errors import HandtrackError
 from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.control import Control
@@ -99,11 +101,44 @@ class TrackingPasses:
         say(
             f"the {what} is {new:.3f} of a mean adult's, not {old:.3f}; tracking again from the first pose …"
         )
-        if self._recorder is not None:
-            self._recorder.go_on_with(sized)
-        results, problem = self.track(sized, frames)
-        if stop() or problem:
-            self._take.leave_pass()
-            say(f"note: tracking again was not finished; the result is of a {what} of {old:.3f}.")
+        return self._again(run, sized, before, frames, f"the result is of a {what} of {old:.3f}")
+
+    def with_arm_of_all(
+        self, run: TrackingRun, before: list[FrameResult], frames: range
+    ) -> tuple[TrackingRun, list[FrameResult]]:
+        """Return the run with the forearm that all tracked frames show, and what tracking again gave, where that is not the one
+        of the first pose; else what was there before.
+        """
+        scale = Refinement.read(self.refinement).scale if self.refinement else None
+        known = run if scale is None else run.with_scale(scale)
+        other = known.with_arm_of(before)
+        if other is known:
             return run, before
-        return sized, results
+        end = (
+            "" if np.isinf(other.arm_m) else f" that ends {100 * other.arm_m:.0f} cm from the wrist"
+        )
+        shown = f"a forearm{end}" if other.forearm else "no forearm"
+        say(
+            f"masks of all frames show {shown}, not what those of the first did; tracking again from the first pose …"
+        )
+        return self._again(run, other, before, frames, "the forearm is as in the first frame")
+
+    def _again(
+        self,
+        run: TrackingRun,
+        other: TrackingRun,
+        before: list[FrameResult],
+        frames: range,
+        stays: str,
+    ) -> tuple[TrackingRun, list[FrameResult]]:
+        """Return the other run and what tracking by it gave; what was there before, where that was not finished."""
+        if self._recorder is not None:
+            self._recorder.go_on_with(other)
+        found = self.refinement
+        results, problem = self.track(other, frames)
+        if self._stop() or problem:
+            self._take.leave_pass()
+            self.refinement = found
+            say(f"note: tracking again was not finished; {stays}.")
+            return run, before
+        return other, results

@@ -17,8 +17,7 @@ from handtrack.solver.problem import Problem
 
 _STEP_M = 0.002
 _LOOKED_AT_M = 0.1
-_LEAST_M = 0.03  # so little arm hardly tells its direction; to ignore it is better
-_SHOWN_M = 0.02  # of a forearm beside the hand; less tells nothing of where it ends
+_SHOWN_M = 0.02  # of a forearm beside the hand; less tells nothing of where it ends, and hands of 1 cm of arm are tracked better without
 _ROUND_M = 0.008  # a visible end is round, or cut at a slant
 _HAND_MARGIN = 1.25  # a line of sight that passes an ellipsoid this much larger may show the hand
 _USUAL_BEND = np.deg2rad(30.0)
@@ -28,31 +27,34 @@ _LEAST_PX = 1.0
 
 def forearm_in_view(
     model: ArticulatedModel, posed: Iterable[tuple[Floats[P], Observation]]
-) -> float:
-    """Return how far from the wrist silhouettes show a forearm [m of the mean adult's], the median of frames; 0 where it is too little
-    to model, infinite where it goes on beyond what is looked at, or a cloud shows one.
+) -> float | None:
+    """Return how far from the wrist silhouettes show a forearm [m of the mean adult's], the median of frames that tell; 0 where it is
+    too little to model, infinite where it goes on beyond what is looked at, or a cloud shows one; None where no frame tells.
 
     posed: what was seen of frames, with the solver parameters of the hand there.
     """
     lengths = []
     for params, seen in posed:
         bones = model.bones(params)
-        in_cloud = _forearm_in_cloud(bones, seen.cloud)
-        lengths.append(_LOOKED_AT_M if in_cloud else forearm_length(model, bones, seen.silhouettes))
-    length = float(np.median(lengths)) if lengths else 0.0
-    if length < _LEAST_M:
+        length = forearm_length(model, bones, seen.silhouettes)
+        if seen.cloud is not None:
+            in_cloud = _forearm_in_cloud(bones, seen.cloud)
+            length = _LOOKED_AT_M if in_cloud else float(np.nan_to_num(length))
+        lengths.append(length)
+    if np.isnan(lengths).all():
+        return None
+    length = float(np.nanmedian(lengths))
+    if length < _SHOWN_M:
         return 0.0
     goes_on = length > _LOOKED_AT_M - _STEP_M / 2
     return np.inf if goes_on else (length - _ROUND_M) / model.scale.factor("forearm")
 
 
-def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud | None) -> bool:
+def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud) -> bool:
     """Return whether behind the wrist, 2 to 6 cm from it, lie at least a quarter as many points as before it.
 
     A stretch of wrist before a sleeve is enough: a hand without a forearm would slide back to cover it.
     """
-    if cloud is None:
-        return False
     local = (cloud.points - bones.position[0]) @ bones.rotation[0]
     far = np.linalg.norm(local, axis=1)
     shell = (far > 0.02) & (far < 0.06)
@@ -63,7 +65,7 @@ def _forearm_in_cloud(bones: BonePoses, cloud: PointCloud | None) -> bool:
 def forearm_length(
     model: ArticulatedModel, bones: BonePoses, silhouettes: Sequence[Silhouette]
 ) -> float:
-    """Return how far from the wrist masks show a forearm [m], at most 10 cm; 0 where they show none.
+    """Return how far from the wrist masks show a forearm [m], at most 10 cm; 0 where they show none, NaN where none can tell.
 
     Follows the axis of a forearm in all directions that a wrist bends to, until it leaves the mask. Only beside the hand
     does a mask tell: an arm before or behind the hand is covered by every mask. The direction that explains most of the
@@ -90,10 +92,10 @@ def forearm_length(
             np.where(tells & (length > 0), wide / _pixels_per_m(camera, bones.position[0]), 0.0)
         )
     if not lengths or np.isnan(lengths).all():
-        return 0.0
+        return np.nan
     costs = _BEND_COSTS_M * ((bend / _USUAL_BEND) ** 2 + (tilt / _USUAL_BEND) ** 2)
     told = np.array(lengths)[:, np.argmax(np.mean(extents, axis=0) - costs)]
-    return 0.0 if np.isnan(told).all() else float(np.nanmedian(told))
+    return np.nan if np.isnan(told).all() else float(np.nanmedian(told))
 
 
 def _directions() -> tuple[Floats, Floats, Floats]:

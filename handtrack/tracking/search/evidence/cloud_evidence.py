@@ -87,7 +87,12 @@ class CloudEvidence:
         return out
 
     def terms(
-        self, shape: HandShape, params: Floats[P], band_m: float, unbiased: bool = False
+        self,
+        shape: HandShape,
+        params: Floats[P],
+        band_m: float,
+        unbiased: bool = False,
+        palms: Floats[M, D3] | None = None,
     ) -> list[ObservationTerm]:
         """Return E1 and E2 around a pose of the shape's model, with arms as long as band_m: coarse, but quick.
 
@@ -95,7 +100,9 @@ class CloudEvidence:
         """
         model = shape.model
         middle = palm_middle(model, params)
-        near = np.linalg.norm(self.points - middle, axis=1) < shape.reach
+        around = middle[None] if palms is None else palms
+        away = np.linalg.norm(self.points[:, None] - around, axis=2).min(axis=1)
+        near = away < shape.reach
         sigma = _SIGMA_BANDS * band_m
         terms: list[ObservationTerm] = []
         if near.sum() >= _FEWEST // 3:

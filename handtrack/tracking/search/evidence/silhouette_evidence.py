@@ -114,7 +114,12 @@ class SilhouetteEvidence:
         return out
 
     def terms(
-        self, shape: HandShape, params: Floats[P], band_m: float, unbiased: bool = False
+        self,
+        shape: HandShape,
+        params: Floats[P],
+        band_m: float,
+        unbiased: bool = False,
+        palms: Floats[M, D3] | None = None,
     ) -> list[ObservationTerm]:
         """Return coverage with a band around a pose of the shape's model: on small pictures where it is wide.
 
@@ -124,7 +129,7 @@ class SilhouetteEvidence:
         bones, middle = model.bones(params), palm_middle(model, params)
         near, bands, weights = [], [], []
         for silhouette in self.small if band_m > _WIDE_PIXELS * _PIXEL_M else self.whole:
-            boxed = _boxed(silhouette, middle, shape.reach)
+            boxed = _boxed(silhouette, middle[None] if palms is None else palms, shape.reach)
             if boxed is None:
                 continue
             metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
@@ -144,7 +149,7 @@ class SilhouetteEvidence:
         """Return how many pieces of a hand's outline are seen about a pose."""
         middle, count = palm_middle(shape.model, params), 0.0
         for silhouette in self.whole:
-            boxed = _boxed(silhouette, middle, shape.reach)
+            boxed = _boxed(silhouette, middle[None], shape.reach)
             if boxed is not None:
                 metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
                 count += _outline_px(boxed) / (metre * PIECE_M)
@@ -203,18 +208,19 @@ def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:
     return Silhouette(small, np.ascontiguousarray(mask), np.minimum(valid, width).astype(np.int32))
 
 
-def _boxed(silhouette: Silhouette, middle: Floats, reach: float) -> Silhouette | None:
-    """Return the silhouette with only a box around a hand that counts; None where that is out of sight."""
+def _boxed(silhouette: Silhouette, palms: Floats[M, D3], reach: float) -> Silhouette | None:
+    """Return the silhouette with only a box around hands at these palms that counts; None where that is out of sight."""
     camera = silhouette.camera
-    depth = float(camera.to_camera(middle)[2])
-    if depth < 0.05:
+    depth = camera.to_camera(palms)[:, 2:]
+    if depth.min() < 0.05:
         return None
-    column, row = camera.project(middle)
     half = reach * camera.focal_px / depth
+    left, top = (camera.project(palms) - half).min(axis=0)
+    right, bottom = (camera.project(palms) + half).max(axis=0)
     rows = np.arange(camera.size[1])
-    low = np.maximum(silhouette.valid[:, 0], np.ceil(column - half))
-    high = np.minimum(silhouette.valid[:, 1], np.floor(column + half) + 1)
-    seen = (np.abs(rows - row) <= half) & (low < high)
+    low = np.maximum(silhouette.valid[:, 0], np.ceil(left))
+    high = np.minimum(silhouette.valid[:, 1], np.floor(right) + 1)
+    seen = (top <= rows) & (rows <= bottom) & (low < high)
     if not seen.any():
         return None
     valid = np.where(seen[:, None], np.stack([low, high], axis=1), 0).astype(np.int32)

@@ -33,9 +33,16 @@ class EvidenceSource(Protocol):
         ...
 
     def terms(
-        self, shape: HandShape, params: Floats[P], band_m: float, unbiased: bool = False
+        self,
+        shape: HandShape,
+        params: Floats[P],
+        band_m: float,
+        unbiased: bool = False,
+        palms: Floats[M, D3] | None = None,
     ) -> list[ObservationTerm]:
-        """Return what pulls a pose from about band_m around it [m]; unbiased: so that it can tell a size, if less far."""
+        """Return what pulls a pose from about band_m around it [m]; unbiased: so that it can tell a size, if less far. palms: around
+        which points and pixels count; the pose's own unless given.
+        """
         ...
 
     def pieces(self, shape: HandShape, params: Floats[P]) -> float:
