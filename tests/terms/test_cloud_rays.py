@@ -54,7 +54,7 @@ def test_a_wrong_depth_costs_the_same_wherever_and_pulls_nothing(model, bones):
     """Even where the hand's far side is: no camera sees that."""
     palm = bones.position[model.skeleton.bone("middle_proximal")]
     sight = palm - CENTRE
-    costs = [one(model, CENTRE + share * sight).cost(bones) for share in (0.85, 0.95, 1.03, 1.2)]
+    costs = [one(model, CENTRE + share * sight).cost(bones) for share in (0.85, 0.93, 1.03, 1.2)]
     np.testing.assert_allclose(costs, costs[0], rtol=1e-3)
     pull = one(model, CENTRE + 0.85 * sight).linearize(bones).gradient
     assert np.abs(pull).max() < 1e-6

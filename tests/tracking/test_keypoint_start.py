@@ -79,7 +79,7 @@ def test_one_camera_leaves_a_choice_with_the_hand_in_it(rng, turn):
     assert min(error_mm(h.params, points) for h in found) < 15.0
     assert [h.cost for h in found] == sorted(h.cost for h in found)
     assert sum(h.weight for h in found) == pytest.approx(1.0)
-    for h in found[:2]:
+    for h in (h for h in found if h.weight > 0.01):
         off = CAMERAS[0].project(points_of(h.params)) - seen[0].pixels
         assert np.median(np.linalg.norm(off, axis=1)) < 5.0, "all of them look like what was seen"
 

@@ -1,14 +1,17 @@
-"""The mean hand: python -m tests.experiments.mean_hand.mean DEFINITION.toml DATA MAKEHUMAN OUT.toml [--without FAMILY]
+"""The mean hand: python -m tests.experiments.mean_hand.mean DEFINITION.toml MAKEHUMAN OUT.toml
 
-DEFINITION: hand26 as it was before (commit 197816e): bones and finger breadths from published measurements. DATA: the folder of test data with
-`webxr_generic_hand` (MIT). MAKEHUMAN: the git folder of a copy of makehumancommunity/makehuman (its meshes are CC0).
+DEFINITION: hand26 as it was before (commit a27e47e): bones and finger breadths from published measurements. MAKEHUMAN: the git folder of a
+copy of makehumancommunity/makehuman (its meshes are CC0).
 
-Bones: the mean of the measurements' and the meshes'. Ellipsoids: fitted to the surfaces of all families together, each with the same
-weight; then palm and wrist are given the mean of their breadth and circumferences and those of the people of ANSUR II.
+Bones stay as measured; the thumb's base is put at the joint line. Ellipsoids of fingers and palm: fitted to the breadths measured and to
+MakeHuman's surfaces together; then palm and wrist are given the mean of their breadth and circumferences and those of ANSUR II's people.
+Ellipsoids of the thenar stay where they are in the hand: MakeHuman has its thumb 12 mm further back, so they fit no better about our bone.
+WebXR's hand is in none of it: it is what the product is judged by.
 """
 
 from __future__ import annotations
 
+import copy
 import re
 import sys
 import tomllib
@@ -19,9 +22,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from handtrack.arrays import D3, Floats, N
-from handtrack.bench.honesty.meshes import read_meshes
 from tests.experiments.mean_hand.fit import (
-    LENGTH_MM,
     Flat,
     Surface,
     bones_of,
@@ -29,7 +30,6 @@ from tests.experiments.mean_hand.fit import (
     flat,
     frame,
     measured,
-    with_joints,
 )
 from tests.experiments.mean_hand.makehuman import Base, people
 
@@ -38,51 +38,52 @@ BREADTH_MM, AROUND_MM, WRIST_MM = 83.0, 198.8, 164.8
 _KNUCKLES_MM = 80.0
 _FINGERS_SHARE = 0.6
 """of a hand's surface"""
+_THUMB_METACARPAL_MM = 40.0
+"""from its head's centre to the joint line of its base: the thumb bends about an axis in the trapezium and spreads about one in the metacarpal
+(Hollister et al. 1992, J. Orthop. Res. 10), so one centre for both lies between"""
+_THENAR = ("thumb_carpal", "thumb_metacarpal")
 
 
-def families(definition: dict[str, Any], data: Path, makehuman: Path) -> dict[str, list[Flat]]:
-    """Return the hands whose licences let them go into a product, straightened; `measured` has fingers only."""
+def families(definition: dict[str, Any], makehuman: Path) -> dict[str, list[Flat]]:
+    """Return the hands that the product's is made of, straightened; `measured` has fingers only."""
     rng, base = np.random.default_rng(26), Base.read(makehuman)
-    meshes = {"webxr": [read_meshes(data)["webxr"]], "makehuman": [base.hand(r) for r in people()]}
-    found = {name: [flat(mesh, definition, rng) for mesh in own] for name, own in meshes.items()}
-    return {"measured": [measured(definition, rng)], **found}
+    people_ = [flat(base.hand(r), definition, rng) for r in people()]
+    return {"measured": [measured(definition, rng)], "makehuman": people_}
 
 
 def mean_definition(
     definition: dict[str, Any], hands: dict[str, list[Flat]], report: bool = False
 ) -> dict[str, Any]:
-    found = with_joints(
-        definition, mean_joints({k: [h.joints for h in own] for k, own in hands.items()})
-    )
+    start = with_thumb_base(definition, _THUMB_METACARPAL_MM)
     weighted = [
         (h, (_FINGERS_SHARE if name == "measured" else 1.0) / len(own))
         for name, own in hands.items()
         for h in own
     ]
-    surface = Surface.of(weighted, found)
-    found["ellipsoids"]["fine"] = fitted(found["ellipsoids"]["fine"], surface, report=report)
+    found = copy.deepcopy(start)
+    rows = start["ellipsoids"]["fine"]
+    moved = fitted(rows, Surface.of(weighted, start), report=report)
+    found["ellipsoids"]["fine"] = [
+        old if old["bone"] in _THENAR else new for old, new in zip(rows, moved, strict=True)
+    ]
     _to_people(found, report)
-    found["ellipsoids"]["metaballs"] = _metaballs(definition, found)
+    found["ellipsoids"]["metaballs"] = _metaballs(start, found)
     return found
 
 
-def mean_joints(joints: dict[str, list[Floats]]) -> Floats:
-    """Return the joints (5, 4, 3) of the mean. MakeHuman's lengths are measurements already (`makehuman.LENGTHS`): they do not count twice."""
-    each = {name: np.mean(own, axis=0) for name, own in joints.items()}
-    heads = np.mean([j[:, 0] for j in each.values()], axis=0)
-    lengths = np.mean(
-        [
-            np.linalg.norm(np.diff(j, axis=1), axis=2)
-            for name, j in each.items()
-            if name != "makehuman"
-        ],
-        axis=0,
-    )
-    scale = LENGTH_MM / (np.linalg.norm(heads[2]) + lengths[2].sum())
-    found = np.zeros((5, 4, 3))
-    found[:, 0] = scale * heads
-    found[:, 1:, 1] = scale * np.cumsum(lengths, axis=1)
-    found[:, 1:] += found[:, :1]
+def with_thumb_base(definition: dict[str, Any], length: float) -> dict[str, Any]:
+    """Return the definition with a thumb metacarpal of this length [mm] that ends where it did; ellipsoids stay where they are in the hand."""
+    found = copy.deepcopy(definition)
+    bones = bones_of(found)
+    before = {name: frame(bones[name]) for name in _THENAR}
+    _, axes, long = before["thumb_metacarpal"]
+    base = (bones["thumb_metacarpal"]["tail"] - length * axes[:, 1]).tolist()
+    bones["thumb_carpal"]["tail"] = bones["thumb_metacarpal"]["head"] = base
+    for row in (r for rows in found["ellipsoids"].values() for r in rows):
+        if row["bone"] in _THENAR:
+            head, axes, _ = before[row["bone"]]
+            new_head, new_axes, _ = frame(bones[row["bone"]])
+            row["centre"] = ((axes @ row["centre"] + head - new_head) @ new_axes).tolist()
     return found
 
 
@@ -184,16 +185,14 @@ def written(text: str, definition: dict[str, Any]) -> str:
 
 
 def _numbers(values: Any) -> str:
-    return "[" + ", ".join(f"{round(float(v), 2):g}" for v in values) + "]"
+    return "[" + ", ".join(f"{round(float(v), 2) + 0.0:g}" for v in values) + "]"
 
 
 def main() -> None:
-    start, data, makehuman, out = map(Path, sys.argv[1:5])
+    start, makehuman, out = map(Path, sys.argv[1:4])
     text = start.read_text()
     definition = tomllib.loads(text)
-    hands = families(definition, data, makehuman)
-    if "--without" in sys.argv:
-        hands.pop(sys.argv[sys.argv.index("--without") + 1])
+    hands = families(definition, makehuman)
     out.write_text(written(text, mean_definition(definition, hands, report=True)))
 
 
