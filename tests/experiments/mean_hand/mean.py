@@ -76,7 +76,7 @@ def with_thumb_base(definition: dict[str, Any], length: float) -> dict[str, Any]
     found = copy.deepcopy(definition)
     bones = bones_of(found)
     before = {name: frame(bones[name]) for name in _THENAR}
-    _, axes, long = before["thumb_metacarpal"]
+    _, axes, _ = before["thumb_metacarpal"]
     base = (bones["thumb_metacarpal"]["tail"] - length * axes[:, 1]).tolist()
     bones["thumb_carpal"]["tail"] = bones["thumb_metacarpal"]["head"] = base
     for row in (r for rows in found["ellipsoids"].values() for r in rows):
