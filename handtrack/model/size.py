@@ -9,8 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J, N
+from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BoneFields, BonePoses
+from handtrack.model.shape import ShapeNumber
 
 _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
 POPULATION_SIGMA = 0.065
@@ -33,6 +35,13 @@ _PARTS = {
     "hand": dict.fromkeys(FINGERS, _FINGER_SIGMA) | {"forearm": _ARM_SIGMA},
     "body": dict.fromkeys(BODY_PARTS, _SEGMENT_SIGMA),
 }
+
+_WITHIN = (-4.0, 4.0)  # standard deviations that anybody may be from the mean, as in fits
+_GROUPS = {
+    "flesh": ("flesh",), "forearm": ("forearm",), "palm": ("palm", "knuckle"), "thumb": ("thumb", "thenar"),
+    "fingers": ("girth", "depth"),
+}  # fmt: skip
+"""what a proportion's name has in it, the first that fits; a length is of no other"""
 
 
 def hand_length_mm(model: ArticulatedModel) -> float:
@@ -225,3 +234,60 @@ class SizeParameters:
         if self.model.proportions is not None:
             rates[:, :, self._proportions] = self.model.proportions.stretch.transpose(1, 2, 0)
         return rates
+
+
+def shape_numbers(model: ArticulatedModel) -> list[ShapeNumber]:
+    """Return the shape of a model's person: the whole, its parts, its proportions, by groups."""
+    size, rows = SizeParameters(model), []
+    for name, at, own in zip(
+        size.names, size.deviations(model.scale), size.units.tolist(), strict=True
+    ):
+        effect, unit = _effect(model, name, own)
+        sigma = 100.0 * effect if unit == "%" else effect
+        value = 100.0 * np.expm1(at * effect) if unit == "%" else at * effect
+        std = model.scale.std.get(name)
+        known = None if std is None else std * sigma / own
+        if effect:
+            rows.append(ShapeNumber(name, _group(name, model), float(value), known, sigma, unit))
+    groups = list(dict.fromkeys(["length", "fingers", "palm", "thumb", *(r.group for r in rows)]))
+    return sorted(rows, key=lambda row: groups.index(row.group))
+
+
+def with_number(model: ArticulatedModel, name: str, value: float) -> HandScale:
+    """Return the person of a model with one of `shape_numbers` set to a value in its unit, of which is not known how sure it is.
+
+    Raises HandtrackError for another name.
+    """
+    size = SizeParameters(model)
+    if name not in size.names:
+        raise unknown_name("number of a shape", name, size.names)
+    k, at, came = size.names.index(name), size.deviations(model.scale), model.scale
+    effect, unit = _effect(model, name, float(size.units[k]))
+    if not (np.isfinite(value) and effect and value > (-100.0 if unit == "%" else -np.inf)):
+        raise HandtrackError(f"{name} of the shape: {value:g} {unit} is no size that it can have.")
+    at[k] = np.clip((np.log1p(value / 100.0) if unit == "%" else value) / effect, *_WITHIN)
+    known = came.covariance
+    if known is not None:
+        known = known.only([one for one in known.names if one != name])
+    std = {key: one for key, one in came.std.items() if key != name}
+    return replace(size.scale(at), std=std, covariance=known, source=came.source)
+
+
+def _effect(model: ArticulatedModel, name: str, own: float) -> tuple[float, str]:
+    """Return the most that a standard deviation changes, of a factor its logarithm, and its unit; 0: nothing that the model has."""
+    if name not in model.proportion_names:
+        return (own if name == "overall" or name in model.groups else 0.0), "%"
+    known, k = model.proportions, model.proportion_names.index(name)
+    assert known is not None
+    if (stretch := float(np.abs(known.stretch[k]).max())) > 0.0:
+        return stretch, "%"
+    return 1e3 * max(
+        float(np.linalg.norm(by[k], axis=1).max()) for by in (known.moves, known.shift)
+    ), "mm"
+
+
+def _group(name: str, model: ArticulatedModel) -> str:
+    if name in model.proportion_names and "length" not in name:
+        found = (group for group, parts in _GROUPS.items() if any(part in name for part in parts))
+        return next(found, "length")
+    return "forearm" if name == "forearm" else "length"

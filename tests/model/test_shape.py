@@ -8,8 +8,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale, ShapeCovariance
 from handtrack.model.model_file import load_model, read_scale, scale_from, scale_table, write_scale
-from handtrack.model.shape import shape_numbers, with_number
-from handtrack.model.size import SizeParameters
+from handtrack.model.size import SizeParameters, shape_numbers, with_number
 
 FITTED = HandScale(
     1.05, {"thumb": 0.97}, {"palm_breadth": 0.4, "thumb_base_along": -1.0}, {"index_tip": (0.1, -2.0, 0.5)},

@@ -11,6 +11,7 @@ from handtrack.diagnostics.flexion import flexion_deg
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.size import shape_numbers
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
@@ -100,6 +101,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
         live=session.live is not None,
         size_pending=document.size_pending,
         size=model.scale.overall,
+        shape=tuple(shape_numbers(model)),
         offered_size=None if offered is None else offered.overall,
         offered_words="" if offered is None else hand_words(document.run.with_scale(offered).model),
     )

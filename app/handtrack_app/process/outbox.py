@@ -250,6 +250,8 @@ def _words(command: Command) -> str:
             return f"the setting {command.name}"
         case commands.SetLimits():
             return f"the limits of {command.name}"
+        case commands.SetShape():
+            return f"the shape's {command.name}"
         case commands.Accept():
             spans = ", ".join(f"{a}–{b}" if a != b else f"{a}" for a, b in command.spans[:3])
             more = " …" if len(command.spans) > 3 else ""

@@ -167,6 +167,15 @@ class SetLimits:
 
 
 @dataclass(frozen=True)
+class SetShape:
+    """Set a number of the person's shape [% or mm, as `ShapeNumber` has it]."""
+
+    name: str
+    value: float
+    tag: str = ""
+
+
+@dataclass(frozen=True)
 class WantPictures:
     """Which pictures the page shows."""
 
@@ -266,7 +275,7 @@ class StartAgain:
 
 Command = (
     ShowFrame | SetPose | TakePose | PullPlace | SetPin | DropPins | CopyPins | ForgetPose | LookBefore | WantLibrary | RefitWhileTuning | SavePose | Track | Refine | FitSize | TakeSize | Follow | Pause | Cancel | SetSetting
-    | SaveSettings | SetLimits | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
+    | SaveSettings | SetLimits | SetShape | WantPictures | WantSurface | WantCloud | SetClouds | SampleSkin | SaveClouds | RestoreClouds | Export
     | WantMasks | SetMasks | MarkMaskBox | SaveMasks | RestoreMasks | PaintMask | DropCorrection | CarryMasks
     | SaveTrack | FindHand | TakeGuess | TrackLive | Record | Undo | Redo | RestoreTake | ShowTake | CompareTake | WantCurves | Accept | StartAgain
 )  # fmt: skip
@@ -305,6 +314,8 @@ def kind_of(request: object) -> Hashable | None:
         return ("setting", request.name)
     if isinstance(request, SetLimits):
         return ("limits", request.name)
+    if isinstance(request, SetShape):
+        return ("shape", request.name)
     if isinstance(request, SetPin):
         return (SetPin, request.frame, request.camera, request.tag)
     if isinstance(request, SetPose):

@@ -10,6 +10,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, B, Bytes, E, Floats, H, Ints, J, K, M, N, S, T, V, W
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
+from handtrack.model.shape import ShapeNumber
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.protocol.comparing import ComparedSnapshot, CurvesSnapshot
 from handtrack_app.protocol.library import LibrarySnapshot, PoseName
@@ -107,6 +108,8 @@ class SessionSnapshot:
     """the hand's size is still to be fitted"""
     size: float = 1.0
     """of a mean adult's; that of the model in force"""
+    shape: tuple[ShapeNumber, ...] = ()
+    """of the model's person, number by number"""
     offered_size: float | None = None
     """likewise, fitted after tracking and not taken yet"""
     offered_words: str = ""

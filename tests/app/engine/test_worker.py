@@ -75,7 +75,7 @@ def test_commands_are_picklable() -> None:
     sent = [
         commands.ShowFrame(3), commands.SetPose(1, (0.0, 1.0), 2), commands.TakePose(1, "start", 2), commands.ForgetPose(1, 2), commands.SavePose(),
         commands.Track(0, 9, 3), commands.FitSize(), commands.TakeSize(3), commands.Follow(True), commands.PullPlace(1, (0.0, 0.1, 0.2), 3, "index_tip"), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
-        commands.SetLimits("index_mcp_flex", (0.0, 1.0)), commands.WantPictures(True, "plain"), commands.Export("csv", 1), commands.SaveTrack(),
+        commands.SetLimits("index_mcp_flex", (0.0, 1.0)), commands.SetShape("palm_breadth", 2.0), commands.WantPictures(True, "plain"), commands.Export("csv", 1), commands.SaveTrack(),
     ]  # fmt: skip
     assert [pickle.loads(pickle.dumps(c)) for c in sent] == sent
 

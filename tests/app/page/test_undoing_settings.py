@@ -49,6 +49,29 @@ def test_limits_are_marked_and_undone(bench: Workbench) -> None:
         eventually(lambda: not slider.label.endswith("•"), "no longer marked")
 
 
+def test_a_number_of_the_shape_is_set_shown_and_undone(bench: Workbench) -> None:
+    panel = bench.layout.settings.shape
+    before = panel.list.content
+    with WireClient(bench.url) as client:
+        usual = panel.slider.max
+        client.set_value(panel.chosen, "palm breadth")
+        eventually(lambda: panel.slider.max != usual, "its range")
+        client.set_value(panel.slider, 6.0)
+        eventually(lambda: "+6.0 %" in panel.list.content, "shown")
+        client.set_value(panel.chosen, "thumb base along")
+        eventually(lambda: panel.slider.label == "mm", "another number")
+        assert panel.slider.value == 0.0
+        client.set_value(panel.slider, -3.0)
+        eventually(lambda: "−3.0 mm" in panel.list.content, "shown")
+        assert "+6.0 %" in panel.list.content
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(
+            lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0, "back"
+        )
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(lambda: panel.list.content == before, "the first is undone, too")
+
+
 @pytest.fixture
 def cloudy(tmp_path: Path) -> Iterator[Workbench]:
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()

@@ -9,7 +9,7 @@ from pathlib import Path
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import scale_table, write_scale
-from handtrack.model.shape import shape_numbers
+from handtrack.model.size import shape_numbers
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
@@ -118,7 +118,11 @@ def _of_track(args: argparse.Namespace) -> int:
 
 def _save(args: argparse.Namespace, out: Path, model: ArticulatedModel) -> int:
     rows = shape_numbers(model)
-    write_scale(out, model.scale, {row.name: row.words for row in rows})
+    write_scale(
+        out,
+        model.scale,
+        {r.name: r.words if r.is_measured else f"{r.words}, not measured" for r in rows},
+    )
     hand, unmeasured = hand_words(model), [row.label for row in rows if not row.is_measured]
     use = f'To use it: copy it into a session and set scale = "{out.name}" in [hand] of its {SESSION_FILE}.'
     if (out.parent / SESSION_FILE).is_file():

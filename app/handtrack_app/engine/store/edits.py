@@ -10,6 +10,7 @@ from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_table
+from handtrack.model.size import with_number
 from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.store.history import Value
@@ -165,6 +166,11 @@ def size(scale: HandScale, pending: bool = False, live: HandScale | None = None)
     """Change the hand's size. pending: it is still to be fitted; live: what it was before refining, for tracking to begin with."""
     before = {} if live is None else {"live": scale_table(live)}
     return {keys.SIZE: scale_table(scale) | {"pending": pending} | before}
+
+
+def shape(document: Document, name: str, value: float) -> Values:
+    """Set a number of the person's shape, which then needs no fit before tracking. Raises HandtrackError."""
+    return size(with_number(document.model, name, value))
 
 
 def clouds(settings: CloudSettings | None) -> Values:

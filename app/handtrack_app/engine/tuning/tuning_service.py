@@ -16,9 +16,10 @@ from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 Request = (
-    commands.SetSetting | commands.SetLimits | commands.SaveSettings | commands.RefitWhileTuning
-    | Refitted
+    commands.SetSetting | commands.SetLimits | commands.SetShape | commands.SaveSettings
+    | commands.RefitWhileTuning | Refitted
 )  # fmt: skip
+_Change = commands.SetSetting | commands.SetLimits | commands.SetShape
 
 
 @dataclass
@@ -56,10 +57,10 @@ class TuningService:
             case _:
                 self._change(request)
 
-    def _change(self, change: commands.SetSetting | commands.SetLimits) -> None:
+    def _change(self, change: _Change) -> None:
         self.followed(lambda: self._changed(change))
 
-    def _changed(self, change: commands.SetSetting | commands.SetLimits) -> None:
+    def _changed(self, change: _Change) -> None:
         document = self.document
         try:
             self.jobs.require_idle()
@@ -67,6 +68,9 @@ class TuningService:
                 values = edits.limits(document, change.name, change.interval)
                 slid = change.interval is not None
                 words = f"Limits of {change.name}"
+            elif isinstance(change, commands.SetShape):
+                values, slid = edits.shape(document, change.name, change.value), True
+                words = "Shape"
             else:
                 name, value = change.name, change.value
                 slid = edits.is_slid(value)

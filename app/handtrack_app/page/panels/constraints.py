@@ -1,4 +1,4 @@
-"""Constraints: model, coupling, weights of the terms, and limits as ranges; all live."""
+"""Constraints: model, coupling, weights of the terms, the person's shape, and limits as ranges; all live."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import html
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import groupby
 from typing import Any
 
 import viser
 
+from handtrack.model.shape import ShapeNumber
 from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
@@ -17,7 +19,7 @@ from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.controls import CONTROLS, OPEN
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.page.posing.refit_switch import RefitSwitch
-from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting
+from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting, SetShape
 from handtrack_app.protocol.snapshots import (
     CLOUD,
     IMAGES,
@@ -32,6 +34,15 @@ _SEEN_AS = {
 """groups of settings → what they weigh"""
 _OPEN = 2  # folders of limits that are open at first
 _TOLD = "<div style='padding:0 .9em .4em;font-size:.8em;line-height:1.4;opacity:.75'>{}</div>"
+
+_FARTHEST = 3.0  # standard deviations of adults that the slider reaches
+_LIST = "<div style='padding:.2em .9em .5em;font-size:.8em;line-height:1.45'>{}</div>"
+_GROUP = "<div style='font-weight:600;margin-top:.45em;text-transform:capitalize'>{}</div>"
+_ROW = (
+    "<div style='display:flex;gap:.8em;justify-content:space-between{}'><span>{}</span>"
+    "<span style='text-align:right;font-variant-numeric:tabular-nums'>{}</span></div>"
+)
+_FAINT = ";opacity:.55"
 
 
 @dataclass
@@ -66,6 +77,7 @@ class SettingsPanel:
                     content=_TOLD.format(html.escape(setting.told.get(str(value), ""))),
                 )
         self._show_what_counts(session)
+        self.shape.fit(session)
         self.words.content = _changed_words(
             to_be_said(session.settings, session.own_settings) if self.changed else {}
         )
@@ -96,12 +108,8 @@ class SettingsPanel:
                         value = session.settings[setting.name]
                         if setting.words or shown_value(setting, value) is not None:
                             self._add(setting, value)
-        self.size = gui.add_button(
-            "Fit the size", color="gray", icon=viser.Icon.RULER_MEASURE,
-            hint="Of the person's {kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
-            "first tracking.".replace("{kind}", session.kind),
-        )  # fmt: skip
-        page.on(self.size, lambda _: page.send(FitSize()))
+        self.shape = ShapePanel(page)
+        self.shape.build(session)
 
     def _show_what_counts(self, session: SessionSnapshot) -> None:
         """Offer settings of what the recording has, or of what somebody changed all the same."""
@@ -116,7 +124,6 @@ class SettingsPanel:
                         put(self.told[setting.name], visible=counts)
                     counting |= counts
             put(folder, visible=counting)
-        put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.seen)
 
     @property
     def changed(self) -> dict[str, object]:
@@ -210,6 +217,71 @@ def shown_value(setting: Setting, value: Any) -> Any:
     if isinstance(value, (int, float)):
         return int(value) if setting.kind is int else float(value)
     return None
+
+
+@dataclass
+class ShapePanel:
+    """A list of all numbers; the one that is chosen has a slider."""
+
+    page: Page
+    session: SessionSnapshot | None = None
+
+    def build(self, session: SessionSnapshot) -> None:
+        """Add the widgets where the page stands."""
+        page, gui = self.page, self.page.gui
+        with gui.add_folder("Shape", expand_by_default=False) as self.folder:
+            self.size = gui.add_button(
+                "Fit the size", color="gray", icon=viser.Icon.RULER_MEASURE,
+                hint="Of the person's {kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
+                "first tracking.".replace("{kind}", session.kind),
+            )  # fmt: skip
+            labels = [row.label for row in session.shape]
+            self.chosen = gui.add_dropdown("Number", labels, hint="Of the person's shape, to be set by hand. Where session.toml says scale = fit, tracking begins with it and may change it.")  # fmt: skip
+            self.slider = gui.add_slider(" ", -1.0, 1.0, 0.1, initial_value=0.0)
+            self.list = gui.add_html("")
+        page.on(self.size, lambda _: page.send(FitSize()))
+        page.on(self.chosen, lambda _: self._show_slider())
+        page.on(self.slider, self._set)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Show the shape in force."""
+        self.session = session
+        put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.seen)
+        labels = tuple(row.label for row in session.shape)
+        if tuple(self.chosen.options) != labels:
+            self.chosen.options = labels
+        put(self.list, content=shape_list(session.shape, session.kind))
+        self._show_slider()
+
+    @property
+    def _row(self) -> ShapeNumber | None:
+        rows = self.session.shape if self.session else ()
+        return next((row for row in rows if row.label == self.chosen.value), None)
+
+    def _show_slider(self) -> None:
+        row = self._row
+        if row is not None:
+            reach = max(_FARTHEST * row.sigma, abs(row.value))
+            put(self.slider, min=-reach, max=reach, label=row.unit, value=row.value)
+
+    def _set(self, event: UserEvent) -> None:
+        row = self._row
+        value = number(event.target.value, event.target.min, event.target.max)
+        if row is not None and value is not None:
+            self.page.send(SetShape(row.name, value, f"Shape: {row.label}"))
+
+
+def shape_list(rows: Sequence[ShapeNumber], kind: str) -> str:
+    """Return the numbers by groups: what was measured or set stands out from what is as in the mean."""
+    shown = [f"Against the mean {kind}, ± one standard deviation. Faint: not measured."]
+    for group, members in groupby(rows, lambda row: row.group):
+        shown.append(_GROUP.format(html.escape(group)))
+        for row in members:
+            faint = not (row.is_measured or (row.std is None and row.value))
+            shown.append(
+                _ROW.format(_FAINT if faint else "", html.escape(row.label), html.escape(row.words))
+            )
+    return _LIST.format("".join(shown))
 
 
 @dataclass
