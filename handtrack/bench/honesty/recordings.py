@@ -52,8 +52,8 @@ class Kind:
     ragged: bool = False
     off: bool = False
     """the calibration that is written is wrong"""
-    late: bool = False
-    """the second camera shows what was two frames ago"""
+    late: float = 0.0
+    """frames ago that the second camera shows, at most two"""
     gaps: bool = False
     """a fifth of the masks is missing, and the second camera begins at frame 10"""
     noise: bool = False
@@ -68,7 +68,7 @@ KINDS = {
     "2cam_gaps": Kind(2, gaps=True),
     "3cam_off": Kind(off=True),
     "2cam_off": Kind(2, off=True),
-    "3cam_late": Kind(late=True),
+    "3cam_late": Kind(late=2.0),
     "6cam": Kind(6),
     "depth": Kind(1, "depth"),
     "depth_noisy": Kind(1, "depth", noise=True),
@@ -111,6 +111,13 @@ class Moving:
     triangles: Array[T, D3]
     keypoints: Floats[F, D21, D3]
     left: bool
+
+    def vertices_at(self, frame: float) -> Floats[N, D3]:
+        """Return where they are between two frames."""
+        before, share = int(frame), frame % 1.0
+        return (1.0 - share) * self.vertices[before] + share * self.vertices[
+            min(before + 1, len(self.vertices) - 1)
+        ]
 
 
 def write_half(meshes: Path, half: str, out: Path) -> list[Path]:
@@ -252,12 +259,12 @@ def _masks(
 ) -> None:
     to = folder / "masks" / camera.name
     to.mkdir(parents=True)
-    back = _LATE if kind.late and number == 1 else 0
+    back = kind.late if number == 1 else 0.0
     begins = 10 if kind.gaps and number == 1 else 0
     for frame in range(FRAMES):
         if kind.gaps and (frame < begins or (frame > 0 and rng.random() < 0.2)):
             continue
-        mask = outline(camera, hand.vertices[frame + _LATE - back], hand.triangles)
+        mask = outline(camera, hand.vertices_at(frame + _LATE - back), hand.triangles)
         if kind.ragged:
             mask = ragged(mask, rng)
         cv2.imwrite(str(to / f"{frame:06d}.png"), mask)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.arrays import D6, D8, C, F, Floats, K, P
+from handtrack.arrays import D6, D8, Array, C, F, Floats, K, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.terms.bone_system import JointSystem
@@ -18,8 +18,9 @@ _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
 _LATE_FRAMES = 0.1
 """frames of equal number are of one moment, as cameras with a common trigger see them; one that dropped frames may be late by any
 number: a Cauchy bell, under which one camera that is two frames late costs less than three that share it"""
-_COMMON_FRAMES = 1e-3
-"""what all cameras are late by together nobody can see: it is held at nothing"""
+_COMMON_FRAMES = 0.03
+"""what all cameras are late by together nobody can see: it is held at nothing, no more firmly than steps can follow, for which cameras
+agree changes with them"""
 _COMMON_ZOOM = 1e-5
 """what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
 _SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM])
@@ -27,6 +28,8 @@ _OTHER_FRAME = 0.75
 """frames by which a camera must be late before its next image is nearer for sure: half a frame, and a margin against going to
 and fro"""
 TURNED, SHIFTED, ZOOMED, LATE = slice(0, 3), slice(3, 6), 6, 7
+ALL, TIME, NOTHING = np.ones(8, bool), np.arange(8) == LATE, np.zeros(8, bool)
+"""which of a camera's numbers are found: all, when it saw, none"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +60,10 @@ class CameraChanges:
     ahead: tuple[int, ...]
     """which of a camera's images is looked at beside a frame, in frames after it: what is late by whole frames"""
 
-    is_fixed: bool = False
-    """whether they stay as they are"""
+    free: Array[D8] = field(default_factory=ALL.copy)
+    """which are found; the others stay as they are"""
+    apart: Floats[C, F] | None = None
+    """[frames] how much later than the recording's frames the cameras' are, as it is known; nothing where that is nothing"""
 
     @classmethod
     def none(cls, cameras: Sequence[Camera] = ()) -> CameraChanges:
@@ -71,42 +76,46 @@ class CameraChanges:
     @property
     def count(self) -> int:
         """How many numbers there are to find."""
-        return 0 if self.is_fixed else self.values.size
+        return len(self.cameras) * int(self.free.sum())
 
-    def fixed(self) -> CameraChanges:
-        """Return the same, known from now on."""
-        return replace(self, is_fixed=True)
+    def finding(self, free: Array[D8]) -> CameraChanges:
+        """Return the same, of which other numbers are found from now on."""
+        return replace(self, free=free)
 
     def stepped(self, step: Floats[K]) -> CameraChanges:
         """Return the changes after a step of all numbers."""
-        if self.is_fixed:
-            return self
-        return replace(self, values=self.values + step.reshape(self.values.shape))
+        values = self.values.copy()
+        values[:, self.free] += step.reshape(len(values), int(self.free.sum()))
+        return replace(self, values=values)
 
-    def prior(self) -> JointSystem:
-        """Return what is known of them before anything is seen, by all numbers (K,)."""
-        if self.is_fixed:
-            return JointSystem(0.0, np.zeros(0), np.zeros((0, 0)))
+    def prior(self, weight: float = 1.0, time_weight: float = 1.0) -> JointSystem:
+        """Return what is known of them before anything is seen, by the free numbers (K,), of time weighing otherwise."""
         plain, late = self.values[:, :LATE] / _SIGMA, self.late
         told = 1.0 / (_LATE_FRAMES**2 + late**2)
-        cost = 0.5 * (plain**2).sum() - 0.5 * np.log(told * _LATE_FRAMES**2).sum()
+        cost = 0.5 * weight * (plain**2).sum()
+        by_time = -0.5 * np.log(told * _LATE_FRAMES**2).sum()
         gradient = np.column_stack([plain / _SIGMA, late * told])
         hessian = np.diag(np.column_stack([np.tile(_SIGMA**-2, (len(plain), 1)), told]).ravel())
-        # the recording's own time is that of the cameras that agree: one that is frames off hardly counts
-        share = told**2 / max((told**2).sum(), 1e-300)
-        common = float((share * late).sum())
-        by_late = share * (1.0 - 4.0 * told * late * (late - common))
-        gradient[:, LATE] += common * by_late / _COMMON_FRAMES**2
-        hessian[LATE::8, LATE::8] += np.outer(by_late, by_late) / _COMMON_FRAMES**2
-        cost += 0.5 * (common / _COMMON_FRAMES) ** 2
         zoomed, count = (
             float(self.values[:, ZOOMED].mean()) if len(told) else 0.0,
             max(len(told), 1),
         )
         gradient[:, ZOOMED] += zoomed / (count * _COMMON_ZOOM**2)
         hessian[ZOOMED::8, ZOOMED::8] += 1.0 / (count * _COMMON_ZOOM) ** 2
-        cost += 0.5 * (zoomed / _COMMON_ZOOM) ** 2
-        return JointSystem(float(cost), gradient.ravel(), hessian)
+        cost += 0.5 * weight * (zoomed / _COMMON_ZOOM) ** 2
+        # the recording's own time is that of the cameras that agree: one that is frames off hardly counts
+        share = told**2 / max((told**2).sum(), 1e-300)
+        common = float((share * late).sum())
+        by_late = share * (1.0 - 4.0 * told * late * (late - common))
+        gradient[:, LATE] += common * by_late / _COMMON_FRAMES**2
+        hessian[LATE::8, LATE::8] += np.outer(by_late, by_late) / _COMMON_FRAMES**2
+        by_time += 0.5 * (common / _COMMON_FRAMES) ** 2
+        by = np.tile(np.where(TIME, time_weight, weight), len(told))
+        at = np.flatnonzero(np.tile(self.free, len(told)))
+        found = JointSystem(
+            float(cost + time_weight * by_time), by * gradient.ravel(), by * hessian
+        )
+        return JointSystem(found.cost, found.gradient[at], found.hessian[np.ix_(at, at)])
 
     @property
     def late(self) -> Floats[C]:
@@ -117,6 +126,8 @@ class CameraChanges:
         """Return how a camera sees the hand; velocity: of the poses [a frame], as `motion.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
         on = values[LATE] * velocity
+        if self.apart is not None:
+            on += self.apart[camera][:, None] * velocity
         then = moved(poses, on)
         turn, axis = rotation_matrix(values[TURNED]), seen.rotation[2]
         zoom = np.eye(3) - values[ZOOMED] * np.outer(axis, axis)
@@ -137,7 +148,7 @@ class CameraChanges:
         by_camera[:, :, LATE] = velocity
         by_camera[:, PLACE, LATE] = velocity[:, PLACE] @ (zoom @ turn).T
         by_camera[:, TURN, LATE] = velocity[:, TURN] @ turn.T
-        return SeenPoses(found, by_pose, by_camera[:, :, : 0 if self.is_fixed else 8])
+        return SeenPoses(found, by_pose, by_camera[:, :, self.free])
 
     def whole_frames(self) -> CameraChanges:
         """Return the same where other images of a camera are looked at, as soon as one is clearly nearer in time."""

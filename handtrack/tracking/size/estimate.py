@@ -325,7 +325,10 @@ def _system(
     corner = systems.corner / np.mean(counted) / np.sqrt(np.outer(alike, alike)) + known.hessian
     corner += shared_damping * np.diag(np.diag(corner))
     pull = systems.gradient[:, size:].sum(axis=0) + known.gradient
-    right = np.where(free, -gradient, 0.0), -pull
+    held = swept.shared.stopped(pull)
+    border = np.where(held, 0.0, border)
+    corner = np.where(held | held[:, None], np.diag(np.diag(corner)), corner)
+    right = np.where(free, -gradient, 0.0), np.where(held, 0.0, -pull)
     return Bordered(matrix.factor(overwrite=True), border, corner), right
 
 

@@ -63,14 +63,18 @@ class PersonChange:
     ) -> PersonChange:
         """Return what may change of a person by what some frames show, each with the hand's place; none of it yet changed.
 
-        All of the shape where masks or joints see the hand from around, or a cloud shows it: of what lies on its other side the prior is left.
+        All of the shape where masks or joints see the hand from around; beside a cloud, whose distances know of uniform scale only, sizes;
+        from one side by a cloud the whole hand's alone.
         """
-        tells = any(one.cloud is not None or seen_around(one, place) for one, place in looks)
+        around = any(seen_around(observed, place) for observed, place in looks)
+        cloud = any(observed.cloud is not None for observed, _ in looks)
         seen = joints_around(looks) if who.offsets else ()
         parameters = SizeParameters(model, seen)
         split = len(parameters.names) - parameters.offset_count
         free = np.ones(len(parameters.names), bool)
-        free[:split] = who.sizes and tells
+        free[:split] = who.sizes and around
+        free[split - len(model.proportion_names) : split] &= model.kind == "body" or not cloud
+        free[0] = who.sizes and (around or cloud)
         return cls(parameters, free, parameters.deviations(model.scale), who.known)
 
     @property
@@ -83,6 +87,11 @@ class PersonChange:
         values = self.values.copy()
         values[self.free] = np.clip(values[self.free] + step, -FARTHEST, FARTHEST)
         return replace(self, values=values)
+
+    def stopped(self, gradient: Floats[K]) -> Array[K]:
+        """Return which of the free ones lie where people end and would go further; gradient: of what they cost."""
+        at = self.values[self.free]
+        return ((at >= FARTHEST) & (gradient < 0)) | ((at <= -FARTHEST) & (gradient > 0))
 
     def prior(self) -> JointSystem:
         """Return what is known beforehand, of this person or of people, by the free ones (K,)."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, K
+from handtrack.arrays import Array, Floats, K
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.size.cameras import CameraChanges
+from handtrack.tracking.size.cameras import TIME, CameraChanges
 from handtrack.tracking.size.person import PersonChange
 
 
@@ -29,29 +29,39 @@ class Shared:
         cameras, person = np.split(step, [self.cameras.count])
         return Shared(self.cameras.stepped(cameras), self.person.stepped(person))
 
+    def stopped(self, gradient: Floats[K]) -> Array[K]:
+        """Return which of them lie at a limit that they would leave."""
+        split = self.cameras.count
+        return np.r_[np.zeros(split, bool), self.person.stopped(gradient[split:])]
+
     def through(self, cameras: CameraChanges) -> Shared:
         """Return the same person through other cameras."""
         return replace(self, cameras=cameras)
 
     def known(self, weight: Floats[K]) -> JointSystem:
-        """Return what is known of them beforehand, weighing so many times; one weight for all of the cameras, one for the person."""
-        split = self.cameras.count
-        cameras, person = self.cameras.prior(), self.person.prior()
-        by_camera, by_person = (
-            weight[0] if split else 0.0,
-            weight[-1] if len(weight) > split else 0.0,
+        """Return what is known of them beforehand, weighing so many times; see `alike`."""
+        split, free = self.cameras.count, self.cameras.free
+        timed = np.tile(TIME[free], len(self.cameras.cameras))
+        by_camera, by_time = (
+            float(one[0]) if len(one) else 0.0
+            for one in (weight[:split][~timed], weight[:split][timed])
         )
+        cameras, person = self.cameras.prior(by_camera, by_time), self.person.prior()
+        by_person = weight[-1] if len(weight) > split else 0.0
         hessian = np.zeros((self.count, self.count))
-        hessian[:split, :split] = by_camera * cameras.hessian
+        hessian[:split, :split] = cameras.hessian
         hessian[split:, split:] = by_person * person.hessian
         return JointSystem(
-            by_camera * cameras.cost + by_person * person.cost,
-            np.concatenate([by_camera * cameras.gradient, by_person * person.gradient]),
+            cameras.cost + by_person * person.cost,
+            np.concatenate([cameras.gradient, by_person * person.gradient]),
             hessian,
         )
 
     def alike(self, frames: float, posture: float) -> Floats[K]:
-        """Return of how many frames all together tell as much as one of each number: of cameras of all `frames`, of the person of
-        those with one posture.
+        """Return of how many frames all together tell as much as one of each number: of where cameras are of all `frames`, of the
+        person, and of when cameras saw, those with one posture: what flesh is off by there goes with the pose, not with how it moves.
         """
-        return np.repeat([frames, posture], [self.cameras.count, self.person.count]).astype(float)
+        once = np.where(TIME, posture, frames)[self.cameras.free]
+        return np.r_[
+            np.tile(once, len(self.cameras.cameras)), np.full(self.person.count, posture)
+        ].astype(float)

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, F, Floats, P
+from handtrack.arrays import D3, D8, Array, F, Floats, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
@@ -22,7 +22,7 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.policy import POOR
 from handtrack.tracking.search.poor_cloud import poor_agreement
-from handtrack.tracking.size.cameras import CameraChanges
+from handtrack.tracking.size.cameras import ALL, NOTHING, TIME, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.size.motion import TURN, by_turn
 from handtrack.tracking.size.person import OpenPerson, PersonChange
@@ -55,8 +55,8 @@ _MOVED_S = 1.0
 """[s] of frames, two movements, that cameras are corrected by: what masks are wrong by at one pose looks like a camera's error"""
 _TRIED = 3
 """sweeps after which cameras' corrections are about what they will be"""
-_UNSEEN = 8
-"""numbers that no frame tells: where, how turned and how large the room is, and when it all was"""
+_UNSEEN = 7
+"""numbers that no frame tells: where, how turned and how large the room is"""
 _BY_CHANCE = 0.05
 """of good calibrations that would be corrected if all frames were one. Measured, each half the ratio: clean up to 2.0 (another hand),
 0.5°, 2 mm and 0.5 % off, or a camera late, from 11; asked for are 8.5 of two cameras, 13.8 of three"""
@@ -133,11 +133,12 @@ def refined(
     # a body's joints are never let go: one estimate finds all
     detected = model.kind == "hand" and any(isinstance(one, ImageKeypoints) for one in points)
     evidence = replace(evidence, wide=detected)
+    moved = corrects_cameras and seconds * len(numbers) >= _MOVED_S
+    cameras = _cameras(looks, TIME if moved else NOTHING)
+    evidence = evidence.sharing(evidence.shared.through(cameras))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
-    cameras = CameraChanges.none()
-    if found is not None and corrects_cameras and seconds * len(numbers) >= _MOVED_S:
-        cameras = _cameras(looks)
     if found is not None and cameras.count:
+        cameras = found.cameras.finding(ALL)
         corrected = evidence.sharing(found.shared.through(cameras))
         late = with_late_cameras(corrected, numbers, found.poses)
         corrected = corrected.sharing(found.shared.through(late))
@@ -159,7 +160,7 @@ def refined(
     through = found
     if found is not None and detected:
         evidence = replace(
-            evidence.sharing(found.shared.through(found.cameras.fixed())), wide=False
+            evidence.sharing(found.shared.through(found.cameras.finding(NOTHING))), wide=False
         )
         found = estimate_whole(
             evidence, numbers, found.poses, control.should_stop, control.on_refined
@@ -239,7 +240,7 @@ def _asked_gain(cameras: CameraChanges) -> float:
     """
     from scipy.special import chdtri
 
-    seen = cameras.count - _UNSEEN
+    seen = int((~TIME & cameras.free).sum()) * len(cameras.cameras) - _UNSEEN
     return 0.5 * float(chdtri(seen, _BY_CHANCE)) if seen > 0 else float("inf")
 
 
@@ -254,13 +255,13 @@ def _looks(evidence: Evidence, posed: Sequence[int]) -> list[tuple[Observation, 
     return found
 
 
-def _cameras(looks: Sequence[tuple[Observation, Floats[D3]]]) -> CameraChanges:
-    """Return the cameras that may change: those of masks and joints, where two can tell; as they were calibrated."""
+def _cameras(looks: Sequence[tuple[Observation, Floats[D3]]], free: Array[D8]) -> CameraChanges:
+    """Return the cameras that may change: those of masks and joints, where two can tell; as they were calibrated. free: what may."""
     seen: dict[str, Camera] = {}
     for observed, _ in looks:
         joints = [one for one in observed.keypoints if isinstance(one, ImageKeypoints)]
         seen |= {one.camera.name: one.camera for one in (*observed.silhouettes, *joints)}
-    return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else ())
+    return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else ()).finding(free)
 
 
 def _poor_still(

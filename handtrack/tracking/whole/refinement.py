@@ -78,7 +78,9 @@ class Refinement:
         """Return what an estimate found; by_cameras: the one that corrected the cameras, if it was another."""
         corrected_by = by_cameras or found
         changes = corrected_by.cameras
-        std = np.sqrt(np.diag(corrected_by.shared_covariance)[: changes.count]).reshape(-1, 8)
+        std = np.zeros_like(changes.values)
+        known = np.sqrt(np.diag(corrected_by.shared_covariance)[: changes.count])
+        std[:, changes.free] = known.reshape(len(std), int(changes.free.sum()))
         units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0])
         cameras = []
         for camera, corrected, values, spread, late in zip(
