@@ -10,12 +10,14 @@ import numpy as np
 from handtrack.arrays import Floats, P
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Observation
+from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.size.person import SIZE_BANDS_MM, OpenPerson, PersonChange
 from handtrack.tracking.whole.evidence import Evidence
 
 
+@one_blas_thread
 def fit_person(
     who: OpenPerson,
     model: ArticulatedModel,
