@@ -58,6 +58,7 @@ _LONG = {
     "sr305": "clouds.sr305",
     "body_retarget": "jumps.body_retarget",
     "simulated_hands": "honesty.simulated_hands",
+    "person_scan": "honesty.person_scan",
     "dance_appearance": "jumps.dance_appearance",
     "monocular_dance": "jumps.monocular_dance",
     "balancing": "silhouettes.balancing",
