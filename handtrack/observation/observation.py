@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -131,6 +132,8 @@ class Observation:
     """only where edges or intensity are looked at"""
     pins: tuple[ImagePins, ...] = ()
     """where a person said that joints and segments lie"""
+    apart: Mapping[str, float] = field(default_factory=dict)
+    """by camera, how many frames later than this one its image was taken, as far as is known"""
     terms: tuple[Any, ...] = ()
     """the caller's own costs of bone poses (`terms.term.ObservationTerm`), which count as they are"""
     priors: tuple[Any, ...] = ()

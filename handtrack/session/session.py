@@ -346,7 +346,8 @@ class Session:
             return self._with_cloud(self._kept(frame, silhouettes, False), None)
         views = self.views if silhouettes else ()
         seen = tuple(s for view in views if (s := view.silhouette(frame)) is not None)
-        return Observation(frame, self.time_s(frame), weighed(seen))
+        apart = {v.name: v.times.apart(frame) for v in self.views if v.times is not None}
+        return Observation(frame, self.time_s(frame), weighed(seen), apart=apart)
 
     def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
         assert self._clouds is not None

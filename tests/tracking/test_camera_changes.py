@@ -9,7 +9,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import PriorSettings
-from handtrack.tracking.size.cameras import LATE, CameraChanges, velocities
+from handtrack.tracking.size.cameras import LATE, NOTHING, CameraChanges, velocities
 from handtrack.tracking.size.estimate import WholeEstimate
 from handtrack.tracking.size.motion import TURN, Motion, changes, moved
 from handtrack.tracking.size.person import PersonChange
@@ -103,6 +103,15 @@ def test_a_camera_that_is_late_by_frames_is_looked_at_in_other_images():
     assert late.ahead == (0, 2)
     np.testing.assert_allclose(late.values[:, LATE], [0.3, 0.2])
     np.testing.assert_allclose(late.late, [0.3, -1.8])
+
+
+def test_what_is_known_of_a_cameras_time_costs_nothing():
+    cameras = (_camera("left", -0.6), _camera("right", 0.5))
+    known = CameraChanges.none(cameras, {"right": -0.5})
+    assert known.prior().cost == 0.0
+    seen = known.seen_poses(1, np.zeros((1, 9)), np.full((1, 9), 0.01))
+    assert seen.poses[0, 0] == pytest.approx(-0.005)
+    assert known.finding(NOTHING).count == 0
 
 
 def test_velocities_are_those_of_a_steady_turn():

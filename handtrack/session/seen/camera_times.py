@@ -39,9 +39,17 @@ class CameraTimes:
     @cached_property
     def off_frames(self) -> float:
         """How far the frames that are joined lie apart on average, in the session's frames: only whole frames are taken."""
-        pairs = [(f, own) for f in range(_LOOKED_AT) if (own := self.own_frame(f)) is not None]
-        off = [abs(self.own.time_of(own) - self.line.time_of(f)) for f, own in pairs]
-        return float(np.mean(off)) * self.line.fps if off else 0.0
+        joined = [f for f in range(_LOOKED_AT) if self.own_frame(f) is not None]
+        return float(np.mean([abs(self.apart(f)) for f in joined])) if joined else 0.0
+
+    def apart(self, frame: int) -> float:
+        """Return how many of the session's frames later the camera's image was taken; 0 where it has none."""
+        own = self.own_frame(frame)
+        return (
+            0.0
+            if own is None
+            else (self.own.time_of(own) - self.line.time_of(frame)) * self.line.fps
+        )
 
     @property
     def note(self) -> str:
@@ -51,8 +59,8 @@ class CameraTimes:
             return ""
         return (
             f"its frames lie {off:.2g} of a frame ({1e3 * off / self.line.fps:.2g} ms) from the session's on average, by `lag_s`, "
-            "`fps` or time stamps. The nearest whole frame is taken: what moves at 1 m/s is seen "
-            f"{1e3 * off / self.line.fps:.2g} mm away from where it is at that moment."
+            "`fps` or time stamps. The nearest whole frame is taken while tracking; the estimate over the whole recording takes "
+            "what remains into account where it is constant."
         )
 
     def frames(self, own: range) -> range:

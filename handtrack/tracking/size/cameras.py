@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -62,12 +62,18 @@ class CameraChanges:
 
     free: Array[D8] = field(default_factory=ALL.copy)
     """which are found; the others stay as they are"""
-    apart: Floats[C, F] | None = None
-    """[frames] how much later than the recording's frames the cameras' are, as it is known; nothing where that is nothing"""
+    expected: Floats[C] | float = 0.0
+    """[frames] by which the cameras are later as far as is known beforehand"""
 
     @classmethod
-    def none(cls, cameras: Sequence[Camera] = ()) -> CameraChanges:
-        return cls(tuple(cameras), np.zeros((len(cameras), 8)), (0,) * len(cameras))
+    def none(
+        cls, cameras: Sequence[Camera] = (), apart: Mapping[str, float] | None = None
+    ) -> CameraChanges:
+        """Return cameras as they were calibrated; apart: by name, how many frames later they are, as is known."""
+        expected = np.array([(apart or {}).get(camera.name, 0.0) for camera in cameras])
+        values = np.zeros((len(cameras), 8))
+        values[:, LATE] = expected
+        return cls(tuple(cameras), values, (0,) * len(cameras), expected=expected)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -119,15 +125,13 @@ class CameraChanges:
 
     @property
     def late(self) -> Floats[C]:
-        """Of how much later a moment than its number's each camera's image is [frames]: below 0 where it is late."""
-        return self.values[:, LATE] - np.array(self.ahead, float)
+        """Of how much later a moment than expected each camera's image is [frames]: below 0 where it is late."""
+        return self.values[:, LATE] - np.array(self.ahead, float) - self.expected
 
     def seen_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> SeenPoses:
         """Return how a camera sees the hand; velocity: of the poses [a frame], as `motion.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
         on = values[LATE] * velocity
-        if self.apart is not None:
-            on += self.apart[camera][:, None] * velocity
         then = moved(poses, on)
         turn, axis = rotation_matrix(values[TURNED]), seen.rotation[2]
         zoom = np.eye(3) - values[ZOOMED] * np.outer(axis, axis)
@@ -149,6 +153,21 @@ class CameraChanges:
         by_camera[:, PLACE, LATE] = velocity[:, PLACE] @ (zoom @ turn).T
         by_camera[:, TURN, LATE] = velocity[:, TURN] @ turn.T
         return SeenPoses(found, by_pose, by_camera[:, :, self.free])
+
+    @property
+    def common(self) -> float:
+        """By how many frames most cameras are later than expected, where that is more than they may be off by themselves; else 0."""
+        if not self.count or not self.free[LATE]:
+            return 0.0
+        off = (self.late[:, None] - self.late) / _LATE_FRAMES
+        found = float(self.late[np.log1p(off**2).sum(axis=0).argmin()])
+        return found if abs(found) > _LATE_FRAMES else 0.0
+
+    def earlier(self, frames: float) -> CameraChanges:
+        """Return the same by a clock that is so many frames ahead."""
+        values = self.values.copy()
+        values[:, LATE] -= frames
+        return replace(self, values=values)
 
     def whole_frames(self) -> CameraChanges:
         """Return the same where other images of a camera are looked at, as soon as one is clearly nearer in time."""

@@ -214,10 +214,11 @@ def estimate_whole(
                 why = "no descent"
                 break
             del found
-            nearer = best.shared.cameras.whole_frames()
-            if nearer.ahead != best.shared.cameras.ahead:
+            common = best.shared.cameras.common
+            nearer = best.shared.cameras.earlier(common).whole_frames()
+            if common or nearer.ahead != best.shared.cameras.ahead:
                 evidence = evidence.sharing(best.shared.through(nearer))
-                best = swept(best.poses)
+                best = swept(_within(model, moved(best.poses, common * velocities(best.poses))))
             elif gain > 0 and promised < _ENOUGH:
                 why = "converged"
                 break

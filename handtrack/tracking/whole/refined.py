@@ -28,6 +28,7 @@ from handtrack.tracking.size.motion import TURN, by_turn
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.whole.evidence import (
     MOSTLY_NEW,
+    NEW_POSE_S,
     Evidence,
     Observe,
     measured_outlines,
@@ -133,11 +134,11 @@ def refined(
     # a body's joints are never let go: one estimate finds all
     detected = model.kind == "hand" and any(isinstance(one, ImageKeypoints) for one in points)
     evidence = replace(evidence, wide=detected)
-    moved = corrects_cameras and seconds * len(numbers) >= _MOVED_S
-    cameras = _cameras(looks, TIME if moved else NOTHING)
+    lasted = seconds * len(numbers) if corrects_cameras else 0.0
+    cameras = _cameras(looks, TIME if lasted >= NEW_POSE_S else NOTHING)
     evidence = evidence.sharing(evidence.shared.through(cameras))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
-    if found is not None and cameras.count:
+    if found is not None and cameras.count and lasted >= _MOVED_S:
         cameras = found.cameras.finding(ALL)
         corrected = evidence.sharing(found.shared.through(cameras))
         late = with_late_cameras(corrected, numbers, found.poses)
@@ -261,7 +262,11 @@ def _cameras(looks: Sequence[tuple[Observation, Floats[D3]]], free: Array[D8]) -
     for observed, _ in looks:
         joints = [one for one in observed.keypoints if isinstance(one, ImageKeypoints)]
         seen |= {one.camera.name: one.camera for one in (*observed.silhouettes, *joints)}
-    return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else ()).finding(free)
+    apart = {
+        name: float(np.median([observed.apart.get(name, 0.0) for observed, _ in looks]))
+        for name in seen
+    }
+    return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else (), apart).finding(free)
 
 
 def _poor_still(
