@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
+from handtrack.terms.priors.priors import LinearPrior
 from handtrack.terms.term import ParameterTerm
 
 _LOSS_KINDS = {Quadratic: 0, GemanMcClure: 1, Huber: 2}
@@ -140,11 +142,12 @@ def _hinges_above(model: ArticulatedModel, bone: int) -> list[int]:
 
 
 def _expanded(model: ArticulatedModel, priors: Sequence[ParameterTerm]) -> JointSystem:
-    """Return the priors' sum as a system in solver parameters about the relaxed pose."""
+    """Return the priors' sum as a system in solver parameters about the relaxed pose, ratios of angles taken as certain."""
     count = len(model.parameter_names)
     total = JointSystem(0.0, np.zeros(count), np.zeros((count, count)))
     at = model.joint_params(model.rest_params())
     for prior in priors:
+        prior = replace(prior, ratios=None) if isinstance(prior, LinearPrior) else prior
         system = prior.linearize(at)
         assert np.allclose(system.hessian, prior.linearize(at + 0.5).hessian), (
             f"{prior.name}: only quadratic priors can be polished with"

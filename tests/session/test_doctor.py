@@ -170,7 +170,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "no saved hand": (
         lambda f: edit(f / "session.toml", 'scale = "fit"', 'scale = "init.json"'),
         "error",
-        "init.json: a saved hand is a JSON file like",
+        "init.json: a saved hand is a TOML or JSON file",
     ),
     "a lens of another size": (
         lambda f: edit(
