@@ -7,14 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.articulated import HandScale, ShapeCovariance, keypoint_names
 from handtrack.model.model_file import load_model, read_scale, write_scale
 from handtrack.model.size import SizeParameters, hand_length_mm
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.cameras import CameraChanges
+from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.size.motion import moved
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.size.shared import Shared
@@ -210,3 +215,41 @@ def test_a_persons_file_holds_where_little_is_seen():
     used, both = off(replace(WHO, known=found.scale), WHO.build(found.scale))
     assert used <= fitted
     assert both.std["length_mm"] < min(alone.std["length_mm"], found.scale.std["length_mm"])
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng, side):
+    """How thick a palm is, before depth cameras at either side; before one the prior is left."""
+    hand, told = (
+        load_model("hand26", side),
+        {"palm_thickness": 2.0, "palm_breadth": 1.0},
+    )
+    who = OpenPerson(lambda scale: load_model("hand26", side, scale))
+    person = who.build(HandScale(proportions=told))
+    surface, poses = MetaballSurface.of(person), waving_poses()[::3]
+    near = [poses[0, :3] + np.array([[0.05, 0.1, z]]) for z in (0.5, -0.5)]
+
+    def found(views):
+        seen = []
+        for frame, pose in enumerate(poses):
+            points, normals = sample_surface(surface, person.bones(pose), 4000, rng)
+            points = points[seen_from(points, normals, views)]
+            cloud = PointCloud(points + rng.normal(scale=1e-3, size=points.shape))
+            seen.append(Observation(frame, 3 * frame / FPS, cloud=cloud, cloud_views=tuple(views)))
+        looks = [(one, poses[0, :3]) for one in seen]
+        evidence = Evidence(
+            hand, TrackerSettings(), lambda frame, _: seen[frame], dict(enumerate(poses)), 3 / FPS,
+            person=PersonChange.of(hand, looks, who),
+        )  # fmt: skip
+        estimate = estimate_whole(evidence, range(len(poses)), poses)
+        assert estimate is not None and estimate.scale is not None
+        return estimate.scale
+
+    around, front = found(near), found(near[:1])
+    for name, value in told.items():
+        assert abs(around.proportions[name] - value) < 2.0 * around.std[name]
+        assert around.std[name] < front.std[name]
+    assert around.proportions["palm_thickness"] > 1.0
+    for name in ("palm_thickness", "finger_depth", "thumb_flesh_depth"):
+        assert abs(front.proportions[name]) < 0.5
+        assert front.std[name] > 0.8

@@ -63,18 +63,14 @@ class PersonChange:
     ) -> PersonChange:
         """Return what may change of a person by what some frames show, each with the hand's place; none of it yet changed.
 
-        All of the shape where masks or joints see the hand from around; beside a cloud, whose distances know of uniform scale only, sizes;
-        from one side by a cloud the whole hand's alone.
+        All of the shape where masks or joints see the hand from around, or a cloud shows it: of what lies on its other side the prior is left.
         """
-        around = any(seen_around(observed, place) for observed, place in looks)
-        cloud = any(observed.cloud is not None for observed, _ in looks)
+        tells = any(one.cloud is not None or seen_around(one, place) for one, place in looks)
         seen = joints_around(looks) if who.offsets else ()
         parameters = SizeParameters(model, seen)
         split = len(parameters.names) - parameters.offset_count
         free = np.ones(len(parameters.names), bool)
-        free[:split] = who.sizes and around
-        free[split - len(model.proportion_names) : split] &= model.kind == "body" or not cloud
-        free[0] = who.sizes and (around or cloud)
+        free[:split] = who.sizes and tells
         return cls(parameters, free, parameters.deviations(model.scale), who.known)
 
     @property
