@@ -17,7 +17,7 @@ from tests.session.small_session import edit
 
 FRAMES = 3
 CAMERAS = ("cam0", "cam1", "cam2")
-SKIN = 'masks = { method = "skin_ycrcb" }'
+SKIN = 'masks = { method = "skin_ycrcb", open_px = 0 }'
 
 
 @pytest.fixture(params=[8, 16], ids=["8 bits", "12 bits in 16"])

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         if stop() or after is None:
             say(f"handtrack {args.command}: interrupted; nothing was saved.")
             return _INTERRUPTED
-    if after is before:
+    if after.scale is before.scale:
         raise HandtrackError(
             f"{session.folder}: in none of the frames {frames.start} to {frames.stop - 1} the {kind} was tracked and seen "
             "well enough to tell its size: by cameras whose lines of sight differ by 20 degrees at least, or by a "
