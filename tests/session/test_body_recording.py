@@ -96,13 +96,10 @@ def test_size_and_offsets_are_found_over_the_recording(sized):
     scale = sized.scale
     assert scale.overall * np.mean(list(scale.parts.values())) == pytest.approx(1.05, abs=0.03)
     assert 0.005 < scale.std["overall"] < 0.06
-    left = {
-        joint: np.linalg.norm(np.subtract(scale.offsets_mm[joint], true)) / np.linalg.norm(true)
-        for joint, true in OFFSETS.items()
-    }
-    # a second of one movement counts as two postures: hips, which hardly turn in the trunk, stay near the prior
-    assert np.median(list(left.values())) < 0.7, left
-    assert max(left.values()) < 1.0, left
+    # a second of one movement counts as two postures, so that half a second's noise is not taken for the person
+    for joint, true in OFFSETS.items():
+        missed = np.linalg.norm(np.subtract(scale.offsets_mm[joint], true))
+        assert missed < 0.9 * np.linalg.norm(true), joint
 
 
 def test_offsets_of_left_and_right_are_mirror_images(sized):
