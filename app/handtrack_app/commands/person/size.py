@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
             before = TrackingRun.open(session, overrides, first, stop)
             with share_bar("sizing") as tell:
                 after = before.fit_size(stop, frames, args.count, tell, sizes=True)
-        if stop() or after is None:
+        if stop() or before is None or after is None:
             say(f"handtrack {args.command}: interrupted; nothing was saved.")
             return _INTERRUPTED
     if after.scale is before.scale:
