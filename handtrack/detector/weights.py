@@ -41,9 +41,8 @@ _WHEEL_FOR = (
     "--platform=manylinux_2_28_x86_64", "--python-version=3.11", "--implementation=cp", "--abi=cp311",
 )  # fmt: skip
 """one wheel for everybody, whatever runs here: the networks in all of them are the same; newer versions have none"""
-_MOST_BYTES = (
-    64 << 20
-)  # of the file and of either network; the known ones take 8 or 36, 2.3 and 5.5 MB
+_MOST_BYTES = 64 << 20
+"""of the file and of either network; the known ones take 8 or 36, 2.3 and 5.5 MB"""
 _TFLITE = b"TFL3"  # from byte 4 on
 
 
@@ -90,7 +89,7 @@ def find_weights(given: Path | None = None) -> Path:
 
 def has_weights() -> bool:
     """Return whether weights are named or installed."""
-    return VARIABLE in os.environ or installed_weights().is_file()
+    return bool(os.environ.get(VARIABLE)) or installed_weights().is_file()
 
 
 def read_weights(path: Path) -> Weights:

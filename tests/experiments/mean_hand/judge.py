@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from handtrack import Session, TrackingRun
+from handtrack.arrays import D3, D21, F, Floats
 from handtrack.bench.honesty.honesty import BAD_MM, _bone_frames
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
@@ -32,39 +34,44 @@ def figures(session: Path, definition: str) -> tuple[float, ...]:
     track = run.result(run.track(run.session.frame_range, start, pose))
     truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
     assert track.keypoints21 is not None
-    off = track.keypoints21 - truth
-    frames = _bone_frames(truth)
-    local = np.einsum("fjab,fja->fjb", frames, off)
+    each = 1e3 * np.linalg.norm(track.keypoints21 - truth, axis=2)
+    low = (track.status == Status.LOST) | (track.status == Status.DOUBTFUL)
+    mean, free, flex, thumb = errors(track.keypoints21, truth)
+    bad = float((each.max(axis=1) > BAD_MM).mean())
+    return mean, free, bad, flex, thumb, float(low.mean()), time.process_time() - began
+
+
+def errors(found: Floats[F, D21, D3], truth: Floats[F, D21, D3]) -> tuple[float, ...]:
+    """Return the mean joint error [mm], the same offset-free [mm], and the error of the fingers' and of the thumb's flexion [°]."""
+    off = found - truth
+    local = np.einsum("fjab,fja->fjb", _bone_frames(truth), off)
     half = np.arange(len(off)) < len(off) / 2
     free = np.concatenate(
         [local[a] - np.median(local[b], axis=0) for a, b in ((half, ~half), (~half, half))]
     )
-    bend = np.abs(flexion_deg(track.keypoints21) - flexion_deg(truth)).mean(axis=0)
+    bend = np.abs(flexion_deg(found) - flexion_deg(truth)).mean(axis=0)
     is_thumb = np.array([n.startswith("thumb") for n in BENT_JOINTS])
-    each = 1e3 * np.linalg.norm(off, axis=2)
-    low = (track.status == Status.LOST) | (track.status == Status.DOUBTFUL)
-    return (
-        float(each.mean()), 1e3 * float(np.linalg.norm(free, axis=2).mean()), float((each.max(axis=1) > BAD_MM).mean()),
-        float(bend[~is_thumb].mean()), float(bend[is_thumb].mean()), float(low.mean()), time.process_time() - began,
-    )  # fmt: skip
+    mean, without = (1e3 * float(np.linalg.norm(v, axis=2).mean()) for v in (off, free))
+    return mean, without, float(bend[~is_thumb].mean()), float(bend[is_thumb].mean())
 
 
-def main() -> None:
+def print_table(columns: Sequence[str], figures: Callable[[Path, str], tuple[float, ...]]) -> None:
+    """Print the figures of each recording and definition that the command line names, and their means."""
     names = sys.argv[2:]
     only = names[names.index("--") + 1 :] if "--" in names else []
     names = names[: names.index("--")] if "--" in names else names
     sessions = sorted(p.parent for p in Path(sys.argv[1]).glob(f"*/{SESSION_FILE}"))
     for definition in names:
-        print(f"{Path(definition).stem:34}", *(f"{c:>6}" for c in COLUMNS))
+        print(f"{Path(definition).stem:34}", *(f"{c:>7}" for c in columns))
         every = []
         for session in sessions:
             if only and session.name not in only:
                 continue
             every.append(figures(session, definition))
-            print(f"  {session.name:32}", *(f"{x:6.2f}" for x in every[-1]), flush=True)
+            print(f"  {session.name:32}", *(f"{x:7.2f}" for x in every[-1]), flush=True)
         if every:
-            print(f"  {'mean':32}", *(f"{x:6.2f}" for x in np.mean(every, axis=0)), flush=True)
+            print(f"  {'mean':32}", *(f"{x:7.2f}" for x in np.mean(every, axis=0)), flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    print_table(COLUMNS, figures)

@@ -6,22 +6,19 @@ A wrong shape shows as the error at the minimum, and as the minimum's cost.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from handtrack import Session, TrackingRun
-from handtrack.arrays import Floats
-from handtrack.bench.honesty.honesty import _bone_frames
-from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
 from handtrack.model.articulated import FINGERS, HandScale
 from handtrack.model.model_file import load_model
-from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
+from handtrack.session.layout import TRUTH_FILE
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.solver_settings import SolverSettings
 from handtrack.tracking.whole.evidence import Evidence
+from tests.experiments.mean_hand.judge import errors, print_table
 
 COLUMNS = ("cost", "mean", "free", "flex", "thumb")
 _EVERY = 3
@@ -85,44 +82,8 @@ def at_minima(session: Path, definition: str) -> tuple[float, ...]:
         best = solve(evidence.of(f).problem, x, SolverSettings(iterations=30))
         cost.append(best.cost)
         found.append(model.keypoints21(model.bones(best.params)))
-    away = np.array(found) - true
-    axes = _bone_frames(true)
-    local = np.einsum("fjab,fja->fjb", axes, away)
-    half = np.arange(len(away)) < len(away) / 2
-    free = np.concatenate(
-        [local[a] - np.median(local[b], axis=0) for a, b in ((half, ~half), (~half, half))]
-    )
-    bend = np.abs(flexion_deg(np.array(found)) - flexion_deg(true)).mean(axis=0)
-    thumb = np.array([n.startswith("thumb") for n in BENT_JOINTS])
-
-    def mean(v: Floats) -> float:
-        return 1e3 * float(np.linalg.norm(v, axis=-1).mean())
-
-    return (
-        float(np.mean(cost)),
-        mean(away),
-        mean(free),
-        float(bend[~thumb].mean()),
-        float(bend[thumb].mean()),
-    )
-
-
-def main() -> None:
-    names = sys.argv[2:]
-    only = names[names.index("--") + 1 :] if "--" in names else []
-    names = names[: names.index("--")] if "--" in names else names
-    sessions = sorted(p.parent for p in Path(sys.argv[1]).glob(f"*/{SESSION_FILE}"))
-    for definition in names:
-        print(f"{Path(definition).stem:34}", *(f"{c:>7}" for c in COLUMNS))
-        every = []
-        for session in sessions:
-            if only and session.name not in only:
-                continue
-            every.append(at_minima(session, definition))
-            print(f"  {session.name:32}", *(f"{x:7.2f}" for x in every[-1]), flush=True)
-        if every:
-            print(f"  {'mean':32}", *(f"{x:7.2f}" for x in np.mean(every, axis=0)), flush=True)
+    return float(np.mean(cost)), *errors(np.array(found), true)
 
 
 if __name__ == "__main__":
-    main()
+    print_table(COLUMNS, at_minima)

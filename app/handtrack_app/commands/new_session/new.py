@@ -68,7 +68,6 @@ def run(args: argparse.Namespace) -> int:
     side = (args.side or subject.side) if is_hand else None
     truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
     seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
-    missing = check_detector(args.detector, args.track and bool(seen), args.yes)
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
     rig, notes = given_rig(
         args.calibration, sizes, list(recorded), subject, unit_m, args.lens, args.yes
@@ -76,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
     rig, padded = without_padding(rig, recorded)
     _check_cameras(recorded, rig, args)
     fps, own = _frame_rates(args.fps, recorded)
+    missing = check_detector(args.detector, args.track and bool(seen), args.yes)
     scaled = {name: size for name, size in sizes.items() if size != rig[name].size}
     if args.masks == Seeded.name and args.track and seen and missing:
         raise HandtrackError(
