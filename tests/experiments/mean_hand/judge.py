@@ -15,6 +15,7 @@ import numpy as np
 from handtrack import Session, TrackingRun
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.bench.honesty.honesty import BAD_MM, _bone_frames
+from handtrack.diagnostics.constant_offsets import offset_free_errors
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
 from handtrack.tracking.frame.result import Status
@@ -43,16 +44,11 @@ def figures(session: Path, definition: str) -> tuple[float, ...]:
 
 def errors(found: Floats[F, D21, D3], truth: Floats[F, D21, D3]) -> tuple[float, ...]:
     """Return the mean joint error [mm], the same offset-free [mm], and the error of the fingers' and of the thumb's flexion [°]."""
-    off = found - truth
-    local = np.einsum("fjab,fja->fjb", _bone_frames(truth), off)
-    half = np.arange(len(off)) < len(off) / 2
-    free = np.concatenate(
-        [local[a] - np.median(local[b], axis=0) for a, b in ((half, ~half), (~half, half))]
-    )
+    free = 1e3 * offset_free_errors(found, truth, _bone_frames(truth))
     bend = np.abs(flexion_deg(found) - flexion_deg(truth)).mean(axis=0)
     is_thumb = np.array([n.startswith("thumb") for n in BENT_JOINTS])
-    mean, without = (1e3 * float(np.linalg.norm(v, axis=2).mean()) for v in (off, free))
-    return mean, without, float(bend[~is_thumb].mean()), float(bend[is_thumb].mean())
+    mean = 1e3 * float(np.linalg.norm(found - truth, axis=2).mean())
+    return mean, float(free.mean()), float(bend[~is_thumb].mean()), float(bend[is_thumb].mean())
 
 
 def print_table(columns: Sequence[str], figures: Callable[[Path, str], tuple[float, ...]]) -> None:
