@@ -18,9 +18,6 @@ _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
 _LATE_FRAMES = 0.1
 """frames of equal number are of one moment, as cameras with a common trigger see them; one that dropped frames may be late by any
 number: a Cauchy bell, under which one camera that is two frames late costs less than three that share it"""
-_COMMON_FRAMES = 0.03
-"""what all cameras are late by together nobody can see: it is held at nothing, no more firmly than steps can follow, for which cameras
-agree changes with them"""
 _COMMON_ZOOM = 1e-5
 """what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
 _SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM])
@@ -109,13 +106,6 @@ class CameraChanges:
         gradient[:, ZOOMED] += zoomed / (count * _COMMON_ZOOM**2)
         hessian[ZOOMED::8, ZOOMED::8] += 1.0 / (count * _COMMON_ZOOM) ** 2
         cost += 0.5 * weight * (zoomed / _COMMON_ZOOM) ** 2
-        # the recording's own time is that of the cameras that agree: one that is frames off hardly counts
-        share = told**2 / max((told**2).sum(), 1e-300)
-        common = float((share * late).sum())
-        by_late = share * (1.0 - 4.0 * told * late * (late - common))
-        gradient[:, LATE] += common * by_late / _COMMON_FRAMES**2
-        hessian[LATE::8, LATE::8] += np.outer(by_late, by_late) / _COMMON_FRAMES**2
-        by_time += 0.5 * (common / _COMMON_FRAMES) ** 2
         by = np.tile(np.where(TIME, time_weight, weight), len(told))
         at = np.flatnonzero(np.tile(self.free, len(told)))
         found = JointSystem(
