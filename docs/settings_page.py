@@ -8,8 +8,7 @@ from typing import Any
 
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import Setting
-from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED, REPLACED
-from handtrack.tracking.frame.settings import GROUPS, SETTINGS
+from handtrack.tracking.frame.settings import ALIASES, GROUPS, SETTINGS
 
 PAGE = Path(__file__).resolve().with_name("settings.md")
 _HEAD = """# Settings
@@ -41,9 +40,6 @@ _CLOUDS = """## [clouds]
 Which points of the clouds are the hand's, and how stereo pairs are matched: in session.toml's table [clouds], or live in the workbench's tab Cloud.
 `false` switches off what can be. Defaults are those of a stereo pair: depth images take the nearest part, files look at no distance.
 """
-_OLD = """## Old names
-
-Read, with a note: """
 
 
 def settings_page() -> str:
@@ -54,12 +50,8 @@ def settings_page() -> str:
         title = _TITLES.get(group, str(table.__doc__).splitlines()[0].removesuffix("."))
         blocks.append(f"## {group}\n\n{title}.\n\n{_table(own)}")
     blocks.append(_CLOUDS + "\n" + _table(CLOUD_SETTINGS.values()))
-    renamed = ", ".join(f"`{old}` is `{new}`" for old, new in RENAMED.items())
-    replaced = ", ".join(f"{now} does what `{old}` did" for old, now in REPLACED.items())
-    gone = len(CONSTANTS)
-    blocks.append(
-        f"{_OLD}{renamed}; {replaced}; {gone} others are constants now, and a note names each that is given.\n"
-    )
+    renamed = ", ".join(f"`{other}` is `{name}`" for other, name in ALIASES.items())
+    blocks.append(f"## Other names\n\n{renamed}.\n")
     return "\n".join(blocks)
 
 

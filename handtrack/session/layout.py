@@ -17,12 +17,9 @@ INIT_FILE = "init.json"
 TRACKS_FOLDER = "tracks"
 POSES_FILE = "tracks/poses.npz"
 VIDEOS_FILE = "tracks/videos.json"
-WORK_FILE = "tracks/workbench.npz"
-"""what the workbench has tracked and posed so far"""
 HAND_FILE = "hand.json"
 PINS_FILE = "pins.json"
 """where a person pointed at joints and segments in images"""
-JOURNAL_FILE = "tracks/journal.jsonl"
 KEYPOINTS_FOLDER = "keypoints"
 """what the hand detector writes: a folder for each camera"""
 MASKS_FOLDER = "masks_refined"
@@ -30,7 +27,7 @@ MASKS_FOLDER = "masks_refined"
 CORRECTED_FOLDER = "masks_corrected"
 """what was painted over masks by hand: a folder for each camera"""
 _WRITTEN = (
-    SESSION_FILE, INIT_FILE, HAND_FILE, TRACKS_FOLDER, POSES_FILE, VIDEOS_FILE, WORK_FILE, JOURNAL_FILE, "versions",
+    SESSION_FILE, INIT_FILE, HAND_FILE, TRACKS_FOLDER, POSES_FILE, VIDEOS_FILE, "versions",
     "tracks/takes", "tracks/actions", "tracks/versions", KEYPOINTS_FOLDER, MASKS_FOLDER,
     CORRECTED_FOLDER, PINS_FILE,
 )  # fmt: skip

@@ -222,9 +222,8 @@ class TrackingRun:
 
     @property
     def notes(self) -> list[str]:
-        """What is to be known of the settings, in plain sentences: old names, and those without effect."""
-        idle = idle_settings(self.settings, self.session, self.model.kind)
-        return [*self.settings.notes, *idle]
+        """A sentence for each setting without effect."""
+        return idle_settings(self.settings, self.session, self.model.kind)
 
     def with_scale(self, scale: HandScale) -> TrackingRun:
         """Return the run for a hand of another size."""

@@ -180,7 +180,7 @@ class Session:
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
         clouds = [] if self._clouds is None else self._clouds.warnings
-        return [*self.settings.notes, *(text for v in self.views for text in v.warnings), *clouds]
+        return [*(text for v in self.views for text in v.warnings), *clouds]
 
     def view(self, camera: str) -> View:
         """Return a camera's view. Raises HandtrackError naming the known cameras."""

@@ -66,7 +66,7 @@ def test_what_is_given_beside_a_method_wins_and_the_method_over_what_was_there()
         "cloud.distance": "d1",
     }
     of_session = TrackerSettings().with_values(before)
-    asked = of_session.with_values({"solver.damping": 1, "method": "paper2004"})
+    asked = of_session.with_values({"method": "paper2004"})
     assert (asked.solver.iterations, asked.cloud) == (100, settings("paper2004").cloud)
     assert settings("paper2004", **{"solver.iterations": "20"}).solver.iterations == 20
     both = of_session.with_values({"solver.iterations": 20, "method": "paper2004"})

@@ -1,4 +1,4 @@
-"""Settings by dotted name: what each may be, old names, and that every one is declared once."""
+"""Settings by dotted name: what each may be, other names, and that every one is declared once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from docs.settings_page import settings_page
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import NotAcceptedError, declared, setting
-from handtrack.tracking.frame.old_settings import CONSTANTS, RENAMED, REPLACED
-from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
+from handtrack.tracking.frame.settings import ALIASES, SETTINGS, TrackerSettings
 from handtrack_app.page.panels.controls import CONTROLS, EXPERT
 
 CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.balance", "model.name", "model.coupling",
@@ -21,7 +20,7 @@ CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.bal
 
 
 def test_the_names_that_scripts_rely_on_exist():
-    assert {RENAMED.get(name, name) for name in CONTRACT} <= set(TrackerSettings().flat())
+    assert {ALIASES.get(name, name) for name in CONTRACT} <= set(TrackerSettings().flat())
 
 
 def test_there_are_no_more_settings_than_people_can_use():
@@ -89,35 +88,10 @@ def test_flat_and_with_values_are_inverse():
     assert TrackerSettings().with_values(settings.flat()) == settings
 
 
-def test_old_names_are_read_with_a_note():
-    settings = TrackerSettings().with_values({"tracker.jumps": "false", "mixture.seed": 3})
-    assert settings.tracker.recovery is False
-    assert settings.tracker.seed == 3
-    assert settings.notes == (
-        "the setting 'tracker.jumps' is called 'tracker.recovery' now; it was read as that.",
-        "the setting 'mixture.seed' is called 'tracker.seed' now; it was read as that.",
-    )
-
-
-def test_a_name_of_today_wins_over_an_old_one_beside_it():
+def test_another_name_is_read_and_the_own_one_beside_it_wins():
+    assert TrackerSettings().with_values({"tracker.jumps": "false"}).tracker.recovery is False
     both = {"tracker.recovery": True, "tracker.jumps": False}
     assert TrackerSettings().with_values(both).tracker.recovery is True
-
-
-@pytest.mark.parametrize("name", REPLACED)
-def test_a_setting_that_another_replaces_is_told_and_changes_nothing(name):
-    found = TrackerSettings().with_values({name: "smooth"})
-    assert found == TrackerSettings()
-    assert REPLACED[name] in found.notes[0]
-
-
-@pytest.mark.parametrize("name", CONSTANTS)
-def test_what_is_no_setting_any_more_is_told_and_changes_nothing(name):
-    changed = TrackerSettings().with_values({name: 0.125})
-    assert changed == TrackerSettings()
-    (note,) = changed.notes
-    assert name in note
-    assert "what was given for it is not used" in note
 
 
 def test_what_means_nothing_to_the_model_is_told():

@@ -17,7 +17,7 @@ from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import foreign_takes
-from handtrack.session.takes.track_files import import_tracks, make_current
+from handtrack.session.takes.track_files import import_track, make_current
 from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> None:
     with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
-        for text in import_tracks(store, folder):
+        if text := import_track(store, folder):
             say(f"note: {text}")
         spans = store.restored(args.restore, frames)
         make_current(store, spans, f"Take {args.restore} restored", folder / POSES_FILE)

@@ -1,4 +1,4 @@
-"""Tracks that lie in a session's folder as files become takes, once: nothing that is written over is lost."""
+"""The track that lies in a session's folder as a file becomes a take, once: nothing that is written over is lost."""
 
 from __future__ import annotations
 
@@ -11,35 +11,30 @@ from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
 from handtrack.session.formats.tables import read_npz, write_npz
-from handtrack.session.layout import POSES_FILE, WORK_FILE
+from handtrack.session.layout import POSES_FILE
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.result import TrackResult
 
 
-def import_tracks(store: WritableStore, folder: Path) -> list[str]:
-    """Make takes of a session's track files that the store does not know: those of earlier versions, of other programs, and
-    of the workbench. Return a sentence for each.
-
-    The files stay. One that cannot be read is told, and no take.
+def import_track(store: WritableStore, folder: Path) -> str:
+    """Make a take of a session's track file that the store does not know, another program's say; say so. The file stays; of
+    one that cannot be read is told, and no take made.
     """
-    said = []
-    for name in (WORK_FILE, POSES_FILE):
-        path = folder / name
-        if not path.is_file() or path.is_symlink():
-            continue
-        digest = file_digest(path)
-        if digest in store.known_files():
-            continue
-        try:
-            number = _imported(store, read_npz(path), name)
-        except HandtrackError as error:
-            said.append(f"{error} It is kept as it is in versions/ when it is written over.")
-            continue
-        store.know_file(digest)
-        said.append(f"{path} is kept as take {number}.")
-    return said
+    path = folder / POSES_FILE
+    if (
+        not path.is_file()
+        or path.is_symlink()
+        or (digest := file_digest(path)) in store.known_files()
+    ):
+        return ""
+    try:
+        number = _imported(store, read_npz(path))
+    except HandtrackError as error:
+        return f"{error} It is kept as it is in versions/ when it is written over."
+    store.know_file(digest)
+    return f"{path} is kept as take {number}."
 
 
 def make_current(store: WritableStore, spans: Sequence[Span], words: str, path: Path) -> None:
@@ -66,13 +61,13 @@ def file_digest(path: Path) -> str:
     return total.hexdigest()
 
 
-def _imported(store: WritableStore, track: TrackResult, name: str) -> int:
+def _imported(store: WritableStore, track: TrackResult) -> int:
     first, stop = int(track.frame[0]), int(track.frame[-1]) + 1
     now = datetime.now(UTC).isoformat(timespec="seconds")
-    writer = store.begin(TakeAbout(name, now, (first, stop), track.labels))
+    writer = store.begin(TakeAbout(POSES_FILE, now, (first, stop), track.labels))
     for result in track.frames():
         writer.replace(result)
     writer.finish()
-    if not store.current() and name == POSES_FILE:
+    if not store.current():
         store.make_current([Span(writer.take.number, first, stop)])
     return writer.take.number

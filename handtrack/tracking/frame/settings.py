@@ -11,7 +11,6 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.setting import NotAcceptedError, Setting, declared, setting
 from handtrack.solver.solver_settings import SolverSettings
 from handtrack.tracking.frame.methods import METHODS, Traits
-from handtrack.tracking.frame.old_settings import current_name
 
 # beyond that a term drowns all others in rounding: half of a double's 16 digits are left to them
 _WEIGHT = {"level": "user", "low": 0.0, "high": 1e8, "slider": (0.0, 4.0, 0.05)}
@@ -301,8 +300,6 @@ class TrackerSettings:
     mixture: MixtureSettings = field(default_factory=MixtureSettings)
     traits: Traits = Traits()
     """the method's, where no setting says it"""
-    notes: tuple[str, ...] = field(default=(), compare=False)
-    """what became of settings given by old names, in plain sentences"""
 
     @property
     def looks_at_images(self) -> bool:
@@ -325,7 +322,7 @@ class TrackerSettings:
         return {name: own.get(name, known.default) for name, known in SETTINGS.items()}
 
     def with_values(self, values: Mapping[str, Any]) -> TrackerSettings:
-        """Return a copy with dotted settings replaced; strings are read as their kind, old names as what they are now.
+        """Return a copy with dotted settings replaced; strings are read as their kind.
 
         A method is taken first, so that it comes over what was set before, and what is given beside it over the method. Raises HandtrackError for an unknown name (listing the known ones) or a value that a setting cannot have.
         """
@@ -334,12 +331,8 @@ class TrackerSettings:
             changed = changed._with_method(_accepted("method", values["method"]))
         for given in sorted(
             (name for name in values if name != "method"), key=SETTINGS.__contains__
-        ):  # old names first: a new one beside it wins
-            name, note = current_name(given)
-            if note:
-                changed = replace(changed, notes=tuple(dict.fromkeys((*changed.notes, note))))
-            if name is not None:
-                changed = changed._with_value(name, values[given])
+        ):  # other names first: the setting's own beside one wins
+            changed = changed._with_value(ALIASES.get(given, given), values[given])
         if not any(getattr(changed.model, f"spread_{finger}") for finger in _FINGERS):
             raise HandtrackError(
                 "settings 'model.spread_index' … 'model.spread_little' are all 0: no finger would ever spread."
@@ -382,7 +375,7 @@ def _accepted(name: str, value: Any) -> Any:
 GROUPS: dict[str, type] = {
     name: kind.default_factory  # type: ignore[misc]
     for name, kind in TrackerSettings.__dataclass_fields__.items()
-    if name not in ("method", "traits", "notes")
+    if name not in ("method", "traits")
 }
 """classes of the settings by the first part of their names"""
 SETTINGS: dict[str, Setting] = dict(declared(TrackerSettings)) | {
@@ -391,3 +384,5 @@ SETTINGS: dict[str, Setting] = dict(declared(TrackerSettings)) | {
     for name, known in declared(table, f"{group}.").items()
 }
 """every setting of the tracker by its dotted name"""
+ALIASES = {"tracker.jumps": "tracker.recovery"}
+"""another name that scripts rely on → the setting's"""

@@ -167,37 +167,6 @@ def test_what_cannot_be_any_more_is_passed_over_and_told(tmp_path: Path) -> None
     assert "Passed over of last time: setting/no.such" in again.warning
 
 
-def test_a_journal_of_an_earlier_version_is_taken_over_once(tmp_path: Path) -> None:
-    (tmp_path / "tracks").mkdir()
-    journal = tmp_path / "tracks" / "journal.jsonl"
-    pose = {"index_pip_flex": 0.7}
-    lines = [
-        {"time_s": 1, "kind": "pose", "data": {"frame": 5, "parameters": pose}},
-        {"time_s": 1, "kind": "pose", "data": {"frame": 6, "parameters": pose}},
-        {"time_s": 1, "kind": "forget", "data": {"frame": 6}},
-        {"time_s": 1, "kind": "setting", "data": {"name": "cloud.weight", "value": 2.0}},
-        {"time_s": 1, "kind": "setting", "data": {"name": "no.such", "value": 1}},
-        {"time_s": 1, "kind": "limits", "data": {"name": "index_mcp_flex", "interval": [0, 0.5]}},
-        {"time_s": 1, "kind": "scale", "data": {"overall": 1.1, "parts": {}}},
-        {"time_s": 1, "kind": "pose", "data": {"frame": "x"}},
-        {"time_s": 1, "kind": "tracked", "data": {"frame": 1}},
-    ]
-    journal.write_text("\n".join(json.dumps(line) for line in lines) + "\ntorn")
-    document = opened(tmp_path).document
-    assert sorted(document.by_hand) == [5]
-    assert document.by_hand[5][document.model.parameter_names.index("index_pip_flex")] == 0.7
-    assert document.run.settings.cloud.weight == 2.0
-    assert document.limits == {"index_mcp_flex": (0.0, 0.5)}
-    assert document.run.scale.overall == 1.1
-    assert not journal.exists()
-    assert list((tmp_path / "tracks/versions").glob("journal_*.jsonl"))
-    again = opened(tmp_path)
-    assert again.document.state == document.state
-    again.undo()
-    assert not again.document.by_hand, "all of it was one step"
-    assert again.document.run.scale.overall == 1.0
-
-
 def test_the_first_pose_is_written_and_the_one_before_kept(tmp_path: Path) -> None:
     (tmp_path / "init.json").write_text('{"frame": 0, "parameters": {}}')
     store = opened(tmp_path)

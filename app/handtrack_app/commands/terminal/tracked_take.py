@@ -15,7 +15,7 @@ from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import about_refined, about_take
-from handtrack.session.takes.track_files import file_digest, import_tracks
+from handtrack.session.takes.track_files import file_digest, import_track
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeWriter
@@ -70,9 +70,8 @@ class TrackedTake:
             self._open()
         if self._store is None:
             return []  # a device keeps nothing
-        if not self._own:
-            for text in import_tracks(self._store, run.session.folder):
-                say(f"note: {text}")
+        if not self._own and (text := import_track(self._store, run.session.folder)):
+            say(f"note: {text}")
         self._labels = None
         about = about_take(run, _PROGRAM, frames, *run.initial())
         left = None if self._args.restart else self._store.unfinished(about.inputs)

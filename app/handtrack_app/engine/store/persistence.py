@@ -15,7 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.files.atomic import remove_abandoned
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.takes.take_about import foreign_takes
-from handtrack.session.takes.track_files import import_tracks
+from handtrack.session.takes.track_files import import_track
 from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
 from handtrack.store.lease import LeaseTaken
 from handtrack.store.spans import Span, resolved
@@ -28,13 +28,12 @@ from handtrack_app.engine.posing.pin_state import changed_elsewhere
 from handtrack_app.engine.review.frozen_frames import is_locked
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.brought_back import brought_back
-from handtrack_app.engine.store.earlier_work import EarlierWork, takes_to_look_at
 from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
 from handtrack_app.engine.store.shelf import TakeShelf
+from handtrack_app.engine.store.tracks import track_file
 
 log = logging.getLogger(__name__)
 
-_EARLIER = "Work of an earlier version"
 _UNWRITABLE = "nothing can be written there, so work on this session would be lost"
 _MERGE_S = 0.8  # edits of one control closer than this are one step of undo: a drag is one step
 _QUIET_S = 0.4  # edits by hand are written when none came for this long
@@ -328,7 +327,6 @@ class Persistence:
         changed = self._corrections.changed_elsewhere(session, state)
         for key, value in (changed | changed_elsewhere(pins, session.pins)).items():
             self.do("As the session's files have it", {key: value}, kind=NOTE)
-        self._take_earlier_work()
         self._take_model_of_track()
         self._take_size_of_track()
         disk = self.store or Store(self.folder / TRACKS_FOLDER)
@@ -354,33 +352,16 @@ class Persistence:
         """Make takes of track files that the store does not know; where nothing can be written, only show them."""
         document, state = self.document, self.history.state
         if self.store is not None:
-            for text in import_tracks(self.store, self.folder):
+            if text := import_track(self.store, self.folder):
                 self._warn(text)
             if keys.SPANS in state and keys.SPANS not in document.state:
                 document.apply({keys.SPANS: state[keys.SPANS]})
         elif keys.SPANS not in state:
-            for take in takes_to_look_at(self.folder):
+            take = track_file(self.folder)
+            if take is not None:
                 number = document.takes.next_number
                 document.takes.put(number, take)
                 document.apply(keys.spans([Span(number, min(take), max(take) + 1)]))
-
-    def _take_earlier_work(self) -> None:
-        """Do what the journal of an earlier version says, in one step, once."""
-        work = EarlierWork.read(self.folder, self.document)
-        for key, value in work.values.items():
-            try:
-                self.do(_EARLIER, {key: value}, tag=_EARLIER)
-            except (HandtrackError, ValueError, KeyError, TypeError) as error:
-                log.warning("%s of an earlier version passed over: %s", key, error)
-        if work.tracked:
-            first = min(work.tracked)
-            frames = range(first, max(work.tracked) + 1)
-            self.begin_take(frames, first, self.document.start_params(first))
-            for result in work.tracked.values():
-                self.add(result)
-            self.end_take(finished=False)
-        if self.store is not None:
-            EarlierWork.put_away(self.folder)
 
     def _take_model_of_track(self) -> None:
         """A forearm that is left to the program was decided while tracking: the current take says how."""

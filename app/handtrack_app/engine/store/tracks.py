@@ -1,18 +1,22 @@
-"""Tracks: all frames with poses set by hand as one; rows of an earlier version."""
+"""Tracks: all frames with poses set by hand as one; a track file where nothing can be written."""
 
 from __future__ import annotations
 
+import json
+import logging
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
-from handtrack.tracking.frame.reason import KINDS, Reason
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.layout import POSES_FILE
+from handtrack.store.current_track import TakeFrames
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack_app.engine.document import Document
+
+log = logging.getLogger(__name__)
 
 
 def whole_track(document: Document) -> TrackResult:
@@ -28,60 +32,34 @@ def whole_track(document: Document) -> TrackResult:
 
 
 def _keyframe(document: Document, frame: int) -> FrameResult:
-    model, values = document.model, document.by_hand[frame]
-    joints = len(model.joint_names)
-    return _complete(
-        document, frame, values, Status.KEYFRAME, float("nan"), 0,
-        np.full(len(values), np.inf), np.tile(np.eye(3), (joints, 1, 1)),
-    )  # fmt: skip
-
-
-def _complete(
-    document: Document,
-    frame: int,
-    values: Floats,
-    status: Status,
-    energy: float,
-    iterations: int,
-    std: ArrayLike,
-    spread: ArrayLike,
-) -> FrameResult:
-    model = document.model
-    values = np.asarray(values, dtype=float)
+    model, values = document.model, np.asarray(document.by_hand[frame], dtype=float)
     bones = model.bones(model.transform.solver_params(values))
     return FrameResult(
         frame=frame,
         time_s=float(document.run.session.time_s(frame)),
         parameters=values,
-        status=status,
-        energy=energy,
-        iterations=iterations,
-        parameter_std=np.asarray(std, dtype=float),
-        joint_covariance=np.asarray(spread, dtype=float),
+        status=Status.KEYFRAME,
+        energy=float("nan"),
+        iterations=0,
+        parameter_std=np.full(len(values), np.inf),
+        joint_covariance=np.tile(np.eye(3), (len(model.joint_names), 1, 1)),
         T_world_bone=bones.T_world_bone,
         joint_positions=model.joint_positions(bones),
         keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
     )
 
 
-def result_of_row(row: dict[str, Any], document: Document) -> FrameResult:
-    """Return the frame that the journal of an earlier version kept. Raises ValueError for one of another model."""
-    values = np.asarray(row["parameters"], dtype=float)
-    if values.shape != (len(document.model.parameter_names),):
-        raise ValueError("another model's pose")
-    found = _complete(
-        document, int(row["frame"]), values, Status(row["status"]), float(row["energy"]), int(row["iterations"]),
-        row["std"], row["spread"],
-    )  # fmt: skip
-    energies = {k: float(v) for k, v in row.get("energies", {}).items()}
-    return replace(found, energies=energies, reason=_reason(row))
-
-
-def _reason(row: dict[str, Any]) -> Reason | None:
-    """Return why a kept frame is doubtful. Raises ValueError for a reason that is none."""
-    if row.get("unknown"):  # an older journal: only this kind was kept
-        return Reason("open", part="hand")
-    kept = row.get("reason")
-    if kept is not None and kept.get("kind") not in KINDS:
-        raise ValueError("a reason of an unknown kind")
-    return None if kept is None else Reason(**kept)
+def track_file(folder: Path) -> TakeFrames | None:
+    """Return the track file of a session's folder, to be shown where nothing can be written; None where it cannot be."""
+    path = folder / POSES_FILE
+    if not path.is_file():
+        return None
+    try:
+        track = read_npz(path)
+    except HandtrackError as error:
+        log.warning("%s cannot be shown: %s", path, error)
+        return None
+    frames = {r.frame: r for r in track.frames()}
+    return TakeFrames(
+        track.parameter_names, dict(frames), settings=json.loads(track.settings or "{}")
+    )
