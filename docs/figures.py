@@ -56,7 +56,10 @@ def measured(entry: dict[str, Any]) -> dict[str, float]:
         for command in entry["commands"]:
             program, *words = command.split()
             run = [*PROGRAMS.get(program, [program]), *words]
-            said = subprocess.run(run, cwd=folder, env=ENVIRONMENT, check=True, stdout=subprocess.PIPE, text=True).stdout  # fmt: skip
+            alone = ENVIRONMENT | {
+                "HANDTRACK_HOME": folder
+            }  # with a detector the side of a hand would be looked for
+            said = subprocess.run(run, cwd=folder, env=alone, check=True, stdout=subprocess.PIPE, text=True).stdout  # fmt: skip
             if "--json" in words:
                 found |= dict(_flat(json.loads(said)))
     return {key: found[key] for key in entry["keys"]}

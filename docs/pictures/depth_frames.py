@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Bytes, Floats
-from handtrack.bench.clouds.sr305 import DepthFit, fitted
 from handtrack.simulation.render import pixel_rays, render
-from handtrack.simulation.scenes.depth_hand import CAMERA, as_image
+from tests.experiments.clouds.sr305 import DepthFit, fitted
+from tests.experiments.scenes.depth_hand import CAMERA, as_image
 
 
 def overlay(fit: DepthFit, side: int = 320) -> Bytes:

@@ -12,13 +12,13 @@ import numpy as np
 from docs.pictures.model_pictures import SKIN, model_pictures, rendered
 from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import Bytes, F, Floats, S
-from handtrack.bench.silhouettes.binary_fist import FIST, MODES, RIGS, FistTrack, scene, track
-from handtrack.bench.silhouettes.field_recovery import Recovery, follow, recover
 from handtrack.diagnostics.residual_image import field_picture
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.simulation.simulate import simulated_rig
+from tests.experiments.silhouettes.binary_fist import FIST, MODES, RIGS, FistTrack, scene, track
+from tests.experiments.silhouettes.field_recovery import Recovery, follow, recover
 
 SHOWN = (0, 26, 36, 50)
 """frames of the gesture in the pictures"""

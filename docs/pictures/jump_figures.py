@@ -11,10 +11,10 @@ import numpy as np
 
 from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import Floats
-from handtrack.bench.jumps.minima import POSES, SAMPLES, parameter_distance, sampled, std_distance
 from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.hypotheses import distinct
 from handtrack.simulation.scenes.jump_scene import KJS1, JumpScene, full_scene, jump_scene
+from tests.experiments.jumps.minima import POSES, SAMPLES, parameter_distance, sampled, std_distance
 
 _RAW, _FOUND = "#999999", "#D55E00"
 _BONES = (

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from docs.pictures.plotting import pyplot
-from handtrack.bench.jumps.monocular_dance import (
+from handtrack.model.articulated import ArticulatedModel
+from tests.experiments.jumps.monocular_dance import (
     FPS,
     NEAR_MM,
     SHOWN,
@@ -18,7 +19,6 @@ from handtrack.bench.jumps.monocular_dance import (
     seen_dance,
     tracked,
 )
-from handtrack.model.articulated import ArticulatedModel
 
 
 def draw(file: Path, what: SeenDance, several: DanceErrors, one: DanceErrors) -> None:

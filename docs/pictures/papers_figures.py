@@ -18,12 +18,7 @@ from docs.pictures.dance_picture import fig7
 from docs.pictures.model_pictures import segments
 from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import D3, Array, H, W
-from handtrack.bench import papers
-from handtrack.bench.clouds import poor_clouds, real_stereo
-from handtrack.bench.jumps import dance_appearance, real_person
 from handtrack.bench.measuring import recording
-from handtrack.bench.silhouettes import binary_fist
-from handtrack.bench.silhouettes.balancing import Balancing
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.surfaces.model_mesh import model_mesh
 from handtrack.observation.observation import ImageKeypoints
@@ -32,6 +27,11 @@ from handtrack.simulation.render import pixel_rays, render
 from handtrack.terms.images.depth_picture import depth_picture
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.sequence import track_frames
+from tests.experiments import papers
+from tests.experiments.clouds import poor_clouds, real_stereo
+from tests.experiments.jumps import dance_appearance, real_person
+from tests.experiments.silhouettes import binary_fist
+from tests.experiments.silhouettes.balancing import Balancing
 
 PAPER, OURS = "#D55E00", "#0072B2"
 _STEREO_SHOWN, _STEREO_CROP = (0, 6, 12, 18), (slice(70, 530), slice(160, 620))

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from handtrack.bench.workbench.chromium import DRAWN, chromium
 from handtrack.session.bundled import bundled_session
 from handtrack_app.process.plan import EnginePlan
 from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
+from tests.experiments.workbench.chromium import DRAWN, chromium
 
 _SIZE = (1440, 900)
 _LONG_S = 600.0

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D3, Axes, Floats, P
+from handtrack.bench.registry import REPOSITORY
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -30,7 +31,7 @@ _ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "HANDTRACK_THREADS": "1"}
 
 def data_folder() -> Path:
     """Return the folder of the shared data: HANDTRACK_DATA, or ../shared/data beside the checkout."""
-    beside = Path(__file__).resolve().parents[3] / "shared" / "data"
+    beside = REPOSITORY.parent / "shared" / "data"
     folder = Path(os.environ.get("HANDTRACK_DATA") or beside)
     if not folder.is_dir():
         raise HandtrackError(
@@ -51,7 +52,7 @@ def alone(module: str, *words: str, all_cores: bool = False) -> dict[str, Any]:
     threads = _BLAS_ALONE if all_cores else _BLAS_ALONE | _ONE_THREAD
     done = subprocess.run(
         [sys.executable, "-m", module, *words],
-        env=os.environ | threads, capture_output=True, text=True, check=True,
+        env=os.environ | threads | {"PYTHONPATH": str(REPOSITORY)}, capture_output=True, text=True, check=True,
     )  # fmt: skip
     return json.loads(done.stdout.splitlines()[-1])
 

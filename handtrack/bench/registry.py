@@ -1,42 +1,52 @@
-"""The table of benchmarks: name → module, function, and whether it is quick."""
+"""The table of benchmarks: the quick ones are part of the program; the others are experiments of its repository."""
 
 from __future__ import annotations
 
+import importlib
+import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from handtrack.errors import HandtrackError, unknown_name
+
+REPOSITORY = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """Where a benchmark's function lives; it returns its figures as a dict."""
+    """Where a benchmark's function lives; it has the benchmark's name and returns its figures as a dict."""
 
     module: str
-    function: str
     quick: bool
     """whether `handtrack bench` without a name runs it"""
 
 
 _QUICK = {
-    "silhouette_iteration_vs_blas": "silhouettes.silhouette_speed",
-    "lm_iteration_vs_blas": "speed.iterations",
-    "ten_iterations_vs_blas": "speed.iterations",
-    "frame_vs_blas": "speed.frames",
-    "frame_p99_vs_median": "speed.frames",
-    "pixels_64x": "speed.iterations",
-    "pixels_64x_prepare": "speed.iterations",
-    "growth": "speed.growth",
-    "cloud_iteration_vs_blas": "clouds.cloud_speed",
-    "cloud_solve_vs_scipy": "clouds.cloud_speed",
-    "cloud_lm_iteration_vs_blas": "clouds.cloud_speed",
-    "jump_tree_1024": "jumps.jump_tree",
-    "jump_polish_1024": "jumps.jump_polish",
+    "silhouette_iteration_vs_blas": "silhouette_speed",
+    "lm_iteration_vs_blas": "iterations",
+    "ten_iterations_vs_blas": "iterations",
+    "frame_vs_blas": "frames",
+    "frame_p99_vs_median": "frames",
+    "pixels_64x": "iterations",
+    "pixels_64x_prepare": "iterations",
+    "cloud_iteration_vs_blas": "cloud_speed",
+    "cloud_solve_vs_scipy": "cloud_speed",
+    "cloud_lm_iteration_vs_blas": "cloud_speed",
+    "jump_tree_1024": "jump_tree",
+    "jump_polish_1024": "jump_polish",
 }
 _LONG = {
-    "cloud_frame_vs_blas": "speed.frames",
-    "two_cores": "speed.frames",
+    "cloud_frame_vs_blas": "frames",
+    "two_cores": "frames",
+    "first_pose_warm": "first_pose",
+    "first_pose_cold": "first_pose",
+}
+_EXPERIMENTS = {
+    "growth": "speed.growth",
     "as_if_live": "speed.as_if_live",
     "whole_length": "speed.whole_length",
-    "first_pose_warm": "speed.first_pose",
-    "first_pose_cold": "speed.first_pose",
     "papers": "papers",
     "field_recovery": "silhouettes.field_recovery",
     "binary_fist": "silhouettes.binary_fist",
@@ -72,9 +82,33 @@ _LONG = {
     "pin_latency": "workbench.pin_latency",
     "long_page": "workbench.long_page",
 }
-"""function → the module below `handtrack.bench`"""
 
 BENCHMARKS = {
-    name: Benchmark(f"handtrack.bench.{module}", name, name in _QUICK)
-    for name, module in (_QUICK | _LONG).items()
+    **{name: Benchmark(f"handtrack.bench.{module}", True) for name, module in _QUICK.items()},
+    **{name: Benchmark(f"handtrack.bench.{module}", False) for name, module in _LONG.items()},
+    **{
+        name: Benchmark(f"tests.experiments.{module}", False)
+        for name, module in _EXPERIMENTS.items()
+    },
 }
+
+
+def benchmark(name: str) -> Callable[[], dict[str, Any]]:
+    """Return a benchmark's function.
+
+    Raises
+    ------
+    HandtrackError
+        There is no such benchmark, or it is an experiment and this is an installation without the repository.
+    """
+    if name not in BENCHMARKS:
+        raise unknown_name("benchmark", name, tuple(BENCHMARKS))
+    module = BENCHMARKS[name].module
+    if module.startswith("tests."):
+        if not (REPOSITORY / "tests" / "experiments").is_dir():
+            raise HandtrackError(
+                f"The benchmark '{name}' is an experiment of the project's repository, which is not here: {REPOSITORY} "
+                "has no tests/experiments. Clone the repository and run the command from its environment."
+            )
+        sys.path.insert(0, str(REPOSITORY))
+    return getattr(importlib.import_module(module), name)

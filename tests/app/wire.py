@@ -1,5 +1,5 @@
 """A bare client on the wire, as viser's page speaks: for latency, and for input that no page would send."""
 
-from handtrack.bench.workbench.wire import WireClient
+from tests.experiments.workbench.wire import WireClient
 
 __all__ = ["WireClient"]

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from handtrack.bench.silhouettes.binary_fist import scene
 from handtrack.diagnostics.residual_image import outline_polygons
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -16,6 +15,7 @@ from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from tests.architecture.test_glossary import PACKAGES
 from tests.conftest import REPOSITORY
+from tests.experiments.silhouettes.binary_fist import scene
 from tests.shapes import ARRAYS, ShapeWatch, fits
 
 WITHOUT_AXES = {*ARRAYS, "ndarray", "NDArray"}

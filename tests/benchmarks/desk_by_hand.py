@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from handtrack.bench.measuring import data_folder
-from handtrack.bench.workbench.chromium import PROJECT
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session import Session
 from handtrack_app.page.pins.taking_hold import NEAR_JOINT_M
@@ -27,6 +26,7 @@ from handtrack_app.process.plan import EnginePlan
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.benchmarks.desk_two_view import read_marks
+from tests.experiments.workbench.chromium import PROJECT
 
 FIRST, LAST, OPEN = 212, 271, 223
 """the stretch: open hand, fist, open, fist; and a frame of it that shows the hand open"""

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.bench.measuring import data_folder
-from handtrack.bench.workbench.chromium import there_is_one
 from handtrack.session.session import Session
 from handtrack_app.cli import main as handtrack
 from handtrack_app.page.views.room import POSE
@@ -22,6 +21,7 @@ from handtrack_app.process.plan import EnginePlan
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_browser import browsing
 from tests.benchmarks.desk_by_hand import Person, accept_all
+from tests.experiments.workbench.chromium import there_is_one
 
 DATA = "pose2sim_body_4cam"
 

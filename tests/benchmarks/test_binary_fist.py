@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.silhouettes.binary_fist import MODES, scene, track
 from handtrack.tracking.frame.result import Status
+from tests.experiments.silhouettes.binary_fist import MODES, scene, track
 
 CLOSING = range(34, 46)
 SIZE = (320, 240)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.clouds.freedoms import error_mm, fingers_of, person
-from handtrack.bench.clouds.freedoms import scene as freedom_scene
-from handtrack.bench.clouds.poor_clouds import palm_mm, track
-from handtrack.bench.clouds.poor_clouds import scene as poor_scene
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
+from tests.experiments.clouds.freedoms import error_mm, fingers_of, person
+from tests.experiments.clouds.freedoms import scene as freedom_scene
+from tests.experiments.clouds.poor_clouds import palm_mm, track
+from tests.experiments.clouds.poor_clouds import scene as poor_scene
 
 
 def test_a_coupled_hand_is_one_of_18_freedoms_and_an_independent_one_is_not():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from docs.pictures.dance_picture import fig7
-from handtrack.bench.jumps.dance_appearance import WAYS, dance, first_guess, overlap_with, track
 from handtrack.bench.registry import BENCHMARKS
 from handtrack.tracking.frame.settings import TrackerSettings
+from tests.experiments.jumps.dance_appearance import WAYS, dance, first_guess, overlap_with, track
 
 FRAMES = 4
 

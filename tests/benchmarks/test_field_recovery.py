@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from handtrack.bench.measuring import joint_error_mm
-from handtrack.bench.silhouettes.field_recovery import (
+from handtrack.model.model_file import load_model
+from handtrack.simulation.motion import motion
+from handtrack.simulation.simulate import simulated_rig
+from tests.experiments.silhouettes.field_recovery import (
     CONVERGED_MM,
     field_recovery,
     follow,
     recover,
 )
-from handtrack.model.model_file import load_model
-from handtrack.simulation.motion import motion
-from handtrack.simulation.simulate import simulated_rig
 
 MODEL = load_model()
 CAMERAS = simulated_rig(2).cameras

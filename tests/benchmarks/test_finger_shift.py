@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.clouds.finger_shift import AS_GOOD, one_finger_off, repair
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from tests.experiments.clouds.finger_shift import AS_GOOD, one_finger_off, repair
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

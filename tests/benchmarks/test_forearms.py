@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.silhouettes.forearms import ARMS, cameras, recording
+from tests.experiments.silhouettes.forearms import ARMS, cameras, recording
 
 
 def areas(arm):

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.bench.honesty.diagram import diagram
-from handtrack.bench.honesty.honesty import compared, figures_of, honesty
-from handtrack.bench.honesty.meshes import HandMesh
-from handtrack.bench.honesty.motions import moving
-from handtrack.bench.honesty.people import Person, as_person
 from handtrack.errors import HandtrackError
+from tests.experiments.honesty.diagram import diagram
+from tests.experiments.honesty.honesty import compared, figures_of, honesty
+from tests.experiments.honesty.meshes import HandMesh
+from tests.experiments.honesty.motions import moving
+from tests.experiments.honesty.people import Person, as_person
 from tests.sample_track import sample_frame, stacked
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.jumps.jump_polish import DenseKeypoints
-from handtrack.bench.jumps.minima import EVERYTHING, markdown, sampled, share_of_leaves, table
+from handtrack.bench.jump_polish import DenseKeypoints
 from handtrack.sampling.hypotheses import angle_distance
 from handtrack.simulation.scenes.jump_scene import KJS1, KJS2, LIMBS, full_scene, jump_scene
 from tests.derivatives import check_jacobian
+from tests.experiments.jumps.minima import EVERYTHING, markdown, sampled, share_of_leaves, table
 
 
 @pytest.fixture(scope="module")

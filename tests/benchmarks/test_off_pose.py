@@ -1,6 +1,6 @@
 """Poses that are off before masks of three cameras: the benchmark's runs, small."""
 
-from handtrack.bench.starts.off_pose import RIGHT_MM, off_pose, off_runs
+from tests.experiments.starts.off_pose import RIGHT_MM, off_pose, off_runs
 
 
 def test_a_pose_that_is_off_is_right_again():
@@ -10,7 +10,7 @@ def test_a_pose_that_is_off_is_right_again():
 
 def test_its_figures_are_shares(monkeypatch):
     monkeypatch.setattr(
-        "handtrack.bench.starts.off_pose.off_runs", lambda seed: (1.0, 4.0 + 2.0 * seed)
+        "tests.experiments.starts.off_pose.off_runs", lambda seed: (1.0, 4.0 + 2.0 * seed)
     )
     figures = off_pose(2)
     assert figures["first_pose_right"] == 1.0

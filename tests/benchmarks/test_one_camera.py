@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.jumps.monocular_dance import NOISE_PX, SeenDance, framing_camera, summary
-from handtrack.bench.jumps.monocular_dance import tracked as dance_tracked
-from handtrack.bench.silhouettes.balancing import tracked, triangulated
-from handtrack.bench.silhouettes.four_cameras import residuals_px
-from handtrack.bench.silhouettes.person_session import CAMERAS, DATA
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.body_motion import body_pose
+from tests.experiments.jumps.monocular_dance import NOISE_PX, SeenDance, framing_camera, summary
+from tests.experiments.jumps.monocular_dance import tracked as dance_tracked
+from tests.experiments.silhouettes.balancing import tracked, triangulated
+from tests.experiments.silhouettes.four_cameras import residuals_px
+from tests.experiments.silhouettes.person_session import CAMERAS, DATA
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_a_real_person_in_four_cameras(data_dir, tmp_path, monkeypatch):
     if not (data_dir / DATA).is_dir():
         pytest.skip(f"no {DATA} in the shared test data")
     monkeypatch.setenv("HANDTRACK_DATA", str(data_dir))
-    monkeypatch.setattr("handtrack.bench.silhouettes.balancing.FRAMES", 2)
+    monkeypatch.setattr("tests.experiments.silhouettes.balancing.FRAMES", 2)
     few = {"tracker.hypotheses": 2, "mixture.draws": 2, "mixture.carried": 2}
     found = tracked(tmp_path, CAMERAS, None, **few)
     assert [camera.size[1] for camera in found.run.session.rig] == [1920] * 4

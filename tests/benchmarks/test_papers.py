@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench import papers
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
+from tests.experiments import papers
 
 
 def test_each_method_is_compared_with_ours(monkeypatch):

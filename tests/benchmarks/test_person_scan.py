@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.honesty.person_scan import drawn, moved, recorded
 from handtrack.model.articulated import HandScale
 from handtrack.model.size import shape_numbers
+from tests.experiments.honesty.person_scan import drawn, moved, recorded
 
 
 def test_a_hand_is_drawn_from_adults(rng):

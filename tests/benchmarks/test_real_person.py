@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.jumps import real_person
-from handtrack.bench.silhouettes import balancing
-from handtrack.bench.silhouettes.person_session import DATA
 from handtrack.errors import HandtrackError
+from tests.experiments.jumps import real_person
+from tests.experiments.silhouettes import balancing
+from tests.experiments.silhouettes.person_session import DATA
 
 
 def test_without_the_data_it_is_said_which_are_missing(tmp_path, monkeypatch):

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.bench.clouds.real_stereo import WAYS, Scene, _seen_raw, _turned_back
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
+from tests.experiments.clouds.real_stereo import WAYS, Scene, _seen_raw, _turned_back
 
 
 def test_the_arm_is_told_from_the_hand(rng):

@@ -7,8 +7,8 @@ import datetime
 import pytest
 
 from handtrack.bench.registry import BENCHMARKS
-from handtrack.bench.report import REPORTS, main, report
 from handtrack.errors import HandtrackError
+from tests.experiments.report import REPORTS, main, report
 
 OTHERS = {
     "recordings",

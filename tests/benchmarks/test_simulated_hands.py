@@ -1,6 +1,6 @@
 """What is reported of a shape holds for hands drawn from what is known of people; all of them: `handtrack bench simulated_hands`."""
 
-from handtrack.bench.honesty.simulated_hands import simulated_hands
+from tests.experiments.honesty.simulated_hands import simulated_hands
 
 
 def test_reported_regions_of_a_shape_hold():

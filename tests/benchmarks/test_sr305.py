@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.clouds.sr305 import fitted
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.render import pixel_rays, render
-from handtrack.simulation.scenes.depth_hand import AROUND_TIP_M, CAMERA, UNIT_M, hand_points
 from handtrack.tracking.frame.result import Status
+from tests.experiments.clouds.sr305 import fitted
+from tests.experiments.scenes.depth_hand import AROUND_TIP_M, CAMERA, UNIT_M, hand_points
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,6 @@
 
 import pytest
 
-from handtrack.bench.jumps.failing_leaves import fitted_leaves
-from handtrack.bench.jumps.minima import sampled
-from handtrack.bench.jumps.three_links import headline, scene_without_limits
 from handtrack.sampling.diffusion import covariance_scaled, projected, spherical
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.simulation.scenes.jump_scene import (
@@ -15,6 +12,9 @@ from handtrack.simulation.scenes.jump_scene import (
     jump_scene,
     limb_chains,
 )
+from tests.experiments.jumps.failing_leaves import fitted_leaves
+from tests.experiments.jumps.minima import sampled
+from tests.experiments.jumps.three_links import headline, scene_without_limits
 
 
 @pytest.fixture(scope="module")

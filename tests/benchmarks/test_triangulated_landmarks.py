@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.bench.starts.triangulated_landmarks import triangulated_points
 from handtrack.session.session import Session
 from handtrack.simulation.simulate import Simulation, simulate
+from tests.experiments.starts.triangulated_landmarks import triangulated_points
 
 
 def test_a_sessions_joints_are_where_its_cameras_see_them(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.jumps.jump_tree import jump_tree_1024
+from handtrack.bench.jump_tree import jump_tree_1024
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.jumps.failing_leaves import fit_positions
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack.sampling.chains import chain_along, chains_of, prepare
 from handtrack.sampling.limb_ik import bounds_of_many
 from handtrack.sampling.limb_ik_kernels import into_interval, one_hinge, two_hinges
+from tests.experiments.jumps.failing_leaves import fit_positions
 from tests.sampling.limb_angles import limb_angles, within_limits
 
 X, Y, Z = np.eye(3)

@@ -36,9 +36,9 @@ from handtrack.session.session_file import (
 from handtrack.simulation.motion import motion
 from handtrack.simulation.render import pixel_rays, render, render_mask
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.simulation.textured_mesh import Pattern, cluttered_background
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.keypoint_start import triangulated
+from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background
 
 FRAMES, FPS, SIZE = 60, 30.0, (640, 480)
 MOTIONS = ("gestures", "open_fist_open")

@@ -6,7 +6,7 @@ import numpy as np
 
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render_mask
-from handtrack.simulation.textured_mesh import Pattern, cluttered_background, textured_picture
+from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 from tests.terms.silhouette_scene import BONES, bones_of, camera_of, ellipsoids_of
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from handtrack.arrays import Floats
-from handtrack.bench.silhouettes.binary_fist import scene
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.simulate import simulated_rig
@@ -20,6 +19,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
+from tests.experiments.silhouettes.binary_fist import scene
 from tests.store.made import about, same
 from tests.tracking import test_appearance as by_images
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.simulation.textured_mesh import Pattern, textured_picture
 from handtrack.terms.images.carried_texture import (
     CarriedTextureTerm,
     Texture,
@@ -17,6 +16,7 @@ from handtrack.terms.images.carried_texture import (
 from handtrack.terms.images.depth_picture import depth_picture
 from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from tests.experiments.scenes.textured_mesh import Pattern, textured_picture
 from tests.terms.appearance_reference import bilinear, texture_system
 from tests.terms.image_scene import STEP_M, scene, texture_seen
 from tests.terms.silhouette_scene import BONES, assert_same_system, moved_along

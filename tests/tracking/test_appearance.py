@@ -12,7 +12,6 @@ from handtrack.model.surfaces.model_mesh import model_mesh
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.simulation.textured_mesh import Pattern, cluttered_background, textured_picture
 from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.tracking.frame.result import Status
@@ -21,6 +20,7 @@ from handtrack.tracking.frame.terms.appearance_terms import Before, appearance_t
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
+from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 
 MODEL = load_model()
 COUNT = 8

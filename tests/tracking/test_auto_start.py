@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.bench.starts.auto_start import search
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
@@ -22,6 +21,7 @@ from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.start_confidence import shares
+from tests.experiments.starts.auto_start import search
 
 HANDS = [load_model(forearm=arm) for arm in (False, True)]
 FILMED = load_model(scale=HandScale(1.05))  # another person's

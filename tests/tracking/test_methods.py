@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from docs.methods_page import PAGE, with_tables
-from handtrack.bench.silhouettes.binary_fist import scene
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
@@ -35,6 +34,7 @@ from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack_app.commands.terminal.track_options import parse_sources
+from tests.experiments.silhouettes.binary_fist import scene
 from tests.model.metaballs_reference import merged
 from tests.terms.conic_field_reference import dense_field
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.bench.starts.recovery import gap_runs
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
@@ -30,6 +29,7 @@ from handtrack.tracking.search.policy import why_hand_may_be_lost
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
+from tests.experiments.starts.recovery import gap_runs
 
 MODEL = load_model()
 RIG = simulated_rig(3, (320, 240))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from handtrack.bench.silhouettes.binary_fist import Scene, scene
 from handtrack.model.articulated import HAND_PARTS, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.model.size import hand_length_mm
@@ -13,6 +12,7 @@ from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
+from tests.experiments.silhouettes.binary_fist import Scene, scene
 
 LARGER = 1.06
 

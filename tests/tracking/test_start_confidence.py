@@ -12,7 +12,6 @@ from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Silhouette
 from handtrack.sampling.hypotheses import Hypothesis
 from handtrack.simulation.scenes.simulated_views import everything, mask_views
-from handtrack.simulation.scenes.start_frames import another_hand
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -29,6 +28,7 @@ from handtrack.tracking.search.start_confidence import (
     settled_ways,
     shares,
 )
+from tests.experiments.scenes.start_frames import another_hand
 
 MODEL = load_model()
 

@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from handtrack.bench.silhouettes.binary_fist import scene
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
@@ -16,6 +15,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import refine_recording, track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import CONFIRMED_BY, Tracker
+from tests.experiments.silhouettes.binary_fist import scene
 
 FIRST, COUNT = 8, 14
 SCENE = scene(3, 100, (320, 240), range(FIRST, FIRST + COUNT))

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import json
 
-from handtrack.bench.registry import BENCHMARKS
-from handtrack.errors import unknown_name
+from handtrack.bench.registry import BENCHMARKS, benchmark
 from handtrack_app.commands.terminal.progress import say
 
 
 def run(args: argparse.Namespace) -> int:
     """Print a table, or JSON as contracts §3."""
-    if args.name is not None and args.name not in BENCHMARKS:
-        raise unknown_name("benchmark", args.name, tuple(BENCHMARKS))
     chosen = [args.name] if args.name else [n for n, b in BENCHMARKS.items() if b.quick]
     figures: dict[str, dict[str, object]] = {}
     for name in chosen:
+        measure = benchmark(name)
         say(f"{name} …")
-        benchmark = BENCHMARKS[name]
-        module = importlib.import_module(benchmark.module)
-        figures[name] = getattr(module, benchmark.function)()
+        figures[name] = measure()
     if args.json:
         print(json.dumps(figures, indent=1))
         return 0

@@ -373,7 +373,7 @@ def test_doctor_lists_the_gravest_first(handtrack: CommandLine, session: Path) -
 def test_bench_prints_tables_and_json(handtrack: CommandLine, monkeypatch) -> None:
     figures = {"ratio": 0.25, "ours_ms": 1.0, "reference_ms": 4.0, "reference": "invented"}
     monkeypatch.setattr(
-        "handtrack.bench.silhouettes.silhouette_speed.silhouette_iteration_vs_blas", lambda: figures
+        "handtrack.bench.silhouette_speed.silhouette_iteration_vs_blas", lambda: figures
     )
     name = "silhouette_iteration_vs_blas"
     assert json.loads(handtrack("bench", name, "--json").out) == {name: figures}

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.bench.workbench import attacks
-from handtrack.bench.workbench.wire import WireClient
 from handtrack_app.door.log import logging_to
 from handtrack_app.workbench import Workbench
+from tests.experiments.workbench import attacks
+from tests.experiments.workbench.wire import WireClient
 
 FEWER = {
     "_VALUES": 3000, "_UPLOAD_BYTES": 70_000_000, "_FLOOD_S": 1.0, "_SLOW_READERS": 4, "_SLOW_S": 0.5,

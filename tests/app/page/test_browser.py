@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import viser.transforms as vtf
 
-from handtrack.bench.workbench.chromium import CHROMIUM, DRAWN, PROJECT, chromium, there_is_one
 from handtrack_app.page.views.room import POSE
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
+from tests.experiments.workbench.chromium import CHROMIUM, DRAWN, PROJECT, chromium, there_is_one
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 

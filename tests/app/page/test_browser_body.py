@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.bench.workbench.chromium import PROJECT
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_browser import browsing, eventually, stands
+from tests.experiments.workbench.chromium import PROJECT
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 _FRAMES = 3

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.bench.workbench.chromium import PROJECT
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, cloudy_session
 from tests.app.page.test_browser import PageUnderTest, browsing, eventually, stands
+from tests.experiments.workbench.chromium import PROJECT
 
 
 @pytest.mark.browser

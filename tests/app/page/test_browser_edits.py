@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.bench.workbench.chromium import PROJECT
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, eventually
+from tests.experiments.workbench.chromium import PROJECT
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.bench.workbench.chromium import PROJECT
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.page.scene.looking import _pixel
 from handtrack_app.protocol.snapshots import CameraCard
@@ -16,6 +15,7 @@ from tests.app.cloudy_session import cloudy_session
 from tests.app.page.test_browser import browsing, eventually, stands
 from tests.app.page.test_browser_clouds import _seen_at
 from tests.app.wire import WireClient
+from tests.experiments.workbench.chromium import PROJECT
 
 
 def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng: np.random.Generator) -> None:

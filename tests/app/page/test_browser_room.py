@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.bench.workbench.chromium import PROJECT
 from handtrack_app.page.scene.hand_place import hand_balls
 from handtrack_app.page.views.room import LARGE, LIGHT, POSE, REST, Taste
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, eventually
 from tests.app.page.test_browser_zoom import CANVAS
+from tests.experiments.workbench.chromium import PROJECT
 
 NOTICE = """() => {
   const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();

@@ -14,7 +14,6 @@ import urllib.request
 import numpy as np
 import pytest
 
-from handtrack.bench.workbench.chromium import chromium, there_is_one
 from handtrack.errors import HandtrackError
 from handtrack_app.rerun import stream as rerun_stream
 from handtrack_app.rerun.stream import (
@@ -26,6 +25,7 @@ from handtrack_app.rerun.stream import (
     signed_colours,
 )
 from handtrack_app.rerun.viewer import RerunViewer, free_ports, silent_environment
+from tests.experiments.workbench.chromium import chromium, there_is_one
 
 
 def chunks(path, entity):

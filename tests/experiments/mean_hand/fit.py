@@ -10,8 +10,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from handtrack.arrays import D3, Array, Floats, N
-from handtrack.bench.honesty.meshes import FINGERS, HINGES, HandMesh
 from handtrack.model.articulated import FINGERS as NAMES
+from tests.experiments.honesty.meshes import FINGERS, HINGES, HandMesh
 
 LENGTH_MM = 187.0
 _POINTS = 4000

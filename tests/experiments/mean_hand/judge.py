@@ -14,11 +14,11 @@ import numpy as np
 
 from handtrack import Session, TrackingRun
 from handtrack.arrays import D3, D21, F, Floats
-from handtrack.bench.honesty.honesty import BAD_MM, _bone_frames
 from handtrack.diagnostics.constant_offsets import offset_free_errors
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
 from handtrack.tracking.frame.result import Status
+from tests.experiments.honesty.honesty import BAD_MM, _bone_frames
 
 COLUMNS = ("mean", "free", "bad", "flex", "thumb", "low", "s")
 """mean joint error [mm]; the same beside a constant of each joint in its bone's frame, of the other half of the frames [mm]; share of

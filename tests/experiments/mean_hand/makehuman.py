@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, N, V
-from handtrack.bench.honesty.meshes import FINGERS, HandMesh, _made, _skin_point, _upright
+from tests.experiments.honesty.meshes import FINGERS, HandMesh, _made, _skin_point, _upright
 
 _DATA = "makehuman/data"
 _CUFF_M = 0.022

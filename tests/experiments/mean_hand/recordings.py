@@ -14,9 +14,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.bench.honesty import motions
-from handtrack.bench.honesty.drawing import outline
-from handtrack.bench.honesty.meshes import HandMesh, read_meshes
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
 from handtrack.geometry.camera import CameraRig
 from handtrack.session import layout
@@ -29,6 +26,9 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack.simulation.simulate import simulated_rig
+from tests.experiments.honesty import motions
+from tests.experiments.honesty.drawing import outline
+from tests.experiments.honesty.meshes import HandMesh, read_meshes
 from tests.experiments.mean_hand.makehuman import Base, people
 
 FRAMES, FPS, SIZE = 36, 25.0, (320, 240)

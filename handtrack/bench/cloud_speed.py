@@ -1,0 +1,305 @@
+"""Benchmark: time of a step on a point cloud, beside BLAS on the dense Jacobian and beside scipy."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from handtrack.arrays import D3, Floats, N, P
+from handtrack.bench.dense_rows_kernels import dense_rows
+from handtrack.bench.measuring import (
+    Timing,
+    alone,
+    alternating_medians,
+    alternating_timings,
+    mean_mm,
+    normal_equations,
+    ratio_figures,
+)
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
+from handtrack.solver.levenberg_marquardt import SolverSettings, bounded_step, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
+from handtrack.terms.loss import GemanMcClure, Loss, Quadratic, UniformOutliers
+
+POINTS, NOISE_M, SIGMA_M = 10_000, 0.0003, 0.0005
+
+
+@dataclass(frozen=True, eq=False)
+class CloudScene:
+    """A cloud of the model's own surface, and a start that is off."""
+
+    model: ArticulatedModel
+    surface: MetaballSurface
+    points: Floats[N, D3]
+    """world [m]"""
+    truth: Floats[P]
+    start: Floats[P]
+    """10 mm off, all angles off by 5° (standard deviation), within limits"""
+
+
+def cloud_scene(seed: int, missing: float = 0.0, outliers: float = 0.0) -> CloudScene:
+    """Return a scene of 10,000 points with 0.3 mm noise at a random pose around the relaxed hand (10° an angle).
+
+    missing: share of points taken away at random; outliers: share of the final cloud that lies anywhere within the
+    hand's box, 20 mm wider on each side.
+    """
+    rng = np.random.default_rng(seed)
+    model = load_model("hand26")
+    surface = MetaballSurface.of(model)
+    truth = model.rest_params()
+    truth[6:] += np.deg2rad(10.0) * rng.normal(size=len(truth) - 6)
+    truth = model.clipped(truth)
+    points, _ = sample_surface(surface, model.bones(truth), POINTS, rng)
+    points = points + NOISE_M * rng.normal(size=points.shape)
+    way = rng.normal(size=3)
+    start = truth.copy()
+    start[:3] += 0.010 * way / np.linalg.norm(way)
+    start[3:] += np.deg2rad(5.0) * rng.normal(size=len(truth) - 3)
+    if missing:
+        points = points[rng.random(len(points)) > missing]
+    if outliers:
+        more = round(len(points) * outliers / (1.0 - outliers))
+        low, high = points.min(axis=0) - 0.02, points.max(axis=0) + 0.02
+        points = np.concatenate([points, rng.uniform(low, high, size=(more, 3))])
+    return CloudScene(model, surface, points, truth, model.clipped(start))
+
+
+def cloud_iteration_vs_blas() -> dict[str, Any]:
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
+    return alone("handtrack.bench.cloud_speed", "iteration")
+
+
+def cloud_solve_vs_scipy() -> dict[str, Any]:
+    """Return ratio, ours_ms, reference_ms: time from the same start to the same cost."""
+    return alone("handtrack.bench.cloud_speed", "solve")
+
+
+def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
+    """Return the time of a complete iteration: linearisation, bounded step, limits, accepted trial."""
+    return alone("handtrack.bench.cloud_speed", "lm_iteration")
+
+
+def measure_lm_iteration(rounds: int = 40) -> dict[str, Any]:
+    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
+    scene = cloud_scene(1)
+    problem = Problem(
+        scene.model, [CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)]
+    )
+    ten = SolverSettings(iterations=10, cost_tolerance=0.0, step_tolerance=0.0)
+
+    def solved() -> int:
+        return solve(problem, scene.start, ten).iterations
+
+    count, (rows, width) = solved(), (len(scene.points), len(scene.start))
+    ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], rounds)
+    ours = Timing(ours.median / count, ours.least / count)
+    words = f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian, the quicker of two layouts"
+    return ratio_figures(ours, blas, words) | {"iterations": count}
+
+
+def measure_iteration(rounds: int = 60) -> dict[str, Any]:
+    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
+    scene = cloud_scene(1)
+    term = CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)
+    problem = Problem(scene.model, [term])
+
+    def step() -> Floats:
+        system = problem.linearize(scene.start)
+        found = bounded_step(system, scene.start, problem.limits, 1e-2)
+        assert found is not None
+        return found
+
+    def step_and_trial() -> float:
+        return problem.cost(scene.start + 0.1 * step())
+
+    jacobian = DenseCloud(scene).jacobian(scene.start)
+    layouts = [np.ascontiguousarray(jacobian), np.asfortranarray(jacobian)]
+
+    def blas(matrix: Floats) -> Callable[[], Any]:
+        return lambda: matrix.T @ matrix
+
+    ours, trial, *reference = alternating_medians(
+        [step, step_and_trial, *(blas(j) for j in layouts)], rounds
+    )
+    best = min(reference)
+    count, width = jacobian.shape
+    return {
+        "ratio": ours / best,
+        "ours_ms": ours,
+        "ours_with_trial_cost_ms": trial,
+        "reference_ms": best,
+        "reference": (
+            f"BLAS float64 JᵀJ of the formed {count} × {width} Jacobian, the quicker of two memory layouts; ours: "
+            "kinematics, closest ellipsoids, distances, derivatives, sums, pull back and the bounded step, "
+            f"{len(scene.surface.ellipsoids)} ellipsoids"
+        ),
+    }
+
+
+def measure_solve(rounds: int = 5) -> dict[str, Any]:
+    """Return the time to come within 1e-6 of the converged cost, ours and scipy's; start and Jacobian are the same."""
+    scene = cloud_scene(1)
+    dense = DenseCloud(scene)
+    cloud = prepare_cloud(scene.points)
+    problem = Problem(scene.model, [CloudDistanceTerm(cloud, scene.surface, SIGMA_M)])
+    goal = (1.0 + 1e-6) * solve(problem, scene.start, SolverSettings(iterations=100)).cost
+
+    reached: list[int] = []
+    solve(
+        problem,
+        scene.start,
+        SolverSettings(iterations=100),
+        on_iteration=lambda k, params, cost: reached.append(k) if cost <= goal else None,
+    )
+    enough = SolverSettings(iterations=reached[0])
+
+    def ours() -> None:
+        cloud = prepare_cloud(scene.points)
+        problem = Problem(scene.model, [CloudDistanceTerm(cloud, scene.surface, SIGMA_M)])
+        solve(problem, scene.start, enough)
+
+    low, high = problem.bounds(scene.start).T
+
+    def scipy(method: str) -> tuple[float, int, bool]:
+        calls = [0]
+
+        def residual(params: Floats) -> Floats:
+            calls[0] += 1
+            r = dense.residual(params)
+            if 0.5 * float(r @ r) <= goal:
+                raise _ReachedError
+            return r
+
+        limits: dict[str, Any] = {} if method == "lm" else {"bounds": (low - 1e-9, high + 1e-9)}
+        begin = time.perf_counter()
+        try:
+            least_squares(
+                residual, scene.start, dense.jacobian, method=method,  # type: ignore[arg-type]
+                x_scale="jac", max_nfev=300,
+                ftol=1e-12, xtol=1e-12, gtol=1e-12, **limits,
+            )  # fmt: skip
+            reached = False
+        except _ReachedError:
+            reached = True
+        return 1e3 * (time.perf_counter() - begin), calls[0], reached
+
+    own = alternating_medians([ours], rounds, 1)[0]
+    methods = {"lm": "no bounds", "trf": "with the limits as bounds"}
+    runs = {method: [scipy(method) for _ in range(rounds)] for method in methods}
+    figures: dict[str, Any] = {}
+    for method, results in runs.items():
+        figures[f"scipy_{method}_ms"] = float(np.median([r[0] for r in results]))
+        figures[f"scipy_{method}_calls"] = results[0][1]
+        figures[f"scipy_{method}_reached"] = results[0][2]
+    good = [m for m in methods if figures[f"scipy_{m}_reached"]] or list(methods)
+    best = min(good, key=lambda m: figures[f"scipy_{m}_ms"])
+    reference = figures[f"scipy_{best}_ms"]
+    return {
+        "ratio": own / reference,
+        "ours_ms": own,
+        "reference_ms": reference,
+        "reference": (
+            f"scipy least_squares ({best}, {methods[best]}) with the same analytic Jacobian, compiled and dense, from "
+            f"the same start to the same cost {goal:.6g}; ours with the limits, the cloud's ordering included"
+        ),
+        **figures,
+    }
+
+
+STAGES: tuple[tuple[Loss, float, int, float], ...] = (
+    (UniformOutliers(0.2, 30.0), 0.004, 8, 1.0),
+    (UniformOutliers(0.2, 30.0), 0.001, 6, 0.0),
+    (UniformOutliers(0.2, 60.0), 0.0004, 6, 0.0),
+)
+"""E1's loss, its sigma [m], iterations, E2's weight: 20 iterations from a wide to a narrow class of inliers"""
+
+
+def cloud_recovery(seeds: int = 50) -> dict[str, Any]:
+    """Return the mean joint errors [mm] over seeds after 20 iterations: median, p90, and beside holes and outliers.
+
+    No escape from wrong fingers: p90 is what descent alone reaches.
+    """
+    plain = ((Quadratic(), SIGMA_M, 20, 0.0),)
+    runs = {
+        "quadratic": [_recovered(cloud_scene(seed), plain) for seed in range(seeds)],
+        "robust": [_recovered(cloud_scene(seed), STAGES) for seed in range(seeds)],
+        "robust_30_missing_20_outliers": [
+            _recovered(cloud_scene(seed, 0.3, 0.2), STAGES) for seed in range(seeds)
+        ],
+    }
+    figures: dict[str, Any] = {}
+    for name, errors in runs.items():
+        figures[f"{name}_median_mm"] = float(np.median(errors))
+        figures[f"{name}_p90_mm"] = float(np.quantile(errors, 0.9))
+    return figures
+
+
+def _recovered(scene: CloudScene, stages: tuple[tuple[Loss, float, int, float], ...]) -> float:
+    """Return the mean joint error [mm] after the stages."""
+    cloud, params = prepare_cloud(scene.points), scene.start
+    for loss, sigma, iterations, emptiness in stages:
+        terms: list[Any] = [CloudDistanceTerm(cloud, scene.surface, sigma, loss)]
+        if emptiness:
+            mesh = surface_mesh(scene.surface, scene.model.bones(params), 0.005)
+            terms.append(
+                CloudEmptinessTerm.at_start(
+                    scene.points, mesh, weight=emptiness, loss=GemanMcClure(5.0)
+                )
+            )
+        params = solve(
+            Problem(scene.model, terms), params, SolverSettings(iterations=iterations)
+        ).params
+    found, true = (scene.model.keypoints21(scene.model.bones(p)) for p in (params, scene.truth))
+    return mean_mm(found, true)
+
+
+class DenseCloud:
+    """E1 as a general solver wants it: residuals (N,) and their Jacobian (N, P) at parameters (P,)."""
+
+    def __init__(self, scene: CloudScene) -> None:
+        self.scene = scene
+        self.points = np.ascontiguousarray(scene.points)
+
+    def residual(self, params: Floats[P]) -> Floats[N]:
+        return self._rows(params, False)[0]
+
+    def jacobian(self, params: Floats[P]) -> Floats[N, P]:
+        return self._rows(params, True)[1] @ self.scene.model.transform.matrix
+
+    def _rows(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:
+        surface = self.scene.surface
+        bones, twist, _ = self.scene.model.linearize(params)
+        residual = np.empty(len(self.points))
+        jacobian = np.empty((len(self.points) if want_jacobian else 0, twist.shape[2]))
+        start, members = surface.links
+        dense_rows(
+            self.points, surface.posed(bones), surface.ellipsoids.bone, start, members, surface.sharpness,
+            surface.turning_level, SIGMA_M, bones.reference, twist, want_jacobian, residual, jacobian,
+        )  # fmt: skip
+        return residual, jacobian
+
+
+class _ReachedError(Exception):
+    """The cost aimed at was reached."""
+
+
+if __name__ == "__main__":
+    chosen = {
+        "iteration": measure_iteration,
+        "lm_iteration": measure_lm_iteration,
+        "solve": measure_solve,
+        "recovery": cloud_recovery,
+    }
+    print(json.dumps(chosen[sys.argv[1]]()))

@@ -1,0 +1,166 @@
+"""Benchmarks: whole frames as the tracker solves them, after decoding, and what a second core brings."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from handtrack.bench.measuring import (
+    Timing,
+    alone,
+    alternating_timings,
+    normal_equations,
+    ratio_figures,
+    recording,
+)
+from handtrack.errors import HandtrackError
+from handtrack.model.model_file import load_model
+from handtrack.session.bundled import bundled_session
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.state import TrackerState
+
+FRAMES = 60
+"""of the bundled recording; `webxr_depth_640` has fewer"""
+_AFTER = 3
+"""the first frames are left out: nothing vouches for them yet, and kernels are loaded"""
+_MODULE = "handtrack.bench.frames"
+
+
+def frame_vs_blas() -> dict[str, Any]:
+    """Return the median time of a frame of the bundled recording, after decoding."""
+    return alone(_MODULE, "frame")
+
+
+def frame_p99_vs_median() -> dict[str, Any]:
+    """Return how much longer the slowest frames take than the usual one, by the clock, on all cores, as a user meets
+    them: from one solved frame to the next, reading and searches beside, those that a search has solved anew among them.
+    """
+    return json.loads(_child("p99", {}))
+
+
+def cloud_frame_vs_blas() -> dict[str, Any]:
+    """Return the median time of a frame of `webxr_depth_640`, after its cloud was measured."""
+    return alone(_MODULE, "cloud_frame")
+
+
+def two_cores() -> dict[str, Any]:
+    """Return the time of one recording on two cores, by the clock, the reference being one core."""
+    times: dict[str, list[float]] = {"1": [], "2": []}
+    for _ in range(3):
+        for threads, kept in times.items():
+            kept.append(json.loads(_child("whole", {"HANDTRACK_THREADS": threads}))["seconds"])
+    one, two = (Timing(1e3 * float(np.median(times[n])), 1e3 * min(times[n])) for n in ("1", "2"))
+    return ratio_figures(
+        two, [one], f"{FRAMES} frames of the bundled recording with HANDTRACK_THREADS=1"
+    )
+
+
+def _child(what: str, environment: dict[str, str]) -> str:
+    """Return what a fresh process says; BLAS has one thread there, we may have more."""
+    single = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
+    done = subprocess.run(
+        [sys.executable, "-m", _MODULE, what], env=os.environ | single | environment,
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return done.stdout.splitlines()[-1]
+
+
+def frame_times(session: Session, values: dict[str, object], count: int) -> tuple[list[float], int]:
+    """Return each frame's time [ms] of the calling thread, searches included, what is seen being decoded before; and the
+    pixels, or points, that the model is compared with in the middle frame.
+    """
+    run = TrackingRun.open(session, {"model.fit_size": False} | values)
+    start, params = run.initial()
+    tracker, state = run.tracker, TrackerState.beginning_at(params)
+    own, rows = [], 0
+    for frame in range(start, min(start + count, session.frame_count)):
+        seen = run.observation(frame, tracker.expected_bones(state, frame))
+        begun = time.thread_time()
+        state, result = tracker.step(state, seen)
+        own.append(1e3 * (time.thread_time() - begun))
+        if frame == start + count // 2:
+            bones = run.model.bones(run.model.transform.solver_params(result.parameters))
+            overlap = outline_overlap(seen.silhouettes, run.model.flesh["fine"], bones)
+            rows = len(seen.cloud) if seen.cloud is not None else int(overlap.model.sum())
+    return own[_AFTER:], rows
+
+
+def times_between_frames(session: Session, values: dict[str, object], count: int) -> list[float]:
+    """Return the time [ms] by the clock from each solved frame to the next one."""
+    run = TrackingRun.open(session, {"model.fit_size": False} | values)
+    start, params = run.initial()
+    frames = range(start, min(start + count, session.frame_count))
+    at: list[float] = []
+    control = Control(on_early=lambda _: at.append(time.perf_counter()))
+    for _ in run.track_with(control, frames, start, params):
+        pass
+    return [1e3 * float(t) for t in np.diff(at)[_AFTER:]]
+
+
+def measure(what: str) -> dict[str, Any]:
+    """Return a benchmark's figures, measured in this process; call with one BLAS thread."""
+    if what == "whole":
+        run = TrackingRun.open(Session.open(bundled_session()), {"model.fit_size": False})
+        start, params = run.initial()
+        begun = time.perf_counter()
+        count = sum(1 for _ in run.track(range(start, start + FRAMES), start, params))
+        return {"seconds": time.perf_counter() - begun, "frames": count}
+    if what == "p99":
+        return _slowest()
+    is_cloud = what == "cloud_frame"
+    session = recording("webxr_depth_640") if is_cloud else Session.open(bundled_session())
+    values: dict[str, object] = {"silhouettes.weight": 0.0} if is_cloud else {}
+    own, rows = frame_times(session, values, FRAMES)
+    width = len(load_model().transform.names)
+    blas = alternating_timings(normal_equations(rows, width), 30)
+    what_rows = (
+        "the cloud's points" if is_cloud else "the pixels that the model covers in a middle frame"
+    )
+    words = f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian ({what_rows}), the quicker of two layouts"
+    median = float(np.median(own))
+    best = min(blas, key=lambda timing: timing.least)
+    return {
+        "ratio": median / best.median,
+        "ours_ms": median,
+        "reference_ms": best.median,
+        "ours_mean_ms": float(np.mean(own)),
+        "ours_least_ms": min(own),
+        "frames": len(own),
+        "reference": words + "; one thread works, searches included",
+    }  # fmt: skip
+
+
+def _slowest() -> dict[str, Any]:
+    figures: dict[str, Any] = {}
+    sessions: dict[str, tuple[Session, dict[str, object]]] = {
+        "bundled": (Session.open(bundled_session()), {})
+    }
+    try:
+        sessions["webxr_depth_640"] = recording("webxr_depth_640"), {"silhouettes.weight": 0.0}
+    except HandtrackError:
+        figures["webxr_depth_640"] = "the shared test data is not here"
+    for name, (session, values) in sessions.items():
+        clock = times_between_frames(session, values, FRAMES)
+        figures |= {
+            f"{name}_median_ms": float(np.median(clock)),
+            f"{name}_p99_ms": float(np.percentile(clock, 99)),
+            f"{name}_ratio": float(np.percentile(clock, 99) / np.median(clock)),
+        }
+    ratios = [value for key, value in figures.items() if key.endswith("_ratio")]
+    return {
+        "ratio": max(ratios),
+        "reference": "the median frame; the larger of both recordings",
+    } | figures
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(sys.argv[1])))

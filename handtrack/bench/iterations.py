@@ -1,0 +1,100 @@
+"""Benchmarks: whole Levenberg-Marquardt iterations on silhouettes beside BLAS, and how they grow with pixels."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from handtrack.bench.measuring import (
+    Timing,
+    alone,
+    alternating_timings,
+    normal_equations,
+    ratio_figures,
+)
+from handtrack.bench.three_views import WIDE_PX, ThreeViews
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+
+_TEN = SolverSettings(iterations=10, cost_tolerance=0.0, step_tolerance=0.0)
+_REFERENCE = "BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian (the pixels that the model covers), the quicker of two layouts"
+_MODULE = "handtrack.bench.iterations"
+
+
+def lm_iteration_vs_blas() -> dict[str, Any]:
+    """Return the time of a complete iteration: linearisation, bounded step, limits, trials; rows as far apart as in tracking."""
+    return alone(_MODULE, "lm_iteration")
+
+
+def ten_iterations_vs_blas() -> dict[str, Any]:
+    """Return the time of ten of them, with preparing the masks before."""
+    return alone(_MODULE, "ten_iterations")
+
+
+def pixels_64x() -> dict[str, Any]:
+    """Return by how much an iteration takes longer with 64 times the pixels."""
+    return alone(_MODULE, "pixels_64x")
+
+
+def pixels_64x_prepare() -> dict[str, Any]:
+    """Return the same of preparing the masks."""
+    return alone(_MODULE, "pixels_64x_prepare")
+
+
+def measure(what: str, rounds: int = 40) -> dict[str, Any]:
+    """Return a benchmark's figures, measured in this process; call with one BLAS thread."""
+    if what.startswith("pixels"):
+        return _growth(what, rounds)
+    scene = ThreeViews.of()
+    rows, width = scene.rows(), len(scene.start)
+    seen = scene.prepared()
+    problems = scene.problem(seen), scene.problem(seen, all_rows=True)
+    _ = [problem.compiled for problem in problems]
+
+    def ten(problem: Problem) -> int:
+        return solve(problem, scene.start, _TEN).iterations
+
+    shares = [1, 1]
+    chosen: list[Callable[[], int]] = [
+        lambda: ten(scene.problem(scene.prepared())),
+        lambda: ten(scene.problem(scene.prepared(), all_rows=True)),
+    ]
+    if what == "lm_iteration":
+        shares = [ten(problem) for problem in problems]
+        chosen = [lambda: ten(problems[0]), lambda: ten(problems[1])]
+    timings = alternating_timings([*chosen, *normal_equations(rows, width)], rounds)
+    ours, of_all = (
+        Timing(timing.median / share, timing.least / share)
+        for timing, share in zip(timings, shares, strict=False)
+    )
+    figures = ratio_figures(ours, timings[2:], _REFERENCE.format(rows=rows, width=width))
+    of_all_rows = of_all.least / figures["reference_ms"]
+    return figures | {"ratio_with_all_rows": of_all_rows, "iterations": chosen[0]()}
+
+
+def _growth(what: str, rounds: int) -> dict[str, Any]:
+    """Return the time with images 8 times as wide and high, the reference being that of 320 × 240.
+
+    The band keeps its width in the world, so it is 8 times as many pixels, as in tracking; rows are as far apart as there.
+    """
+    few, many = ThreeViews.of((320, 240)), ThreeViews.of((2560, 1920))
+    if what == "pixels_64x_prepare":
+        small, large = few.prepared, many.prepared
+    else:
+        seen = few.prepared(), many.prepared()
+        problems = few.problem(seen[0], WIDE_PX / 2), many.problem(seen[1], WIDE_PX * 4)
+        starts = few.start, many.start
+        small, large = (
+            lambda problem=problem, start=start: problem.linearize(start)
+            for problem, start in zip(problems, starts, strict=True)
+        )
+    ours, reference = alternating_timings([large, small], rounds // 2)
+    return ratio_figures(
+        ours, [reference], "the same with 3 × 320 × 240 pixels instead of 2560 × 1920"
+    )
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure(sys.argv[1])))

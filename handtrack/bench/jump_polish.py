@@ -1,0 +1,116 @@
+"""Benchmark: time to polish 1024 starts of a monocular body, beside scipy's least_squares."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from handtrack.arrays import Floats, P, R
+from handtrack.bench.jump_polish_kernels import image_rows
+from handtrack.bench.measuring import alone
+from handtrack.sampling.diffusion import covariance_scaled, projected
+from handtrack.sampling.keypoint_kernels import workspace
+from handtrack.sampling.keypoint_problem import keypoint_problem
+from handtrack.simulation.scenes.jump_scene import JumpScene, full_scene
+from handtrack.terms.priors.priors import GaussianPrior
+
+STARTS, SUBSET, SCALE = 1024, 48, 4.0
+_SAME = 1e-4
+"""costs closer than this are the same minimum"""
+
+
+def jump_polish_1024() -> dict[str, Any]:
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
+    return alone("handtrack.bench.jump_polish")
+
+
+def measure(starts: int = STARTS, subset: int = SUBSET) -> dict[str, Any]:
+    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
+    scene = full_scene(collision=False)
+    drawn = covariance_scaled(
+        scene.start, scene.covariance, SCALE, starts, np.random.default_rng(0)
+    )
+    drawn = projected(scene.model, drawn)
+    scene.polished(drawn[:1])
+    dense = DenseKeypoints(scene)
+    dense.jacobian(drawn[0])
+    dense.residual(drawn[0])
+    begin = time.process_time()
+    ours = scene.polished(drawn)
+    own = 1e3 * (time.process_time() - begin)
+    bounds = scene.model.bounds(scene.start)
+    low, high = bounds[:, 0] - 1e-9, bounds[:, 1] + 1e-9
+
+    def scipy(method: str, **limits: Any) -> tuple[list[Any], float]:
+        given: Any = {"jac": dense.jacobian, "method": method, "x_scale": "jac"} | limits
+        begin = time.process_time()
+        ends = [
+            least_squares(
+                dense.residual, start, ftol=1e-10, xtol=1e-10, gtol=1e-10, max_nfev=500, **given
+            )
+            for start in drawn[:subset]
+        ]
+        return ends, 1e3 * (time.process_time() - begin) * starts / subset
+
+    ends, reference = scipy("trf", bounds=(low, high))
+    _, without_limits = scipy("lm")
+    bounded, reference = reference, min(reference, without_limits)
+    costs = np.array([end.cost for end in ends])
+    return {
+        "ratio": own / reference,
+        "ours_ms": own,
+        "reference_ms": reference,
+        "reference": (
+            f"processor time of one thread; scipy least_squares (the quicker of trf, limits as bounds, and lm without limits) with the same analytic Jacobian, compiled and dense, on {subset} of "
+            f"the starts, scaled to {starts}; covariance-scaled starts (scale {SCALE:g}) of body34, "
+            f"{len(scene.seen.names)} image joints, priors, no collisions"
+        ),
+        "ours_converged": float(ours.is_minimum.mean()),
+        "ours_iterations_median": float(np.median(ours.iterations)),
+        "ours_lower_or_same": float((ours.cost[:subset] <= costs + _SAME).mean()),
+        "same_minimum": float((np.abs(ours.cost[:subset] - costs) <= _SAME).mean()),
+        "scipy_trf_ms": bounded,
+        "scipy_lm_without_limits_ms": without_limits,
+        "scipy_converged": float(np.mean([end.status > 0 for end in ends])),
+        "scipy_calls_median": float(np.median([end.nfev for end in ends])),
+    }
+
+
+class DenseKeypoints:
+    """The scene as a general solver wants it: residuals and their Jacobian at parameters (P,)."""
+
+    def __init__(self, scene: JumpScene) -> None:
+        self.problem = keypoint_problem(scene.model, [scene.seen])
+        self.space = workspace(self.problem)
+        rows, means = [], []
+        for prior in scene.priors.joints:
+            assert isinstance(prior, GaussianPrior)
+            known = np.flatnonzero(np.isfinite(prior.sigma))
+            rows.append(np.eye(len(prior.sigma))[known] / prior.sigma[known, None])
+            means.append(prior.mean[known] / prior.sigma[known])
+        self.prior_rows, self.prior_means = np.concatenate(rows), np.concatenate(means)
+        self.count = 2 * len(self.problem.camera)
+
+    def residual(self, params: Floats[P]) -> Floats[R]:
+        """Return image joints [px], then priors [standard deviations]."""
+        return np.concatenate(
+            [self._image(params, False)[0], self.prior_rows @ params - self.prior_means]
+        )
+
+    def jacobian(self, params: Floats[P]) -> Floats[R, P]:
+        """Return the residual's derivative by solver parameters."""
+        return np.concatenate([self._image(params, True)[1], self.prior_rows])
+
+    def _image(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:
+        residual = np.empty(self.count)
+        jacobian = np.empty((self.count if want_jacobian else 0, len(params)))
+        image_rows(self.problem, params, self.space, want_jacobian, residual, jacobian)
+        return residual, jacobian
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure()))

@@ -1,0 +1,41 @@
+"""Benchmark: time of one Gauss-Newton iteration on silhouettes, beside BLAS on the dense Jacobian."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from handtrack.bench.measuring import alone, alternating_medians, normal_equations
+from handtrack.bench.three_views import ThreeViews
+
+
+def silhouette_iteration_vs_blas() -> dict[str, Any]:
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
+    return alone("handtrack.bench.silhouette_speed")
+
+
+def measure(rounds: int = 60) -> dict[str, Any]:
+    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
+    scene = ThreeViews.of()
+    rows, width = scene.rows(), len(scene.start)
+    problem = scene.problem(scene.prepared(), all_rows=True)
+    ours, *reference = alternating_medians(
+        [lambda: problem.linearize(scene.start), *normal_equations(rows, width)], rounds
+    )
+    best = min(reference)
+    camera, flesh = scene.silhouettes[0].camera, scene.model.flesh["fine"]
+    return {
+        "ratio": ours / best,
+        "ours_ms": ours,
+        "reference_ms": best,
+        "reference": (
+            f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian (the pixels that the model covers), the "
+            "quicker of two memory layouts; ours: kinematics, conics, derivatives, sums and assembly, "
+            f"{len(scene.silhouettes)} cameras {camera.size[0]} × {camera.size[1]}, "
+            f"{len(flesh)} ellipsoids, widest band"
+        ),
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure()))

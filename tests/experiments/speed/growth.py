@@ -1,0 +1,108 @@
+"""Benchmark: how time, memory and files grow with cameras, points and frames, each beside a smaller number of them."""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.bench.cloud_speed import SIGMA_M, cloud_scene
+from handtrack.bench.measuring import alone, alternating_timings, ratio_figures
+from handtrack.bench.three_views import ThreeViews
+from handtrack.session.bundled import bundled_session
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.takes.take_about import about_take
+from handtrack.solver.problem import Problem
+from handtrack.store.store import Store, WritableStore
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.tracking.state import TrackerState
+from tests.experiments.workbench.long_recordings import opened
+
+_MODULE = "tests.experiments.speed.growth"
+_FRAMES = (1_000, 20_000)
+
+
+def growth() -> dict[str, Any]:
+    """Return by how much an iteration takes longer with 12 cameras instead of 3, with 100,000 points instead of 10,000, and
+    what a stored frame and the workbench cost with 20,000 frames, and before, with 1,000.
+    """
+    figures = alone(_MODULE, "cameras")
+    points = alone(_MODULE, "points")
+    figures |= {"points_10x_ratio": points["ratio"], "points_10x_ms": points["ours_ms"]}
+    few, many = (alone(_MODULE, "frames", str(count)) for count in _FRAMES)
+    for name, value in many.items():
+        figures |= {f"frames_20x_{name}": value, f"frames_20x_{name}_ratio": value / few[name]}
+    for words, truth in (("", False), ("_with_truth", True)):
+        few, many = (opened(count, truth) for count in _FRAMES)
+        for name, value in many.items():
+            figures[f"workbench{words}_20x_{name}"] = value
+            figures[f"workbench{words}_20x_{name}_before"] = few[name]
+    return figures
+
+
+def cameras(rounds: int = 20) -> dict[str, Any]:
+    """Return an iteration's time with 12 cameras, the reference being 3."""
+    scenes = [ThreeViews.of(cameras=count) for count in (12, 3)]
+    problems = [(scene.problem(scene.prepared()), scene.start) for scene in scenes]
+    ours, reference = alternating_timings(
+        [lambda p=problem, x=start: p.linearize(x) for problem, start in problems], rounds
+    )
+    return ratio_figures(ours, [reference], "the same with 3 cameras of 640 × 480 instead of 12")
+
+
+def points(rounds: int = 20) -> dict[str, Any]:
+    """Return an iteration's time with 100,000 points, the reference being 10,000."""
+    scene = cloud_scene(1)
+    noise = 1e-3 * np.random.default_rng(2).normal(size=(10, *scene.points.shape))
+    clouds = (scene.points + noise).reshape(-1, 3), scene.points
+    problems = [
+        Problem(scene.model, [CloudDistanceTerm(prepare_cloud(cloud), scene.surface, SIGMA_M)])
+        for cloud in clouds
+    ]
+    ours, reference = alternating_timings(
+        [lambda p=problem: p.linearize(scene.start) for problem in problems], rounds
+    )
+    return ratio_figures(ours, [reference], "the same with 10,000 points")
+
+
+def frames(count: int) -> dict[str, float]:
+    """Return what a take of so many frames costs to write, to list and to read, and the memory that it takes at most."""
+    run = TrackingRun.open(Session.open(bundled_session()), {"model.fit_size": False})
+    start, params = run.initial()
+    state, _ = run.tracker.step(TrackerState.beginning_at(params), run.observation(start))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        begun = time.process_time()
+        with WritableStore(folder, "handtrack bench") as store:
+            take = store.begin(about_take(run, "handtrack bench", range(count), start, params))
+            for frame in range(count):
+                take.add(replace(state.step, result=replace(state.step.result, frame=frame)))
+            take.finish()
+        written = time.process_time()
+        (found,) = Store(folder).takes()
+        assert len(found.frames) == count
+        listed, size = time.process_time(), found.bytes
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        found.track()
+        read = time.process_time()
+    return {
+        "write_ms_a_frame": 1e3 * (written - begun) / count,
+        "list_ms_a_frame": 1e3 * (listed - written) / count,
+        "read_ms_a_frame": 1e3 * (read - listed) / count,
+        "bytes_a_frame": size / count,
+        "memory_mb_to_write_and_list": max((peak - before) / 1024, 0.1),
+    }
+
+
+if __name__ == "__main__":
+    work = {"cameras": cameras, "points": points, "frames": lambda: frames(int(sys.argv[2]))}
+    print(json.dumps(work[sys.argv[1]]()))

@@ -1,0 +1,78 @@
+"""Benchmark: refining a recording as a whole, by its length: processor seconds a frame, and memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from handtrack.bench.measuring import alone
+from handtrack.model.kinematics import BonePoses
+from handtrack.observation.observation import Observation
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.tracking.sequence import refine_recording
+from handtrack.tracking.size.person import OpenPerson
+
+_MODULE = "tests.experiments.speed.whole_length"
+_LENGTHS = "HANDTRACK_LENGTHS"
+"""the environment's name for frames, such as `1000 10000`; 10,000 take most of an hour"""
+_USUAL = "250 500 1000"
+_MADE = 50
+"""frames that are made; they come again, to and fro, each with masks of its own"""
+_MB = 1024.0
+
+
+def whole_length() -> dict[str, Any]:
+    """Return seconds of the processor a frame and the memory's peak [MB] of each length, masks of three cameras.
+
+    The ratio is of seconds a frame, the longest beside the shortest.
+    """
+    figures: dict[str, Any] = {}
+    lengths = [int(word) for word in os.environ.get(_LENGTHS, _USUAL).split()]
+    with tempfile.TemporaryDirectory() as folder:
+        simulate(Path(folder), Simulation(frames=_MADE, images=False))
+        for length in lengths:
+            figures |= alone(_MODULE, folder, str(length))
+    first, last = (figures[f"frames_{n}_ms_a_frame"] for n in (lengths[0], lengths[-1]))
+    more = figures[f"frames_{lengths[-1]}_mb"] - figures[f"frames_{lengths[0]}_mb"]
+    return {
+        "ratio": last / first,
+        "reference": f"the same of {lengths[0]} frames",
+        "kb_a_frame": 1e3 * more / max(lengths[-1] - lengths[0], 1),
+    } | figures
+
+
+def _measure(folder: Path, length: int) -> dict[str, float]:
+    run = TrackingRun.open(Session.open(folder), {"tracker.estimate": "forward"})
+    live = {result.frame: result for result in run.track(range(_MADE), *run.initial())}
+    way = np.concatenate([np.arange(_MADE), np.arange(_MADE)[::-1]])
+
+    def observe(frame: int, bones: BonePoses | None) -> Observation:
+        seen = run.observation(int(way[frame % len(way)]), bones)
+        own = tuple(replace(one, mask=one.mask.copy()) for one in seen.silhouettes)
+        return replace(seen, frame=frame, time_s=frame / run.session.fps, silhouettes=own)
+
+    tracked = [
+        replace(live[int(way[n % len(way)])], frame=n, time_s=n / run.session.fps)
+        for n in range(length)
+    ]
+    who = OpenPerson(lambda scale: run.with_scale(scale).model)
+    began = time.process_time()
+    refine_recording(run.tracker, observe, tracked, who=who)
+    seconds = time.process_time() - began
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB
+    return {f"frames_{length}_ms_a_frame": 1e3 * seconds / length, f"frames_{length}_mb": peak}
+
+
+if __name__ == "__main__":
+    print(json.dumps(_measure(Path(sys.argv[1]), int(sys.argv[2]))))

@@ -1,0 +1,122 @@
+"""Benchmark: a real hand marked by a person, tracked from its images alone, against robust triangulation of the same detected joints.
+
+Data: marked_real_5cam and the hand detector's weights of the shared test data (HANDTRACK_DATA). Joints are detected, then first pose, size and the
+detector's offsets are found and the hand is tracked as `handtrack detect --write` and `handtrack track SESSION --init auto` do; the marks are not in
+the session. Compared are the points that two cameras see: the reference has no others. Figures are those of `handtrack evaluate`; the reference's
+constant offsets are in the bones of the hand tracked by joints.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import D3, D21, F, Floats
+from handtrack.bench.measuring import data_folder
+from handtrack.detector.hand_detector import HandDetector
+from handtrack.diagnostics.metrics import evaluate
+from handtrack.files.toml_edit import edit_toml
+from handtrack.geometry.triangulation import robustly_triangulated
+from handtrack.model.articulated import keypoint_names
+from handtrack.session.detection import JointDetection, session_changes
+from handtrack.session.formats.truth import Truth
+from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
+from handtrack.session.session import Session
+from handtrack.tracking.frame.result import TrackResult
+from tests.experiments.silhouettes.four_cameras import tracked_alone
+
+RECORDING = "marked_real_5cam"
+SCALE_PX = 3.0
+"""of the reference's loss; joints are not weighted by the detector's confidences"""
+USES: Mapping[str, dict[str, object]] = {
+    "joints": {"silhouettes.weight": 0.0, "cloud.weight": 0.0},
+    "joints_clouds": {"silhouettes.weight": 0.0},
+    "everything": {},
+}
+"""settings; by joints alone tracking has the reference's input"""
+_SHOWN = {
+    "mm": "mpjpe_mm",
+    "median_mm": "mpjpe_median_mm",
+    "offset_free_mm": "offset_free_mm",
+    "flexion_deg": "flexion_deg",
+    "jitter_mm": "jitter_mm",
+}
+"""of `evaluate`'s figures, by what they are called here"""
+
+
+def triangulated_landmarks() -> dict[str, object]:
+    """Return figures of tracked landmarks and joint centres, and of triangulated points; ratio: of mean errors, by joints alone."""
+    tracks: dict[str, TrackResult] = {}
+    with tempfile.TemporaryDirectory() as place:
+        session, truth = detected_session(Path(place) / RECORDING)
+        points = triangulated_points(session)[truth.frame]
+        for use, settings in USES.items():
+            person = tracked_alone(session, session.frame_range, settings)
+            tracks[use] = person.run.with_scale(person.model.scale).result(person.refined)
+    assert truth.keypoints21 is not None
+    common = np.where(np.isfinite(points), truth.keypoints21, np.nan)
+    seen = replace(truth, keypoints21=common)
+    figures: dict[str, object] = {}
+    for use, track in tracks.items():
+        definition = track.landmark_definition
+        assert definition is not None, "joints were detected by two cameras"
+        figures |= _figures(f"{use}_landmarks", track.in_landmarks(definition), seen)
+        figures |= _figures(f"{use}_centres", track, seen)
+    by_joints = tracks["joints"].between(range(truth.frame[0], truth.frame[-1] + 1))
+    figures |= _figures("triangulated", replace(by_joints, keypoints21=points), seen)
+    ours, reference = figures["joints_landmarks_mm"], figures["triangulated_mm"]
+    assert isinstance(ours, float) and isinstance(reference, float)
+    head = {
+        "ratio": ours / reference,
+        "ours_mm": ours,
+        "reference_mm": reference,
+        "reference": f"robust triangulation, Cauchy {SCALE_PX:g} px, without confidences",
+        "points": int(np.isfinite(common).all(axis=2).sum()),
+    }
+    return head | figures
+
+
+def detected_session(folder: Path) -> tuple[Session, Truth]:
+    """Return the recording with its detected joints, written to a new folder, and the marks, which are not in it."""
+    shutil.copytree(data_folder() / "sessions" / RECORDING, folder, copy_function=shutil.copyfile)
+    truth = Session.open(folder).truth
+    assert truth is not None
+    for name in (TRUTH_FILE, INIT_FILE):
+        (folder / name).unlink()
+    session = Session.open(folder)
+    detector = HandDetector.open(data_folder() / "hand_detector" / "hand_landmarker.task")
+    detection = JointDetection(session, detector)
+    for frame in session.frame_range:
+        detection.step(frame)
+    where = [row.camera for row in detection.write() if row.found]
+    edit_toml(folder / SESSION_FILE, session_changes(session, where), "a session's settings")
+    return Session.open(folder), truth
+
+
+def triangulated_points(session: Session) -> Floats[F, D21, D3]:
+    """Return the detected joints in space, world [m]; NaN where fewer than two cameras see one."""
+    names, points = keypoint_names(), []
+    views = [view for view in session.views if view.keypoint_files is not None]
+    cameras = [view.camera.without_distortion() for view in views]
+    for frame in session.frame_range:
+        pixels = np.full((len(views), len(names), 2), np.nan)
+        for row, view in enumerate(views):
+            for joints in view.keypoints(frame, 1.0):
+                known = np.flatnonzero(np.isfinite(joints.pixels).all(axis=1))
+                columns = [names.index(joints.names[k]) for k in known]
+                pixels[row, columns] = joints.pixels[known]
+        points.append(robustly_triangulated(cameras, pixels, SCALE_PX))
+    return np.array(points)
+
+
+def _figures(name: str, track: TrackResult, truth: Truth) -> dict[str, object]:
+    found = evaluate(track, truth)
+    thumb = [found[f"flexion_thumb_{joint}_deg"] for joint in ("cmc", "mcp", "ip")]
+    shown: dict[str, object] = {f"{name}_{k}": found[figure] for k, figure in _SHOWN.items()}
+    known = [float(angle) for angle in thumb if angle is not None]
+    return shown | {f"{name}_thumb_flexion_deg": float(np.mean(known))}
