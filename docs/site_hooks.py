@@ -21,10 +21,11 @@ _ELSEWHERE = {
 
 def public_names() -> dict[str, str]:
     """Return where each public name of `handtrack` is defined: its module's path and its own."""
-    tree = ast.parse((_REPOSITORY / "handtrack" / "__init__.py").read_text(encoding="utf-8"))
-    tables = [n for n in ast.walk(tree) if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "_MODULES"]  # fmt: skip
-    modules = ast.literal_eval(tables[0].value)
-    return {name: f"handtrack.{module}.{name}" for name, module in modules.items()}
+    tree = ast.parse((_REPOSITORY / "handtrack" / "__init__.pyi").read_text(encoding="utf-8"))
+    imports = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+    return {
+        name.name: f"handtrack.{one.module}.{name.name}" for one in imports for name in one.names
+    }
 
 
 def api_page() -> str:

@@ -1,0 +1,31 @@
+"""The public names; what each is for: docs/library.md."""
+
+from .capture.calibration.formats.read_cameras import read_cameras as read_cameras
+from .capture.clouds.point_cloud import PointCloud as PointCloud
+from .diagnostics.metrics import evaluate as evaluate
+from .errors import HandtrackError as HandtrackError
+from .export.tables.csv_wide import write_csv as write_csv
+from .geometry.camera import Camera as Camera
+from .geometry.camera import CameraRig as CameraRig
+from .model.articulated import ArticulatedModel as ArticulatedModel
+from .model.articulated import HandScale as HandScale
+from .model.model_file import load_model as load_model
+from .observation.observation import ImageKeypoints as ImageKeypoints
+from .observation.observation import Keypoints as Keypoints
+from .observation.observation import Observation as Observation
+from .observation.observation import Silhouette as Silhouette
+from .session.bundled import bundled_session as bundled_session
+from .session.formats.tables import read_npz as read_npz
+from .session.formats.tables import write_npz as write_npz
+from .session.run import TrackingRun as TrackingRun
+from .session.session import Session as Session
+from .terms.joint_position_term import JointPositionTerm as JointPositionTerm
+from .tracking.find_pose import FoundPose as FoundPose
+from .tracking.find_pose import find_pose as find_pose
+from .tracking.frame.result import FrameResult as FrameResult
+from .tracking.frame.result import Status as Status
+from .tracking.frame.result import TrackResult as TrackResult
+from .tracking.frame.settings import TrackerSettings as TrackerSettings
+from .tracking.state import TrackerState as TrackerState
+from .tracking.track import track as track
+from .tracking.tracker import Tracker as Tracker
