@@ -1,10 +1,14 @@
-"""Errors beside a constant offset, which two definitions of the same point have: fitted on one half of the frames, applied to the other."""
+"""Errors beside a constant offset, which two definitions of the same point have, and which frames are wrong by them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, F, Floats, N
+from handtrack.arrays import D3, D21, Array, Axes, F, Floats, J, N
+
+WRONG_M = 0.025
+"""a hand's frame is wrong where one of its 21 keypoints is further off than that beside its constant offset (`without_offsets`): about
+a finger's breadth and a half, another finger's place"""
 
 
 def beside_other_half(errors: Floats[F, *Axes]) -> Floats[F, *Axes]:
@@ -25,6 +29,41 @@ def offset_free_errors(
     """
     own = np.einsum("fnji,fnj->fni", turns, truth - found)
     return np.linalg.norm(beside_other_half(own), axis=2)
+
+
+def without_offsets(found: Floats[F, D21, D3], truth: Floats[F, D21, D3]) -> Floats[F, D21, D3]:
+    """Return a hand's errors, in the world, beside each keypoint's median over all frames in the frame of its true bone, in their unit.
+
+    All frames, other than in `offset_free_errors`: a finger that is wrong in half of one half would make the other half's frames wrong.
+    """
+    turns = bone_frames(truth)
+    own = np.einsum("fjab,fja->fjb", turns, found - truth)
+    return np.einsum("fjab,fjb->fja", turns, own - _median(own))
+
+
+def wrong_frames(found: Floats[F, D21, D3], truth: Floats[F, D21, D3]) -> Array[F]:
+    """Return which frames of a hand are wrong (`WRONG_M`); points in metres, NaN where unknown."""
+    off = np.linalg.norm(without_offsets(found, truth), axis=2)
+    return np.where(np.isfinite(off), off, 0.0).max(axis=1) > WRONG_M
+
+
+def bone_frames(points: Floats[F, D21, D3]) -> Floats[F, J, D3, D3]:
+    """Return a frame (F, 21, 3, 3) for each of a hand's keypoints: along its bone, and across the hand."""
+    across, up = _unit(points[:, 5] - points[:, 17]), _unit(points[:, 9] - points[:, 0])
+    back = _unit(np.cross(across, up))
+    found = np.zeros((len(points), 21, 3, 3))
+    for j in range(21):
+        x, side = up, across
+        if j not in (0, 5, 9, 13, 17):
+            x = _unit(points[:, j] - points[:, 0 if j == 1 else j - 1])
+            side = across if j > 4 else back
+        y = _unit(side - x * (side * x).sum(axis=1, keepdims=True))
+        found[:, j] = np.stack([x, y, np.cross(x, y)], axis=-1)
+    return found
+
+
+def _unit(v: Floats[F, D3]) -> Floats[F, D3]:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
 
 
 def _median(values: Array[F, *Axes]) -> Floats[*Axes]:

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N
-from handtrack.diagnostics.constant_offsets import mean_size, offset_free_errors
+from handtrack.diagnostics.constant_offsets import mean_size, offset_free_errors, wrong_frames
 from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import JOINT_CENTRES, keypoint_names
@@ -51,6 +51,8 @@ class _Compared:
     """(T, N, 3, 3) [mm²]"""
     seen: Array
     """(T,) whether the frame was tracked, neither missing nor lost"""
+    sure: Array
+    """(T,) whether it is of high confidence, neither doubtful, missing nor lost"""
     turns: Floats | None
     """(T, N, 3, 3) bone → world of the bones that carry the points; None where the track does not say which these are"""
 
@@ -68,6 +70,9 @@ def evaluate(
 
     `offset_free` figures are beside each point's constant offset in its bone's frame, fitted on one half of the frames and
     applied to the other (`constant_offsets`): None where the track does not say how its model is built.
+
+    `wrong_frames`, of hands, have a keypoint more than 25 mm off beside its constant offset (`constant_offsets.WRONG_M`): of frames of low
+    confidence (doubtful, lost or missing) and of all.
 
     Last come how many frames of the truth and how many of their points were used, and of each joint.
 
@@ -94,6 +99,7 @@ def evaluate(
         "finger_swaps": _swaps(points, tips),
         **(flexion_errors(points.found, points.truth) if points.names == keypoint_names() else {}),
         **_position_errors(points, error),
+        **_wrong_frames(points),
         "frames_used": len(points.frame),
         "points_used": int(known.sum()),
         "points_unknown": int((~known).sum()),
@@ -161,6 +167,7 @@ def _compared(track: TrackResult, truth: TruthLike) -> _Compared:
         found,
         None if spread is None else 1e6 * spread[source],
         seen,
+        seen & (track.status[source] != Status.DOUBTFUL),
         None if turns is None else turns[source],
     )
 
@@ -217,6 +224,18 @@ def _position_errors(points: _Compared, error: Floats) -> dict[str, float | int 
         "offset_free_median_mm": float(np.median(known)) if len(known) else None,
         **{f"position_{name}_mm": mean_size(error[:, k]) for k, name in each},
         **{f"position_{name}_offset_free_mm": mean_size(beside[:, k]) for k, name in each},
+    }
+
+
+def _wrong_frames(points: _Compared) -> dict[str, float | int | None]:
+    """Return how many frames are wrong, how many are of low confidence, and how many are both."""
+    if points.names != keypoint_names():
+        return {}
+    wrong = wrong_frames(1e-3 * points.found, 1e-3 * points.truth)
+    return {
+        "wrong_frames": int(wrong.sum()),
+        "low_confidence_frames": int((~points.sure).sum()),
+        "wrong_low_confidence_frames": int((wrong & ~points.sure).sum()),
     }
 
 

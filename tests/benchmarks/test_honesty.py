@@ -47,9 +47,9 @@ def test_a_constant_offset_of_definition_is_nobody_s_error(rng):
         replace(first, frame=n, keypoints21=p, joint_positions=p)
         for n, p in enumerate(first.keypoints21 + rng.normal(0, 1e-4, (9, 21, 3)))
     ]
-    other = first.keypoints21 + 0.01
+    other = first.keypoints21 + 0.03
     found = compared(stacked(frames), np.tile(other, (9, 1, 1)))
-    assert found.off_mm.mean() == pytest.approx(17.3, abs=0.1)
+    assert not found.bad.any()
     assert found.inside.all()
 
 

@@ -58,6 +58,7 @@ def test_the_names_are_the_contracts_and_swaps(rng):
         *("offset_free_mm", "offset_free_median_mm"),
         *(f"position_{joint}_mm" for joint in keypoint_names()),
         *(f"position_{joint}_offset_free_mm" for joint in keypoint_names()),
+        *("wrong_frames", "low_confidence_frames", "wrong_low_confidence_frames"),
         *("frames_used", "points_used", "points_unknown"),
         *(f"used_{joint}" for joint in keypoint_names()),
     ]
@@ -90,6 +91,23 @@ def test_an_offset_that_stays_is_told_from_an_error_that_does_not():
     assert found["flexion_offset_free_deg"] == pytest.approx(np.rad2deg(0.06) / 15, abs=0.03)
     true[:, 7] = np.nan
     assert flexion_errors(points, true)["flexion_index_pip_deg"] is None
+
+
+def test_wrong_frames_are_so_beside_constant_offsets_and_counted_with_their_confidence(rng):
+    """Another definition of a knuckle, 40 mm away, is no error; a tip that is so in two frames is, and one of them says so."""
+    first = sample_frame(rng, 0)
+    assert first.keypoints21 is not None
+    truth = np.tile(first.keypoints21, (9, 1, 1))
+    frames = []
+    for n, points in enumerate(truth.copy()):
+        points[5] += 0.04
+        points[20] += 0.04 if n in (3, 4) else 0.0
+        status = Status.DOUBTFUL if n in (4, 7) else Status.TRACKED
+        frames.append(replace(first, frame=n, keypoints21=points, status=status))
+    found = evaluate(stacked(frames), Truth(np.arange(9), truth))
+    assert found["wrong_frames"] == 2
+    assert found["low_confidence_frames"] == 2
+    assert found["wrong_low_confidence_frames"] == 1
 
 
 def test_constant_offsets_come_from_the_other_half_of_the_frames():

@@ -1,7 +1,7 @@
 """Benchmark: recordings of other people's hands: do stated regions hold, is what is wrong called doubtful?
 
-HANDTRACK_HONESTY names a folder of sessions with truth, as `python -m tests.experiments.honesty.recordings` writes them from others'
-meshes; without it a few are simulated with handtrack's own hand in other proportions.
+HANDTRACK_HONESTY names a folder of sessions with truth, as `python -m tests.experiments.honesty.recordings` writes them from
+others' meshes; without it a few are simulated with handtrack's own hand in other proportions.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, D21, Array, F, Floats, J
+from handtrack.diagnostics.constant_offsets import WRONG_M, without_offsets
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
@@ -23,7 +24,6 @@ from handtrack.session.session import Session
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.result import Status, TrackResult
 
-BAD_MM = 25.0
 _CHI2_90 = 6.251388631170325  # 90 % of a 3D normal distribution lies within this squared distance
 _EDGES = np.array([0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0])
 
@@ -33,29 +33,26 @@ class Compared:
     """What a track says of itself, beside what is true of it."""
 
     off_mm: Floats[F, J]
-    """of the 21 keypoints"""
+    """of the 21 keypoints beside their constant offsets (`without_offsets`)"""
     inside: Array[F, J]
-    """whether each lies in its stated 90 % ellipsoid, constant offsets in its bone's frame taken out"""
+    """whether each so lies in its stated 90 % ellipsoid"""
     fist: Array[F]
     """the fingers are closed"""
     said: Array[F]
     """doubtful or lost"""
     probability: Floats[F]
-    """stated, that a joint is more than 25 mm off; 1 of a lost frame"""
+    """stated, that the frame is wrong; 1 of a lost frame"""
 
     @property
     def bad(self) -> Array[F]:
-        """Whether a joint is more than 25 mm off."""
-        return self.off_mm.max(axis=1) > BAD_MM
+        """Whether the frame is wrong, as `constant_offsets` defines it."""
+        return self.off_mm.max(axis=1) > 1e3 * WRONG_M
 
 
 def compared(track: TrackResult, truth: Floats[F, D21, D3]) -> Compared:
     """Return a hand's track beside the true keypoints of its frames [m]."""
     assert track.keypoints21 is not None
-    off = track.keypoints21 - truth
-    frames = _bone_frames(truth)
-    local = np.einsum("fjab,fja->fjb", frames, off)
-    free = np.einsum("fjab,fjb->fja", frames, local - np.median(local, axis=0))
+    free = without_offsets(track.keypoints21, truth)
     rows = [track.joint_names.index(name) for name in keypoint_names()]
     stated = np.linalg.solve(track.joint_covariance[:, rows], free[..., None])[..., 0]
     bends = [n.endswith("_flex") and not n.startswith("thumb") for n in track.parameter_names]
@@ -63,7 +60,7 @@ def compared(track: TrackResult, truth: Floats[F, D21, D3]) -> Compared:
     said = lost | (track.status == Status.DOUBTFUL)
     known = track.p_off_25mm if track.p_off_25mm is not None else np.full(len(track), np.nan)
     return Compared(
-        1e3 * np.linalg.norm(off, axis=2), (free * stated).sum(axis=2) < _CHI2_90,
+        1e3 * np.linalg.norm(free, axis=2), (free * stated).sum(axis=2) < _CHI2_90,
         track.parameters[:, bends].sum(axis=1) / 16.0 > 0.6, said, np.where(lost, 1.0, known),
     )  # fmt: skip
 
@@ -125,22 +122,3 @@ def _of_folder(folder: Path) -> dict[str, Compared]:
         truth = np.load(path / TRUTH_FILE)["keypoints21"]
         found[path.name] = compared(track, truth[track.frame])
     return found
-
-
-def _bone_frames(points: Floats[F, D21, D3]) -> Floats[F, J, D3, D3]:
-    """Return a frame (F, 21, 3, 3) for each keypoint: along its bone, and across the hand."""
-    across, up = _unit(points[:, 5] - points[:, 17]), _unit(points[:, 9] - points[:, 0])
-    back = _unit(np.cross(across, up))
-    found = np.zeros((len(points), 21, 3, 3))
-    for j in range(21):
-        x, side = up, across
-        if j not in (0, 5, 9, 13, 17):
-            x = _unit(points[:, j] - points[:, 0 if j == 1 else j - 1])
-            side = across if j > 4 else back
-        y = _unit(side - x * (side * x).sum(axis=1, keepdims=True))
-        found[:, j] = np.stack([x, y, np.cross(x, y)], axis=-1)
-    return found
-
-
-def _unit(v: Floats[F, D3]) -> Floats[F, D3]:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)

@@ -1,14 +1,18 @@
-"""Recordings of other people's hands, with truth: python -m tests.experiments.honesty.recordings MESHES HALF OUT
+"""Write recordings with truth: python -m tests.experiments.honesty.recordings DATA MAKEHUMAN OUT
 
-MESHES: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for its motions, `realsense_hand_pose`. HALF: `tune` or
-`apart`, two lists of different people, motions and noise; figures are fitted on the one and stated of the other.
+DATA: a folder with `webxr_generic_hand`, `umetrack_generic_hand` and, for motions, `realsense_hand_pose`. MAKEHUMAN: the git folder of a
+copy of its repository. OUT: gets a folder for each half of `HALVES`: figures are fitted to `tune`; `apart`, other people, motions and noise, is
+looked at once a fit, and nothing is chosen by it.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import zlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -19,7 +23,6 @@ from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.session import layout
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.session_file import (
     CameraSettings,
@@ -30,282 +33,218 @@ from handtrack.session.session_file import (
 )
 from handtrack.simulation.simulate import simulated_rig
 from tests.experiments.honesty import motions
-from tests.experiments.honesty.drawing import damaged, depth, noisy, outline, ragged
+from tests.experiments.honesty.drawing import outline, ragged
 from tests.experiments.honesty.meshes import HandMesh, read_meshes
 from tests.experiments.honesty.people import as_person, mirrored, somebody
+from tests.experiments.mean_hand.makehuman import Base, people
 
-FRAMES, FPS = 60, 25.0
-DEPTH_SCALE_M = 0.0001
-OFF_DEG, OFF_M, OFF_FOCAL = 0.5, 0.002, 0.005
-"""by how much each camera of a poor calibration is turned, moved, and its focal length wrong"""
-_LATE = 2
-_INIT_NOISE_M = 0.005
-
-
-@dataclass(frozen=True)
-class Kind:
-    """How a hand is recorded."""
-
-    cameras: int = 3
-    sees: str = "masks"
-    """masks, depth, or cloud"""
-    ragged: bool = False
-    off: bool = False
-    """the calibration that is written is wrong"""
-    late: float = 0.0
-    """frames ago that the second camera shows, at most two"""
-    gaps: bool = False
-    """a fifth of the masks is missing, and the second camera begins at frame 10"""
-    noise: bool = False
-    damaged: bool = False
-    forearm: bool = False
-
-
-KINDS = {
-    "3cam": Kind(),
-    "3cam_ragged": Kind(ragged=True),
-    "2cam": Kind(2),
-    "2cam_gaps": Kind(2, gaps=True),
-    "3cam_off": Kind(off=True),
-    "2cam_off": Kind(2, off=True),
-    "3cam_late": Kind(late=2.0),
-    "6cam": Kind(6),
-    "depth": Kind(1, "depth"),
-    "depth_noisy": Kind(1, "depth", noise=True),
-    "depth_damaged": Kind(1, "depth", noise=True, damaged=True, forearm=True),
-    "stereo": Kind(1, "cloud"),
+FRAMES, FPS, SIZE = 60, 25.0, (320, 240)
+LATE_FRAMES, TURNED_DEG = 0.7, 0.5
+"""of the second camera; of the last one, in the calibration that is written"""
+_BEFORE = 2
+_INIT_NOISE_M, _JOINT_M = 0.005, 0.004
+_JOINT_PX, _DRIFT_PX, _DRIFTS, _NOT_FOUND = 1.0, 2.0, 0.9, 0.1
+"""of a detector's joints in small images: white, and drifting by so much of itself a frame"""
+FAULTS = ("ragged", "late", "turned", "gaps", "sleeve", "joints")
+"""masks with ragged outlines; the second camera late; the last one turned; a fifth of the masks missing, and the second camera's before
+frame 10; a sleeve around the forearm; not a fault: a detector's joints beside the masks"""
+Row = tuple[int, str, str, str]
+"""cameras, faults, hand, and motion: of `motions.SHAPES`, or FILE:ROW of RealSense's"""
+HALVES: Mapping[str, Sequence[Row]] = {
+    "tune": (
+        (2, "", "webxr", "curls"),
+        (3, "", "umetrack", "animbank_a:120"),
+        (3, "ragged", "makehuman0", "fist"),
+        (2, "late", "webxr", "animbank_a:230"),
+        (2, "turned", "umetrack", "letters"),
+        (3, "turned late", "makehuman6", "turns"),
+        (2, "gaps ragged", "makehuman3", "animbank_a:330"),
+        (3, "sleeve ragged", "webxr", "fist"),
+        (4, "gaps", "umetrack", "pinches"),
+        (2, "joints ragged", "makehuman1", "letters"),
+    ),
+    "apart": (
+        (2, "", "umetrack", "fist"),
+        (3, "", "webxr", "animbank_a:640"),
+        (3, "ragged", "umetrack", "letters"),
+        (2, "late", "makehuman2", "curls"),
+        (2, "turned", "webxr", "animbank_a:800"),
+        (3, "turned late", "umetrack", "animbank_a:500"),
+        (2, "gaps ragged", "webxr", "pinches"),
+        (3, "sleeve ragged", "makehuman5", "turns"),
+        (4, "gaps", "makehuman7", "fist"),
+        (2, "joints ragged", "umetrack", "animbank_a:960"),
+    ),
 }
-Row = tuple[str, str, str]
-"""kind, mesh, motion: one of `motions.SHAPES`, or FILE:ROW of RealSense's recordings"""
-HALVES: dict[str, list[Row]] = {
-    "tune": [
-        ("3cam", "webxr", "curls"), ("3cam", "umetrack", "letters"), ("3cam", "umetrack", "fist"),
-        ("3cam_ragged", "umetrack", "pinches"), ("3cam_ragged", "webxr", "animbank_a:120"),
-        ("2cam", "webxr", "turns"), ("2cam", "umetrack", "fist"),
-        ("2cam_gaps", "webxr", "animbank_a:440"), ("2cam_gaps", "umetrack", "curls"),
-        ("3cam_off", "webxr", "letters"), ("2cam_off", "webxr", "curls"),
-        ("3cam_late", "webxr", "waves"), ("6cam", "webxr", "fist"),
-        ("depth", "webxr", "curls"), ("depth_noisy", "umetrack", "letters"),
-        ("depth_damaged", "webxr", "pinches"), ("depth_damaged", "umetrack", "animbank_a:620"),
-        ("stereo", "umetrack", "turns"),
-    ],
-    "apart": [
-        ("3cam", "umetrack", "curls"), ("3cam", "webxr", "letters"), ("3cam", "webxr", "fist"),
-        ("3cam_ragged", "webxr", "pinches"), ("3cam_ragged", "umetrack", "animbank_a:800"),
-        ("2cam", "umetrack", "spread"), ("2cam", "webxr", "fist"),
-        ("2cam_gaps", "umetrack", "hand_data_example:0"), ("2cam_gaps", "webxr", "pinches"),
-        ("3cam_off", "umetrack", "turns"), ("2cam_off", "umetrack", "letters"),
-        ("3cam_late", "umetrack", "waves"), ("6cam", "umetrack", "fist"),
-        ("depth", "umetrack", "spread"), ("depth_noisy", "webxr", "animbank_a:960"),
-        ("depth_damaged", "umetrack", "curls"), ("depth_damaged", "webxr", "letters"),
-        ("stereo", "webxr", "curls"),
-    ],
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Moving:
-    """A hand over the frames of a recording, in the world [m]."""
+    """A hand over the frames of a recording, and two before them, in the world [m]."""
 
     vertices: Floats[F, N, D3]
     triangles: Array[T, D3]
     keypoints: Floats[F, D21, D3]
-    left: bool
+    left: bool = False
 
     def vertices_at(self, frame: float) -> Floats[N, D3]:
         """Return where they are between two frames."""
         before, share = int(frame), frame % 1.0
-        return (1.0 - share) * self.vertices[before] + share * self.vertices[
-            min(before + 1, len(self.vertices) - 1)
-        ]
+        after = min(before + 1, len(self.vertices) - 1)
+        return (1.0 - share) * self.vertices[before] + share * self.vertices[after]
 
 
-def write_half(meshes: Path, half: str, out: Path) -> list[Path]:
-    """Write the recordings of a half into a folder; return theirs. Of a wrong calibration its right twin comes too."""
-    hands = read_meshes(meshes)
-    found = []
-    for row in HALVES[half]:
-        kind, mesh, motion = row
-        name = f"{kind}_{mesh}_{motion.partition(':')[0].replace('_', '')}"
-        twins = {name: KINDS[kind]}
-        if KINDS[kind].off:
-            twins[name.replace("_off", "_clean")] = replace(KINDS[kind], off=False)
-        for each, how in twins.items():
-            rng = np.random.default_rng(zlib.crc32(" ".join((half, *row)).encode()))
-            hand = _moving(hands[mesh], motion, meshes, rng, how)
-            found.append(_write(out / each, each, how, hand, rng))
-    return found
+def main() -> None:
+    """Write both halves."""
+    data, makehuman, out = map(Path, sys.argv[1:4])
+    hands = read_meshes(data)
+    base = cache(lambda: Base.read(makehuman))
+
+    def hand(name: str) -> HandMesh:
+        recipe = name.removeprefix("makehuman")
+        return hands[name] if recipe == name else base().hand(people()[int(recipe)])
+
+    for half, rows in HALVES.items():
+        for cameras, text, name, motion in rows:
+            faults = frozenset(text.split())
+            rng = np.random.default_rng(zlib.crc32(f"{half} {text} {name} {motion}".encode()))
+            who = somebody(rng)
+            angles = (
+                motions.read(_bank(data, motion), int(motion.partition(":")[2]), FRAMES + _BEFORE)
+                if ":" in motion
+                else motions.moving(motion, FRAMES + _BEFORE, rng)
+            )
+            moving = moved(as_person(hand(name), who), angles, motion, rng, who.left, "sleeve" in faults)  # fmt: skip
+            what = "_".join([f"{cameras}cam", *sorted(faults), name, motion.replace(":", "")])
+            write(out / half / what, moving, _rig(cameras, rng), rng, faults)
+            print(out / half / what, flush=True)
 
 
-def _moving(
-    mesh: HandMesh, motion: str, folder: Path, rng: np.random.Generator, kind: Kind
-) -> Moving:
-    who, frames = somebody(rng), FRAMES + _LATE
-    person = as_person(mesh, who)
-    if ":" in motion:
-        file, _, row = motion.partition(":")
-        path = folder / "realsense_hand_pose" / f"{file}.pose"
-        angles = motions.read(path, int(row), frames)
-    else:
-        angles = motions.moving(motion, frames, rng)
-    turn, place = motions.wrist(motion, frames, rng)
-    if kind.sees != "masks" and rng.random() < 0.5:  # its palm to the camera
-        turn = turn @ rotation_matrix(np.array([0.0, np.pi, 0.0]))
-    middle, triangles = person.keypoints[9], person.triangles
-    arm = _forearm(person) if kind.forearm else (np.zeros((0, 3)), np.zeros((0, 3), int))
-    triangles = np.concatenate([triangles, arm[1] + len(person.vertices)])
+def _bank(data: Path, motion: str) -> Path:
+    return data / "realsense_hand_pose" / f"{motion.partition(':')[0]}.pose"
+
+
+def moved(
+    person: HandMesh, angles: motions.Angles, motion: str, rng: np.random.Generator,
+    left: bool = False, sleeve: bool = False,
+) -> Moving:  # fmt: skip
+    """Return a hand that moves its fingers so, and its wrist as hands do in such a motion."""
+    turn, place = motions.wrist(motion, len(angles), rng)
+    arm = _sleeve(person) if sleeve else (np.zeros((0, 3)), np.zeros((0, 3), int))
+    triangles = np.concatenate([person.triangles, arm[1] + len(person.vertices)])
+    side = mirrored if left else np.asarray
+    centre = side(person.keypoints[9])
     vertices, points = [], []
     for pose, r, t in zip(angles, turn, place, strict=True):
         v, k = person.posed(pose)
-        v = np.concatenate([v, arm[0]])
-        if who.left:
-            v, k = mirrored(v), mirrored(k)
-        centre = mirrored(middle) if who.left else middle
-        vertices.append((v - centre) @ r.T + t)
-        points.append((k - centre) @ r.T + t)
-    return Moving(np.array(vertices), triangles, np.array(points), who.left)
+        vertices.append((side(np.concatenate([v, arm[0]])) - centre) @ r.T + t)
+        points.append((side(k) - centre) @ r.T + t)
+    return Moving(np.array(vertices), triangles, np.array(points), left)
 
 
-def _forearm(person: HandMesh) -> tuple[Floats[N, D3], Array]:
-    """Return a stub of a forearm: an elliptic tube from the wrist down."""
-    near = np.abs(person.vertices[:, 1]) < 0.012
-    wrist = person.vertices[near]
+def _sleeve(person: HandMesh) -> tuple[Floats[N, D3], Array]:
+    """Return an elliptic tube around the forearm: a cuff that stands off, and what is in it."""
+    wrist = person.vertices[np.abs(person.vertices[:, 1]) < 0.012]
     middle = wrist.mean(axis=0)
     radii = np.abs(wrist - middle).max(axis=0)[[0, 2]]
     around = np.linspace(0, 2 * np.pi, 25)[:-1]
     rings = [
         middle + np.stack([g * radii[0] * np.cos(around), np.full(24, y), g * radii[1] * np.sin(around)], 1)
-        for y, g in ((-0.01, 1.0), (-0.06, 1.1), (-0.13, 1.3))
+        for y, g in ((0.0, 1.0), (-0.02, 1.0), (-0.021, 1.35), (-0.13, 1.6))
     ]  # fmt: skip
     a = np.arange(24)
     b = np.roll(a, -1)
-    faces = [
-        np.concatenate([np.stack([a, b, a + 24], 1), np.stack([b, b + 24, a + 24], 1)]) + 24 * k
-        for k in range(2)
-    ]
-    return np.concatenate(rings), np.concatenate(faces)
+    band = np.concatenate([np.stack([a, b, a + 24], 1), np.stack([b, b + 24, a + 24], 1)])
+    return np.concatenate(rings), np.concatenate([band + 24 * k for k in range(len(rings) - 1)])
 
 
-def _rig(kind: Kind, rng: np.random.Generator) -> CameraRig:
+def _rig(count: int, rng: np.random.Generator) -> CameraRig:
     """Return cameras about as simulate places them, each a little elsewhere."""
     cameras = []
-    distance = 0.45 if kind.sees != "masks" else 0.55
-    for camera in simulated_rig(kind.cameras, (640, 480), distance):
+    for camera in simulated_rig(count, SIZE, 0.45):
         turn = rotation_matrix(np.deg2rad(rng.normal(0, 6.0, 3)))
         place = camera.translation + np.array([*rng.normal(0, 0.01, 2), rng.normal(0, 0.03)])
         cameras.append(replace(camera, rotation=camera.rotation @ turn, translation=place))
     return CameraRig(tuple(cameras))
 
 
-def _wrong(rig: CameraRig, rng: np.random.Generator) -> CameraRig:
-    """Return the calibration of which each camera is off."""
-
-    def direction() -> Floats[D3]:
-        v = rng.normal(size=3)
-        return v / np.linalg.norm(v)
-
-    found = []
-    for camera in rig:
-        turn = rotation_matrix(np.deg2rad(OFF_DEG) * direction()) @ camera.rotation
-        centre = -camera.rotation.T @ camera.translation + OFF_M * direction()
-        matrix = camera.matrix.copy()
-        matrix[[0, 1], [0, 1]] *= 1.0 + OFF_FOCAL * rng.choice([-1.0, 1.0])
-        found.append(replace(camera, matrix=matrix, rotation=turn, translation=-turn @ centre))
-    return CameraRig(tuple(found))
+def _turned(camera: Camera, rng: np.random.Generator) -> Camera:
+    """Return a camera turned about its centre."""
+    axis = rng.normal(size=3)
+    turn = rotation_matrix(np.deg2rad(TURNED_DEG) * axis / np.linalg.norm(axis))
+    rotation = turn @ camera.rotation
+    return replace(camera, rotation=rotation, translation=turn @ camera.translation)
 
 
-def _write(folder: Path, name: str, kind: Kind, hand: Moving, rng: np.random.Generator) -> Path:
-    folder.mkdir(parents=True)
-    rig = _rig(kind, rng)
-    points = hand.keypoints[_LATE:]
-    noise = rng.normal(scale=_INIT_NOISE_M, size=points[0].shape)
-    write_first_pose(folder / layout.INIT_FILE, FirstPose(0, xyz=np.round(points[0] + noise, 5)))
-    np.savez_compressed(
-        folder / layout.TRUTH_FILE, keypoints21=points, time_s=np.arange(FRAMES) / FPS
-    )
-    written = _wrong(rig, rng) if kind.off else rig
-    write_rig(folder / layout.CALIBRATION_FILE, written)
-    draw = {"masks": _masks, "depth": _depths, "cloud": _clouds}[kind.sees]
+def write(
+    folder: Path, hand: Moving, rig: CameraRig, rng: np.random.Generator, faults: frozenset[str] = frozenset()
+) -> None:  # fmt: skip
+    """Write a session of all frames but the two before."""
+    points = hand.keypoints[_BEFORE:]
+    first, cameras = about(points[0], rng), list(rig)
+    if "turned" in faults:
+        cameras[-1] = _turned(cameras[-1], rng)
+    seen_at = points + rng.normal(scale=_JOINT_M, size=points[0].shape)
     for number, camera in enumerate(rig):
-        draw(folder, camera, number, kind, hand, rng)
-    _write_settings(folder, name, kind, rig, hand.left)
-    return folder
+        _write_masks(folder / "masks" / camera.name, camera, number == 1, hand, rng, faults)
+        if "joints" in faults:
+            _write_joints(folder / "keypoints" / camera.name, camera, seen_at, rng)
+    describe(folder, CameraRig(tuple(cameras)), points, first, "left" if hand.left else "right")
 
 
-def _write_settings(folder: Path, name: str, kind: Kind, rig: CameraRig, left: bool) -> None:
-    cameras = []
-    for camera in rig:
-        seen: dict[str, object] = {"masks": f"masks/{camera.name}/*.png"}
-        if kind.sees == "depth":
-            seen = {"depth": f"depth/{camera.name}/*.png", "depth_scale_m": DEPTH_SCALE_M}
-        elif kind.sees == "cloud":
-            seen = {}
-        cameras.append(CameraSettings(name=camera.name, **seen))  # pyright: ignore[reportArgumentType]
-    clouds = {
-        "masks": None,
-        "depth": CloudSettings(depth=("cam0",)),
-        "cloud": CloudSettings(files="clouds/*.npz"),
-    }[kind.sees]
-    file = SessionFile(
-        RecordingSettings(name=name.replace("_", " "), fps=FPS),
-        HandSettings(side="left" if left else "right", scale="fit"),
-        tuple(cameras), clouds,
-    )  # fmt: skip
-    write_session_file(folder / layout.SESSION_FILE, file)
+def about(points: Floats[D21, D3], rng: np.random.Generator) -> Floats[D21, D3]:
+    """Return a first pose's points, off by some millimetres."""
+    return np.round(points + rng.normal(scale=_INIT_NOISE_M, size=points.shape), 5)
 
 
-def _masks(
-    folder: Path, camera: Camera, number: int, kind: Kind, hand: Moving, rng: np.random.Generator
-) -> None:
-    to = folder / "masks" / camera.name
+def describe(
+    folder: Path, rig: CameraRig, points: Floats[F, D21, D3], first: Floats[D21, D3], side: str = "right"
+) -> None:  # fmt: skip
+    """Write all of a session but what was seen, for what lies in the folder; first: points of the first pose."""
+    write_first_pose(folder / layout.INIT_FILE, FirstPose(0, xyz=first))
+    np.savez_compressed(
+        folder / layout.TRUTH_FILE, keypoints21=points, time_s=np.arange(len(points)) / FPS
+    )
+    write_rig(folder / layout.CALIBRATION_FILE, rig)
+    found = [CameraSettings(name=c.name, masks=f"masks/{c.name}/*.png") for c in rig]
+    if (folder / "keypoints").is_dir():
+        found = [
+            replace(c, keypoints=f"keypoints/{c.name}/*.json", keypoint_layout="mediapipe21")
+            for c in found
+        ]
+    recording = RecordingSettings(name=folder.name.replace("_", " "), fps=FPS)
+    hand = HandSettings(side=side, scale="fit")
+    write_session_file(folder / layout.SESSION_FILE, SessionFile(recording, hand, tuple(found)))
+
+
+def _write_masks(
+    to: Path, camera: Camera, second: bool, hand: Moving, rng: np.random.Generator, faults: frozenset[str]
+) -> None:  # fmt: skip
     to.mkdir(parents=True)
-    back = kind.late if number == 1 else 0.0
-    begins = 10 if kind.gaps and number == 1 else 0
-    for frame in range(FRAMES):
-        if kind.gaps and (frame < begins or (frame > 0 and rng.random() < 0.2)):
+    back = LATE_FRAMES if second and "late" in faults else 0.0
+    for frame in range(len(hand.vertices) - _BEFORE):
+        missing = (second and frame < 10) or (frame > 0 and rng.random() < 0.2)
+        if "gaps" in faults and missing:
             continue
-        mask = outline(camera, hand.vertices_at(frame + _LATE - back), hand.triangles)
-        if kind.ragged:
+        mask = outline(camera, hand.vertices_at(frame + _BEFORE - back), hand.triangles)
+        if "ragged" in faults:
             mask = ragged(mask, rng)
         cv2.imwrite(str(to / f"{frame:06d}.png"), mask)
 
 
-def _depths(
-    folder: Path, camera: Camera, number: int, kind: Kind, hand: Moving, rng: np.random.Generator
+def _write_joints(
+    to: Path, camera: Camera, places: Floats[F, D21, D3], rng: np.random.Generator
 ) -> None:
-    to = folder / "depth" / camera.name
     to.mkdir(parents=True)
-    for frame in range(FRAMES):
-        seen = depth(camera, hand.vertices[frame + _LATE], hand.triangles)
-        if kind.noise:
-            seen = noisy(seen, rng)
-        if kind.damaged:
-            seen = damaged(seen, rng)
-        units = np.round(seen / DEPTH_SCALE_M).clip(0, 65535).astype(np.uint16)
-        cv2.imwrite(str(to / f"{frame:06d}.png"), units)
-
-
-def _clouds(
-    folder: Path, camera: Camera, number: int, kind: Kind, hand: Moving, rng: np.random.Generator
-) -> None:
-    """Write clouds as two cameras' matching gives them: errors alike over some pixels, a few points far off."""
-    to = folder / "clouds"
-    to.mkdir(parents=True)
-    for frame in range(FRAMES):
-        seen = noisy(
-            depth(camera, hand.vertices[frame + _LATE], hand.triangles), rng, 0.0008, 0.0022
-        )
-        rows, columns = np.nonzero(seen)
-        kept = rng.choice(len(rows), min(5000, len(rows)), replace=False)
-        rows, columns = rows[kept], columns[kept]
-        z = seen[rows, columns]
-        far = rng.random(len(z)) < 0.03
-        z = np.where(far, z + rng.uniform(-0.05, 0.05, len(z)), z)
-        rays = np.column_stack([columns, rows, np.ones(len(z))]) @ np.linalg.inv(camera.matrix).T
-        points = (rays * z[:, None] - camera.translation) @ camera.rotation
-        np.savez_compressed(to / f"{frame:06d}.npz", points=points.astype(np.float32))
+    drift = rng.normal(scale=_DRIFT_PX, size=(21, 2))
+    for frame, points in enumerate(places):
+        fresh = rng.normal(scale=_DRIFT_PX, size=drift.shape)
+        drift = _DRIFTS * drift + (1.0 - _DRIFTS**2) ** 0.5 * fresh
+        pixels = camera.project(points) + drift + rng.normal(scale=_JOINT_PX, size=drift.shape)
+        rows = np.column_stack([pixels, rng.random(21) > _NOT_FOUND])
+        person = {"hand_right_keypoints_2d": np.round(rows * rows[:, 2:], 2).ravel().tolist()}
+        (to / f"{frame:06d}.json").write_text(json.dumps({"people": [person]}))
 
 
 if __name__ == "__main__":
-    for written in write_half(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])):
-        print(written)
+    main()

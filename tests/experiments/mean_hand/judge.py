@@ -14,15 +14,14 @@ import numpy as np
 
 from handtrack import Session, TrackingRun
 from handtrack.arrays import D3, D21, F, Floats
-from handtrack.diagnostics.constant_offsets import offset_free_errors
+from handtrack.diagnostics.constant_offsets import bone_frames, offset_free_errors, wrong_frames
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
 from handtrack.tracking.frame.result import Status
-from tests.experiments.honesty.honesty import BAD_MM, _bone_frames
 
 COLUMNS = ("mean", "free", "bad", "flex", "thumb", "low", "s")
 """mean joint error [mm]; the same beside a constant of each joint in its bone's frame, of the other half of the frames [mm]; share of
-frames with a joint more than 25 mm off; error of the fingers' and of the thumb's flexion [°]; share of frames of low confidence; CPU"""
+wrong frames; error of the fingers' and of the thumb's flexion [°]; share of frames of low confidence; CPU"""
 
 
 def figures(session: Path, definition: str) -> tuple[float, ...]:
@@ -35,16 +34,15 @@ def figures(session: Path, definition: str) -> tuple[float, ...]:
     track = run.result(run.track(run.session.frame_range, start, pose))
     truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
     assert track.keypoints21 is not None
-    each = 1e3 * np.linalg.norm(track.keypoints21 - truth, axis=2)
     low = (track.status == Status.LOST) | (track.status == Status.DOUBTFUL)
     mean, free, flex, thumb = errors(track.keypoints21, truth)
-    bad = float((each.max(axis=1) > BAD_MM).mean())
+    bad = float(wrong_frames(track.keypoints21, truth).mean())
     return mean, free, bad, flex, thumb, float(low.mean()), time.process_time() - began
 
 
 def errors(found: Floats[F, D21, D3], truth: Floats[F, D21, D3]) -> tuple[float, ...]:
     """Return the mean joint error [mm], the same offset-free [mm], and the error of the fingers' and of the thumb's flexion [°]."""
-    free = 1e3 * offset_free_errors(found, truth, _bone_frames(truth))
+    free = 1e3 * offset_free_errors(found, truth, bone_frames(truth))
     bend = np.abs(flexion_deg(found) - flexion_deg(truth)).mean(axis=0)
     is_thumb = np.array([n.startswith("thumb") for n in BENT_JOINTS])
     mean = 1e3 * float(np.linalg.norm(found - truth, axis=2).mean())

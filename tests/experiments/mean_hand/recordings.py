@@ -14,45 +14,23 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.capture.calibration.rig_file import read_rig, write_rig
+from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.geometry.camera import CameraRig
 from handtrack.session import layout
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.session_file import (
-    CameraSettings,
-    HandSettings,
-    RecordingSettings,
-    SessionFile,
-    write_session_file,
-)
 from handtrack.simulation.simulate import simulated_rig
 from tests.experiments.honesty import motions
-from tests.experiments.honesty.drawing import outline
 from tests.experiments.honesty.meshes import HandMesh, read_meshes
+from tests.experiments.honesty.recordings import about, describe, moved, write
 from tests.experiments.mean_hand.makehuman import Base, people
 
-FRAMES, FPS, SIZE = 36, 25.0, (320, 240)
-_NOISE_M = 0.005
+FRAMES, SIZE = 36, (320, 240)
 
 
 def made(folder: Path, mesh: HandMesh, motion: str) -> None:
     """Write a recording of three cameras."""
     rng = np.random.default_rng(zlib.crc32(f"{mesh.name} {motion}".encode()))
-    angles = motions.moving(motion, FRAMES + 20, rng)[20:]
-    turn, place = motions.wrist(motion, FRAMES, rng)
-    vertices, points = [], []
-    for pose, r, t in zip(angles, turn, place, strict=True):
-        v, k = mesh.posed(pose)
-        vertices.append((v - mesh.keypoints[9]) @ r.T + t)
-        points.append((k - mesh.keypoints[9]) @ r.T + t)
-    rig = simulated_rig(3, SIZE, 0.55)
-    folder.mkdir(parents=True)
-    for camera in rig:
-        to = folder / "masks" / camera.name
-        to.mkdir(parents=True)
-        for frame, v in enumerate(vertices):
-            cv2.imwrite(str(to / f"{frame:06d}.png"), outline(camera, v, mesh.triangles))
-    _finish(folder, rig, np.array(points), rng)
+    angles = motions.moving(motion, FRAMES + 20, rng)[18:]
+    write(folder, moved(mesh, angles, motion, rng), simulated_rig(3, SIZE, 0.55), rng)
 
 
 def taken(folder: Path, session: Path, cameras: tuple[str, ...], frames: range) -> None:
@@ -75,23 +53,8 @@ def taken(folder: Path, session: Path, cameras: tuple[str, ...], frames: range) 
                 str(to / f"{number:06d}.png"), np.where(small >= 128, 255, 0).astype(np.uint8)
             )
     truth = np.load(session / layout.TRUTH_FILE)["keypoints21"][list(frames)]
-    _finish(folder, CameraRig(tuple(found)), truth, np.random.default_rng(len(frames)))
-
-
-def _finish(folder: Path, rig: CameraRig, points: np.ndarray, rng: np.random.Generator) -> None:
-    noise = rng.normal(scale=_NOISE_M, size=points[0].shape)
-    write_first_pose(folder / layout.INIT_FILE, FirstPose(0, xyz=np.round(points[0] + noise, 5)))
-    np.savez_compressed(
-        folder / layout.TRUTH_FILE, keypoints21=points, time_s=np.arange(len(points)) / FPS
-    )
-    write_rig(folder / layout.CALIBRATION_FILE, rig)
-    cameras = tuple(CameraSettings(name=c.name, masks=f"masks/{c.name}/*.png") for c in rig)
-    file = SessionFile(
-        RecordingSettings(name=folder.name, fps=FPS),
-        HandSettings(side="right", scale="fit"),
-        cameras,
-    )
-    write_session_file(folder / layout.SESSION_FILE, file)
+    first = about(truth[0], np.random.default_rng(len(frames)))
+    describe(folder, CameraRig(tuple(found)), truth, first)
 
 
 def main() -> None:
