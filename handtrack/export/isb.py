@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import D3, D4, D6, Axes, B, F, Floats, Ints, K, S
-from handtrack.geometry.rotation import rotation_matrix
+from handtrack.geometry.rotation import euler_angles, rotation_matrix
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 
@@ -49,7 +49,7 @@ def isb_angles(model: ArticulatedModel, T_world_bone: Floats[F, B, D4, D4]) -> d
     """
     own = _joints_of(model)
     turns = T_world_bone[..., :3, :3]
-    angles = _zxy(own.seen(turns[:, own.before], turns[:, own.after]))
+    angles = euler_angles(own.seen(turns[:, own.before], turns[:, own.after]), "ZXY")
     return _by_name(own, angles)
 
 
@@ -123,7 +123,7 @@ def _slopes(own: _Joints, bones: BonePoses, twists: Floats[B, D6, S]) -> Floats[
     if own.mirrored:
         turning = -_MIRROR @ turning  # a mirror turns the sense of what turns
     turning = np.swapaxes(own.axes, 1, 2) @ turning
-    angles = _zxy(own.seen(before, bones.rotation[own.after]))
+    angles = euler_angles(own.seen(before, bones.rotation[own.after]), "ZXY")
     flexed, deviated = _turned(angles * (1.0, 0.0, 0.0)), _turned(angles * (1.0, 1.0, 0.0))
     axes = np.stack([flexed[..., 2], flexed[..., 0], deviated[..., 1]], axis=-1)
     return np.linalg.solve(axes, turning)
@@ -135,11 +135,3 @@ def _turned(angles: Floats[K, D3]) -> Floats[K, D3, D3]:
         rotation_matrix(angles[:, [k]] * axis) for k, axis in enumerate(np.eye(3)[[2, 0, 1]])
     )
     return z @ x @ y
-
-
-def _zxy(rotation: Floats[*Axes, D3, D3]) -> Floats[*Axes, D3]:
-    """Return α, β, γ of R = Rz(α) Rx(β) Ry(γ) [rad]."""
-    flexion = np.arctan2(-rotation[..., 0, 1], rotation[..., 1, 1])
-    deviation = np.arcsin(np.clip(rotation[..., 2, 1], -1.0, 1.0))
-    turn = np.arctan2(-rotation[..., 2, 0], rotation[..., 2, 2])
-    return np.stack([flexion, deviation, turn], axis=-1)

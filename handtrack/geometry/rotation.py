@@ -7,6 +7,7 @@ A rotation vector here carries the *full* angle: ‖r‖ is the angle turned. Th
 from __future__ import annotations
 
 import math
+import warnings
 
 import numpy as np
 
@@ -55,6 +56,20 @@ def _twice_angle_by_sine(w: float, x: float, y: float, z: float) -> float:
     if angle <= _HALF_SERIES_BELOW:
         return 2.0 + angle * angle / 12.0 + 7.0 * angle * angle * angle * angle / 2880.0
     return angle / math.sin(angle / 2.0)
+
+
+def euler_angles(matrix: Floats[*Axes, D3, D3], order: str) -> Floats[*Axes, D3]:
+    """Return the angles [rad] of R = Rz Rx Ry for order "ZXY", of R = Rz Ry Rx for "xyz": SciPy's words. NaN where R is."""
+    from scipy.spatial.transform import Rotation
+
+    flat = np.reshape(matrix, (-1, 3, 3))
+    known = np.isfinite(flat).all(axis=(1, 2))
+    angles = np.full((len(flat), 3), np.nan)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Gimbal lock")  # the third angle is 0 there, which is as right as any
+        if known.any():
+            angles[known] = Rotation.from_matrix(flat[known]).as_euler(order)
+    return angles.reshape(np.shape(matrix)[:-1])
 
 
 def left_jacobian(rotvec: Floats[*Axes, D3]) -> Floats[*Axes, D3, D3]:

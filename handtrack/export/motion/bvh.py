@@ -10,6 +10,7 @@ import numpy as np
 from handtrack.arrays import D3, D4, B, F, Floats
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
+from handtrack.geometry.rotation import euler_angles
 from handtrack.model.articulated import ArticulatedModel
 
 _CM = 100.0
@@ -43,10 +44,7 @@ def bvh_angles(model: ArticulatedModel, T_world_bone: Floats[F, B, D4, D4]) -> F
     for bone, parent in enumerate(model.skeleton.parent):
         if parent >= 0:
             local[:, bone] = np.swapaxes(turned[:, parent], 1, 2) @ turned[:, bone]
-    z = np.arctan2(-local[..., 0, 1], local[..., 1, 1])
-    x = np.arcsin(np.clip(local[..., 2, 1], -1.0, 1.0))
-    y = np.arctan2(-local[..., 2, 0], local[..., 2, 2])
-    return np.unwrap(np.stack([z, x, y], axis=-1), axis=0)
+    return np.unwrap(euler_angles(local, "ZXY"), axis=0)
 
 
 def _joint(model: ArticulatedModel, bone: int, depth: int) -> Iterator[str]:

@@ -10,6 +10,7 @@ from handtrack.arrays import D3, F, Floats
 from handtrack.export.motion.osim import ROOT_TURNS
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
+from handtrack.geometry.rotation import euler_angles
 from handtrack.session.formats.tables import is_length
 
 
@@ -44,7 +45,4 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
 
 def root_angles(rotation: Floats[F, D3, D3]) -> Floats[F, D3]:
     """Return the angles [rad] of R = Rx Ry Rz, without jumps of a whole turn."""
-    x = np.arctan2(-rotation[:, 1, 2], rotation[:, 2, 2])
-    y = np.arcsin(np.clip(rotation[:, 0, 2], -1.0, 1.0))
-    z = np.arctan2(-rotation[:, 0, 1], rotation[:, 0, 0])
-    return np.unwrap(np.stack([x, y, z], axis=1), axis=0)
+    return np.unwrap(euler_angles(rotation, "XYZ"), axis=0)

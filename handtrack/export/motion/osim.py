@@ -10,9 +10,10 @@ import numpy as np
 from handtrack.arrays import D3, Floats, K
 from handtrack.export.motion.masses import Masses, bone_masses
 from handtrack.export.motion.trc import marker_name
-from handtrack.export.motion.xml_tree import angles_xyz, document, element, numbers
+from handtrack.export.motion.xml_tree import document, element, numbers
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
+from handtrack.geometry.rotation import euler_angles
 from handtrack.model.articulated import ArticulatedModel
 
 ROOT_TURNS = ("root_turn_x", "root_turn_y", "root_turn_z")
@@ -63,7 +64,7 @@ def _body(bodies: Element, model: ArticulatedModel, masses: Masses, bone: int) -
         element(shape, "radii", numbers(flesh.radii[k]))
         element(frame, "socket_parent", "..")
         element(frame, "translation", numbers(flesh.centre[k]))
-        element(frame, "orientation", numbers(angles_xyz(flesh.rotation[k])))
+        element(frame, "orientation", numbers(euler_angles(flesh.rotation[k], "XYZ")))
     element(body, "mass", f"{masses.mass[bone]:.6g}")
     element(body, "mass_center", numbers(masses.centre[bone]))
     inertia = np.diag(masses.inertia[bone])
@@ -84,7 +85,7 @@ def _joint(joints: Element, model: ArticulatedModel, bone: int) -> None:
     frame = element(frames, "PhysicalOffsetFrame", name=f"{above}_before_{names[bone]}")
     element(frame, "socket_parent", "/ground" if parent < 0 else f"/bodyset/{above}")
     element(frame, "translation", numbers(skeleton.offset[bone]))
-    element(frame, "orientation", numbers(angles_xyz(skeleton.rest_rotation[bone])))
+    element(frame, "orientation", numbers(euler_angles(skeleton.rest_rotation[bone], "XYZ")))
     if not moves:
         return
     if bone == 0:

@@ -9,11 +9,11 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats
 from handtrack.export.motion.masses import LEAST_INERTIA, LEAST_MASS_KG, bone_masses
-from handtrack.export.motion.xml_tree import angles_rpy, document, element, numbers
+from handtrack.export.motion.xml_tree import document, element, numbers
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import beside, number, write_rows
 from handtrack.files.atomic import replace_text
-from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack.geometry.rotation import euler_angles, quaternion_wxyz
 from handtrack.model.articulated import ArticulatedModel
 
 _EFFORT, _VELOCITY = "10", "20"  # URDF wants them: N m, rad/s; more than a hand has
@@ -99,7 +99,7 @@ def _joint(
     joint = element(robot, "joint", name=name, type=kind)
     element(joint, "parent", link=above)
     element(joint, "child", link=below)
-    element(joint, "origin", xyz=numbers(place), rpy=numbers(angles_rpy(turn)))
+    element(joint, "origin", xyz=numbers(place), rpy=numbers(euler_angles(turn, "xyz")))
     return joint
 
 
@@ -112,7 +112,9 @@ def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
             flesh.rotation[k], 2 - long, axis=1
         )  # the longest axis as z, still right-handed
         across = np.sqrt(flesh.radii[k].prod() / flesh.radii[k, long])
-        element(shape, "origin", xyz=numbers(flesh.centre[k]), rpy=numbers(angles_rpy(axes)))
+        element(
+            shape, "origin", xyz=numbers(flesh.centre[k]), rpy=numbers(euler_angles(axes, "xyz"))
+        )
         # as long and thick as to have the ellipsoid's volume: 4/3 π abc = π r² · 4/3 a
         length = 4.0 / 3.0 * flesh.radii[k, long]
         element(element(shape, "geometry"), "cylinder", radius=f"{across:.6g}", length=f"{length:.6g}")  # fmt: skip

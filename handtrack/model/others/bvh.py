@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.errors import HandtrackError
+from handtrack.files.bvh_hierarchy import read_hierarchy
 from handtrack.files.text_files import read_text
 from handtrack.model.others.tree import Hinge, Link, Shape, definition_of
 
@@ -15,40 +15,17 @@ UNIT_M = 0.01
 """of offsets, as most programs write BVH"""
 _THICKNESS = 0.2
 """of the ellipsoid on a bone, beside its length: as fingers have it (16 mm of 40 mm, half of each); to be changed by hand"""
-_AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
 
 
 def read_bvh(path: Path) -> dict[str, Any]:
     """Return the definition of a BVH's skeleton, its root in the root's frame. Raises HandtrackError for what is none."""
-    words = read_text(path, "a BVH").partition("MOTION")[0].split()
-    links, stack, i = list[Link](), list[Link](), 0
-    if words[:1] != ["HIERARCHY"]:
-        raise HandtrackError(f"{path}: it does not begin with HIERARCHY; expected a BVH.")
-    try:
-        while (i := i + 1) < len(words):
-            word = words[i]
-            if word in ("ROOT", "JOINT", "End"):
-                name = words[i + 1] if word != "End" else f"{stack[-1].name}_end"
-                parent = stack[-1].name if stack else None
-                links.append(Link(name, parent, np.zeros(3), np.eye(3)))
-                stack.append(links[-1])
-                i += 2  # the name, and the brace
-            elif word == "OFFSET":
-                stack[-1].place = UNIT_M * np.array([float(n) for n in words[i + 1 : i + 4]])
-                i += 3
-            elif word == "CHANNELS":
-                count = int(words[i + 1])
-                turns = [c for c in words[i + 2 : i + 2 + count] if c.endswith("rotation")]
-                if stack[-1].parent is not None:
-                    own = stack[-1].name
-                    stack[-1].hinges = [Hinge(f"{own}_{t[0].lower()}", np.array(_AXES[t[0]])) for t in turns]  # fmt: skip
-                i += 1 + count
-            elif word == "}":
-                stack.pop()
-            else:
-                raise ValueError(word)
-    except (ValueError, IndexError, KeyError) as error:
-        raise HandtrackError(f"{path}: its hierarchy cannot be read near {error}; expected ROOT, JOINT, End Site, OFFSET, CHANNELS.") from None  # fmt: skip
+    joints, _ = read_hierarchy(read_text(path, "a BVH").splitlines(), path)
+    links = list[Link]()
+    for joint in joints:
+        parent = joints[joint.parent].name if joint.parent >= 0 else None
+        turns = [c[0] for c in joint.channels if c.endswith("rotation")] if parent else []
+        hinges = [Hinge(f"{joint.name}_{axis}", np.eye(3)["xyz".index(axis)]) for axis in turns]
+        links.append(Link(joint.name, parent, UNIT_M * joint.offset, np.eye(3), hinges=hinges))
     by_name = {link.name: link for link in links}
     for link in links:
         if link.parent is not None:

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, J
 from handtrack.errors import HandtrackError
+from handtrack.files.bvh_hierarchy import BvhJoint, numbers_of, read_hierarchy
 from handtrack.simulation.motion_files.clip import MotionClip
 
 POSITIONS = ("add", "replace")
 _LASTING = 0.02  # share of their length by which bones of captured people change at most
 _DIGITS = 1e-4  # by which written numbers are rounded
 _CLEARLY = 5.0  # times as much in the other meaning
-
-
-@dataclass(frozen=True)
-class _Joint:
-    name: str
-    parent: int
-    offset: Floats
-    channels: tuple[str, ...]
-    first: int
-    """its first column among the frame's numbers"""
 
 
 def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> MotionClip:
@@ -43,7 +33,7 @@ def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> 
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise HandtrackError(f"{path}: cannot be read as a BVH file: {error}.") from None
-    joints, after = _hierarchy(lines, path)
+    joints, after = read_hierarchy(lines, path)
     width = sum(len(joint.channels) for joint in joints)
     frames, step = _motion(lines, after, width, path)
     positions = positions or _meaning(joints, frames, path)
@@ -64,7 +54,7 @@ def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> 
     return MotionClip(names, places * unit_m, 1.0 / step, turns)
 
 
-def _meaning(joints: list[_Joint], frames: Floats, path: Path) -> str:
+def _meaning(joints: list[BvhJoint], frames: Floats, path: Path) -> str:
     """Return whether positions add or replace: that by which bones keep their lengths. Raises HandtrackError."""
     moved = [
         joint
@@ -101,51 +91,8 @@ def _change(places: Floats[J, F, D3]) -> float:
     return float(lengths.std(axis=1).sum() / max(lengths.mean(axis=1).sum(), 1e-12))
 
 
-def _is_bare_end(joint: _Joint) -> bool:
+def _is_bare_end(joint: BvhJoint) -> bool:
     return joint.name.endswith("_end") and not joint.offset.any()
-
-
-def _hierarchy(lines: list[str], path: Path) -> tuple[list[_Joint], int]:
-    """Return the joints, parents first, and the line of MOTION."""
-    joints: list[_Joint] = []
-    open_joints: list[int] = []
-    column = 0
-    for number, line in enumerate(lines):
-        words = line.split()
-        if not words or words[0] in ("HIERARCHY", "{"):
-            continue
-        if words[0] == "MOTION":
-            if joints and not open_joints:
-                return joints, number
-            raise _wrong(path, number, "MOTION after a closed HIERARCHY", line)
-        if words[0] in ("ROOT", "JOINT", "End"):
-            parent = open_joints[-1] if open_joints else -1
-            name = f"{joints[parent].name}_end" if words[0] == "End" else " ".join(words[1:])
-            open_joints.append(len(joints))
-            joints.append(_Joint(name, parent, np.zeros(3), (), column))
-        elif words[0] == "}" and open_joints:
-            open_joints.pop()
-        elif words[0] == "OFFSET" and open_joints:
-            offset = np.array(_numbers(words[1:], 3, path, number, line))
-            old = joints[open_joints[-1]]
-            joints[open_joints[-1]] = _Joint(old.name, old.parent, offset, old.channels, old.first)
-        elif words[0] == "CHANNELS" and open_joints:
-            channels = tuple(word.lower() for word in words[2:])
-            odd = [
-                c for c in channels if c[:1] not in "xyz" or c[1:] not in ("position", "rotation")
-            ]
-            if odd or len(words) < 2 or words[1] != str(len(channels)):
-                raise _wrong(
-                    path, number, "CHANNELS, their number, and Xposition … Zrotation", line
-                )
-            old = joints[open_joints[-1]]
-            joints[open_joints[-1]] = _Joint(old.name, old.parent, old.offset, channels, column)
-            column += len(channels)
-        else:
-            raise _wrong(
-                path, number, "ROOT, JOINT, End Site, OFFSET, CHANNELS, braces or MOTION", line
-            )
-    raise HandtrackError(f"{path}: no line MOTION; is this a whole BVH file?")
 
 
 def _motion(lines: list[str], at: int, width: int, path: Path) -> tuple[Floats, float]:
@@ -154,9 +101,9 @@ def _motion(lines: list[str], at: int, width: int, path: Path) -> tuple[Floats, 
     for number in range(at + 1, len(lines)):
         words = lines[number].split()
         if words[:1] == ["Frames:"]:
-            count = int(_numbers(words[1:], 1, path, number, lines[number])[0])
+            count = int(numbers_of(words[1:], 1, path, number, lines[number])[0])
         elif words[:2] == ["Frame", "Time:"]:
-            step = _numbers(words[2:], 1, path, number, lines[number])[0]
+            step = numbers_of(words[2:], 1, path, number, lines[number])[0]
             first = number + 1
             break
     else:
@@ -164,7 +111,7 @@ def _motion(lines: list[str], at: int, width: int, path: Path) -> tuple[Floats, 
     if not step > 0:
         raise HandtrackError(f"{path}: Frame Time {step:g}; expected seconds above 0.")
     rows = [
-        _numbers(line.split(), width, path, number, line)
+        numbers_of(line.split(), width, path, number, line)
         for number, line in enumerate(lines[first:], first)
         if line.strip()
     ]
@@ -173,23 +120,7 @@ def _motion(lines: list[str], at: int, width: int, path: Path) -> tuple[Floats, 
     return np.array(rows, dtype=float).reshape(len(rows), width), step
 
 
-def _numbers(words: list[str], count: int, path: Path, number: int, line: str) -> list[float]:
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        raise _wrong(path, number, f"{count} numbers", line) from None
-    if len(values) != count:
-        raise _wrong(path, number, f"{count} numbers", line)
-    return values
-
-
-def _wrong(path: Path, number: int, expected: str, line: str) -> HandtrackError:
-    return HandtrackError(
-        f"{path}, line {number + 1}: expected {expected}; found '{line.strip()[:60]}'."
-    )
-
-
-def _local(joint: _Joint, frames: Floats, positions: str) -> tuple[Floats, Floats]:
+def _local(joint: BvhJoint, frames: Floats, positions: str) -> tuple[Floats, Floats]:
     """Return rotation (F, 3, 3) and place (F, 3) of a joint in its parent."""
     turn = np.tile(np.eye(3), (len(frames), 1, 1))
     moved = np.zeros((len(frames), 3))
