@@ -139,7 +139,7 @@ class Workbench:
         self.door.close()
 
     def wait_ready(self, timeout: float = 120.0) -> bool:
-        """Return whether the session is shown, waiting for it."""
+        """Return whether the session can be worked in and all of the page shows it, waiting for that."""
         return self._ready.wait(timeout)
 
     def _welcome(self, client: viser.ClientHandle) -> None:
@@ -198,6 +198,9 @@ class Workbench:
                 self._show(snapshot)
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)
+            opens = self.layout.progress.state in ("opening", "failed")
+            if not opens and None not in (self.stage.pose, self.layout.timeline.strip):
+                self._ready.set()
 
     def _show(self, snapshot: snapshots.Snapshot | Drawn) -> None:
         match snapshot:
@@ -315,7 +318,6 @@ class Workbench:
                 self.in_flight.show(pose.frame)
         for one in (*clients, self.server):
             one.flush()
-        self._ready.set()
 
 
 @logging_to(LOG_FILE)

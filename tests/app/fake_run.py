@@ -175,6 +175,8 @@ class FakeRun:
     doubt: Reason | None = None
     """of any pose, by itself"""
     forearm: bool = False
+    stuck: Callable[[int], bool] = lambda _: False
+    """whether a frame is not done yet, however long it has taken"""
     hungry: bool = False
     """a frame takes 100 GB"""
     refined_by: float = 0.0
@@ -249,6 +251,8 @@ class FakeRun:
     ) -> Iterator[FrameResult]:
         path = [*range(start_frame, frames.stop), *range(start_frame - 1, frames.start - 1, -1)]
         for frame in path:
+            while self.stuck(frame) and not control.should_stop():
+                time.sleep(0.01)
             for _ in range(10):
                 busy_for(self.step_s / 10)
                 if control.should_stop():

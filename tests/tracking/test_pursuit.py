@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
@@ -103,12 +102,19 @@ def test_a_search_that_finds_nothing_costs_no_frame(monkeypatch):
 
 def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
     path, early = Path(frozenset({3, 5, 40}), frozenset({3, 5, 40})), []
+    searches, begun = [], Pursuit._begun
+
+    def noted(*given):
+        searches.append(begun(*given))
+        return searches[-1]
+
+    monkeypatch.setattr(Pursuit, "_begun", noted)
 
     def show(result):
         early.append(result.frame)
         if result.frame == 50:
             path.gate.set()
-            time.sleep(0.2)
+            searches[-1].done.exception()  # waits
 
     found = dict(poses(path, 2, monkeypatch, on_early=show, waits=False))
     assert early[:51] == list(range(51))
@@ -144,7 +150,7 @@ def test_a_mistake_within_a_search_is_told(monkeypatch):
 
 
 def test_stopping_and_leaving_early_end_the_searches(monkeypatch):
-    before = threading.active_count()
+    before = set(threading.enumerate())
     path = Path(frozenset({2}))  # its search waits for ever
     stop = []
     found = poses(
@@ -155,4 +161,4 @@ def test_stopping_and_leaving_early_end_the_searches(monkeypatch):
     left = Pursuit(replace(path), observe, 0, Control()).frames(range(COUNT))
     next(left)
     left.close()
-    assert threading.active_count() == before
+    assert set(threading.enumerate()) <= before

@@ -118,13 +118,9 @@ class EngineProcess:
                 log.exception("no engine could be started")
                 code = 1
             if not self._stopping.is_set() and not self._tell_end(code):
-                self._is_down = True
-                self._tell_work(is_down=True)
+                self._again.wait()  # perhaps it was asked for before the process had ended
                 self._again.clear()
-                if not self._stopping.is_set():
-                    self._again.wait()
-                    self._failure = None
-                self._is_down = False
+                self._failure, self._is_down = None, False
                 self._tell_work(is_down=False)
                 self._ends.clear()
             plan = replace(plan, preview=False, take_over=False, version=self._outbox.version)
@@ -183,14 +179,15 @@ class EngineProcess:
     def _tell_end(self, code: int) -> bool:
         """Say how the engine ended; return whether it begins again by itself."""
         given_up = self._outbox.ended()
+        now, outbox = time.monotonic(), self._outbox
+        self._ends.append(now)
+        often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
+        self._is_down = self._failure is not None or not code or often
+        self._tell_work(self._is_down)
         if self._failure is not None:
             return False  # that was told
-        now, outbox = time.monotonic(), self._outbox
-        self._tell_work()
-        self._ends.append(now)
         how = ending_words(code, self._plan.memory, ENGINE_LOG, self._log_from)
-        often = len(self._ends) > _MOST_AGAIN and now - self._ends[0] <= _WITHIN_S
-        if code and not often:
+        if not self._is_down:
             self._publish(
                 again_notice(
                     how, outbox.stopped_at, outbox.job, outbox.recording, named(outbox.edits), named(given_up), ENGINE_LOG

@@ -399,5 +399,9 @@ Snapshot = (
 
 
 def kind_of(snapshot: object) -> Hashable | None:
-    """Return what a newer snapshot has in common with one that still waits, and that it replaces; None: it replaces none."""
-    return None if isinstance(snapshot, Notice | Download | TimelineChange) else type(snapshot)
+    """Return what a newer snapshot has in common with one that still waits, and that it replaces; None: it replaces none. Of progress
+    each state is told: who waits for a job's beginning or end misses neither, however quick the job.
+    """
+    if isinstance(snapshot, Notice | Download | TimelineChange):
+        return None
+    return type(snapshot), snapshot.state if isinstance(snapshot, ProgressSnapshot) else ""

@@ -6,7 +6,6 @@ import contextlib
 import http.client
 import os
 import socket
-import time
 import webbrowser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -16,7 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from handtrack_app.door import connection as door_connection
-from handtrack_app.door import headers
+from handtrack_app.door import handshake, headers
 from handtrack_app.door.browser import show_in_browser
 from handtrack_app.door.door import open_door
 from handtrack_app.door.handshake import MOST_CLIENTS
@@ -213,18 +212,17 @@ def test_the_library_is_left_as_it_was():
     assert library.serve is before
 
 
-def test_a11_the_number_of_clients_is_bounded():
+@pytest.mark.parametrize(
+    ("allowed", "most", "status"),
+    [((1e-9, 3.0), 3, 429), ((1.0, 2.0 * MOST_CLIENTS), MOST_CLIENTS, 503)],
+)
+def test_a11_the_number_of_clients_is_bounded(monkeypatch, allowed, most, status):
+    monkeypatch.setattr(handshake, "_NEW_CLIENTS", allowed)
     door = open_door()
     with contextlib.ExitStack() as clients:
-        statuses = []
-        for _ in range(3 * MOST_CLIENTS):
-            try:
-                clients.enter_context(socket_of(door))
-            except InvalidStatus as refused:
-                statuses.append(refused.response.status_code)
-                time.sleep(0.1)
-        assert {429, 503} == set(statuses)
-        assert len(door.server._websock_server._live_connections) <= MOST_CLIENTS
+        for _ in range(most):
+            clients.enter_context(socket_of(door))
+        assert refused_status(door) == status
     door.server.stop()
 
 

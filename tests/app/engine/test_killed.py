@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import numpy as np
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from tests.app.fake_run import FRAMES, fake_document
+from tests.app.fake_run import fake_document
 from tests.conftest import REPOSITORY
 
 WORK = """
@@ -24,7 +23,7 @@ from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands
 from tests.app.fake_run import fake_document
 
-worker = Worker(Path(sys.argv[1]), lambda s: None, lambda f, o: fake_document(f, o, step_s=0.4))
+worker = Worker(Path(sys.argv[1]), lambda s: None, lambda f, o: fake_document(f, o, stuck=lambda f: f == 8))
 worker.start()
 assert worker.wait_opened(60.0) is None
 names = worker.document.model.parameter_names
@@ -32,9 +31,8 @@ values = list(worker.document.start)
 values[names.index("index_pip_flex")] = 0.75
 worker.send(commands.SetPose(9, tuple(values), 1))
 worker.send(commands.SetSetting("silhouettes.weight", 2.0))
-time.sleep(1.0)
 worker.send(commands.Track(3, 12, 3))
-while len(worker.document.results) < 5:
+while len(worker.document.results) < 5:  # frame 8 never comes
     time.sleep(0.01)
 print("tracking", flush=True)
 time.sleep(60)
@@ -51,7 +49,6 @@ def test_nothing_accepted_is_lost_when_the_program_is_killed(tmp_path: Path) -> 
     assert program.stdout is not None
     try:
         assert program.stdout.readline().strip() == b"tracking"
-        time.sleep(0.2)
     finally:
         program.send_signal(signal.SIGKILL if hasattr(signal, "SIGKILL") else signal.SIGTERM)
         program.wait(10)
@@ -67,8 +64,6 @@ def test_nothing_accepted_is_lost_when_the_program_is_killed(tmp_path: Path) -> 
     names = document.model.parameter_names
     np.testing.assert_allclose(document.by_hand[9][names.index("index_pip_flex")], 0.75)
     assert document.run.settings.silhouettes.weight == 2.0
-    tracked = sorted(document.results)
-    assert tracked[0] == 3 and len(tracked) >= 3, "all but the last second of tracking"
-    assert tracked == list(range(3, 3 + len(tracked))) and tracked[-1] < FRAMES
+    assert sorted(document.results) in ([3, 4, 5, 6], [3, 4, 5, 6, 7]), "at most the last is lost"
     told = [s.text for s in seen if isinstance(s, snapshots.Notice) and s.title == "Welcome back"]
     assert len(told) == 1 and "tracked frames" in told[0]

@@ -41,7 +41,7 @@ def begun(folder: Path) -> Desk:
     listener = Listener()
     worker = Worker(folder, listener.publish, open_document)
     worker.start()
-    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"), 30.0)
+    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     return worker, listener, folder
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import csv
 import re
-import time
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +17,10 @@ import viser.transforms as vtf
 from handtrack_app.page.views.room import POSE
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
+from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import CHROMIUM, DRAWN, PROJECT, chromium, there_is_one
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-
-
-def eventually(test: Callable[[], Any], what: str, timeout: float = 60.0) -> Any:
-    until = time.monotonic() + timeout
-    while not (value := test()):
-        assert time.monotonic() < until, f"{what}: not within {timeout:g} s"
-        time.sleep(0.01)
-    return value
 
 
 class PageUnderTest:
@@ -96,21 +89,24 @@ def _unfold(bench: Workbench) -> None:
 
 
 @pytest.fixture
-def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
-    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.15))
+def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest, threading.Event]]:
+    goes_on = threading.Event()
+    stuck = lambda frame: frame == 8 and not goes_on.is_set()  # noqa: E731
+    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, stuck=stuck))
     with browsing(bench) as page:
-        yield bench, page
+        yield bench, page, goes_on
 
 
 @pytest.mark.browser
 def test_a_user_poses_tracks_cancels_and_exports(
-    opened: tuple[Workbench, PageUnderTest], tmp_path: Path
+    opened: tuple[Workbench, PageUnderTest, threading.Event], tmp_path: Path
 ) -> None:
-    bench, view = opened
+    bench, view, goes_on = opened
     _moves_a_slider(bench, view)
     _drags_the_hand(bench, view)
-    _tracks(bench, view)
+    _tracks(bench, view, goes_on)
     _downloads(view, tmp_path)
+    goes_on.clear()
     _cancels(bench, view)
 
 
@@ -140,16 +136,16 @@ def _drags_the_hand(bench: Workbench, view: PageUnderTest) -> None:
     assert max(abs(v) for v in moved[3:]) < 1e-3, "the arrow only moves"
 
 
-def _tracks(bench: Workbench, view: PageUnderTest) -> None:
+def _tracks(bench: Workbench, view: PageUnderTest, goes_on: threading.Event) -> None:
     view.show_tab("Track")
     view.press("Track all frames")
     eventually(
         lambda: view.page.get_by_role("button", name="Cancel", exact=True).is_visible(),
         "cancel can be pressed",
     )
+    goes_on.set()
     view.page.get_by_text("Tracking finished").first.wait_for(timeout=60_000)
-    strip = bench.layout.timeline.strip
-    assert strip is not None and (strip.status >= 0).all()
+    eventually(lambda: np.all(bench.layout.timeline.strip.status >= 0), "every frame")
 
 
 def _downloads(view: PageUnderTest, folder: Path) -> None:

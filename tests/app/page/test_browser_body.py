@@ -9,7 +9,8 @@ import pytest
 
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.workbench import Workbench
-from tests.app.page.test_browser import browsing, eventually, stands
+from tests.app.page.test_browser import browsing, stands
+from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

@@ -9,7 +9,8 @@ import pytest
 
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, cloudy_session
-from tests.app.page.test_browser import PageUnderTest, browsing, eventually, stands
+from tests.app.page.test_browser import PageUnderTest, browsing, stands
+from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
 
 

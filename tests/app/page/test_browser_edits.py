@@ -9,7 +9,8 @@ import pytest
 
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
-from tests.app.page.test_browser import PageUnderTest, browsing, eventually
+from tests.app.page.test_browser import PageUnderTest, browsing
+from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

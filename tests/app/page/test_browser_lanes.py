@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
-from tests.app.page.test_browser import browsing, eventually
+from tests.app.page.test_browser import browsing
+from tests.app.page.test_review_panel import _tracked
+from tests.app.waiting import eventually
 
 
 @pytest.mark.browser
 def test_a_click_on_the_lanes_goes_there(tmp_path: Path) -> None:
     bench = Workbench(tmp_path, port=0, opener=fake_document)
     with browsing(bench) as view:
-        bench.send(commands.Track(0, FRAMES, 3))
-        eventually(lambda: bool(bench.layout.review.stretches), "tracked")
+        _tracked(bench)
         picture = view.page.locator(".handtrack-timeline svg")
         for frame in (8, 2, 11):
             box = eventually(picture.bounding_box, "the lanes are there")  # they are sent anew

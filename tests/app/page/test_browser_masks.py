@@ -12,8 +12,9 @@ from handtrack_app.page.scene.looking import _pixel
 from handtrack_app.protocol.snapshots import CameraCard
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
-from tests.app.page.test_browser import browsing, eventually, stands
+from tests.app.page.test_browser import browsing, stands
 from tests.app.page.test_browser_clouds import _seen_at
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.experiments.workbench.chromium import PROJECT
 

@@ -8,7 +8,8 @@ import pytest
 
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
-from tests.app.page.test_browser import browsing, eventually
+from tests.app.page.test_browser import browsing
+from tests.app.waiting import eventually
 
 LONG = " ".join(f"Word{n} of a reason that has to be read to its end." for n in range(12))
 CUT = """() => [...document.querySelectorAll('.mantine-Notification-root')].filter((one) => one.innerText.includes('Word11')).map(

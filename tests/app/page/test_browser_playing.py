@@ -12,7 +12,8 @@ import pytest
 from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
-from tests.app.page.test_browser import browsing, eventually
+from tests.app.page.test_browser import browsing
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 SAMPLE = """() => {
@@ -73,17 +74,14 @@ def test_no_more_than_two_frames_are_on_their_way(tmp_path: Path) -> None:
 
             bench.worker.send = sent
             bench.page.play(True)
-            time.sleep(1.0)
-            assert len(asked) == 2, "it draws none of them"
-            for known in (
-                0,
-                1,
-            ):  # a page answers once it takes the frame, and again once it drew it
+            eventually(lambda: len(asked) == 2, "it draws none of them")
+            time.sleep(0.3)
+            for known in (0, 1):  # it takes the frame, and has drawn it
                 eventually(lambda known=known: len(_questions(wire)) > known, "a question")
                 assert len(asked) == 2
                 wire.answer(_questions(wire)[known], None)
                 time.sleep(0.3)
-            assert len(asked) == 3, "one is drawn, one more is asked for"
+            eventually(lambda: len(asked) == 3, "one is drawn, one more is asked for")
     finally:
         bench.stop()
 

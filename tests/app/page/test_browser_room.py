@@ -11,8 +11,9 @@ from handtrack_app.page.scene.hand_place import hand_balls
 from handtrack_app.page.views.room import LARGE, LIGHT, POSE, REST, Taste
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
-from tests.app.page.test_browser import PageUnderTest, browsing, eventually
+from tests.app.page.test_browser import PageUnderTest, browsing
 from tests.app.page.test_browser_zoom import CANVAS
+from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
 
 NOTICE = """() => {

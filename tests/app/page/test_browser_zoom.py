@@ -13,7 +13,8 @@ from handtrack_app.page.views.zoom import Zoom, pixel_ray
 from handtrack_app.workbench import Workbench
 from tests.app import fake_run
 from tests.app.fake_run import fake_document
-from tests.app.page.test_browser import PageUnderTest, browsing, eventually
+from tests.app.page.test_browser import PageUnderTest, browsing
+from tests.app.waiting import eventually
 
 WINDOWS = [(1280, 800), (900, 1000), (1920, 1080)]
 SQUARE = 6  # [px] of the image, 96 × 72

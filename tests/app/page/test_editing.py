@@ -108,8 +108,8 @@ def test_each_page_looks_through_a_camera_of_its_own(bench: Workbench) -> None:
         editor.set_value(view.through, "front")
         other.set_value(view.paint, "nothing")
         eventually(lambda: _shown(editor, "/screen"), "its own picture")
-        wanted = bench.stage.looking.pictures(None)
-        assert wanted == (("front", "outline"), ("side", "plain"))
+        wanted = (("front", "outline"), ("side", "plain"))
+        eventually(lambda: bench.stage.looking.pictures(None) == wanted, "each its own")
         assert bench.state.display.paint == "outline", "of the small pictures: the editor's"
         other.set_value(view.view, "Everything")
         eventually(lambda: _shown(other, "/cameras"), "free again")

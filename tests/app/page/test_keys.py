@@ -7,7 +7,7 @@ import numpy as np
 from handtrack_app.page.views.help import TOUR
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
-from tests.app.page.test_room import asked, said
+from tests.app.page.test_room import said
 from tests.app.page.test_through import Browser
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -82,16 +82,10 @@ def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench: Workb
     bench.layout.help.offers_tour = True
     assert len(TOUR) == 5
     with WireClient(bench.url) as wire:
-        for _ in range(200):  # both questions to the browser's memory
-            requests = said(wire, "LocalStorageGetItemRequestMessage")
-            for one in requests:
-                wire.send({
-                    "type": "LocalStorageGetItemResponseMessage", "value": None, "error": None,
-                    "request_uuid": one["request_uuid"],
-                })  # fmt: skip
-            if len(requests) == 2:
-                break
-            assert asked(wire)
+        questions = lambda: said(wire, "LocalStorageGetItemRequestMessage")  # noqa: E731
+        eventually(lambda: len(questions()) == 2, "both questions to the browser's memory")
+        for one in questions():
+            wire.answer(one, None)
         eventually(lambda: wire.button("Leave the tour") is not None, "it begins")
         for _ in range(2):
             before = wire.button("Next")

@@ -11,11 +11,11 @@ from handtrack_app.page.time.angles import anatomical, angle_parts
 from handtrack_app.page.time.drawing import Area, Drawing, Line, Words
 from handtrack_app.page.time.plot import motion_of, plots, speed_of
 from handtrack_app.page.time.window import Window
-from handtrack_app.protocol import commands
 from handtrack_app.protocol.comparing import Curve, CurvesSnapshot
 from handtrack_app.protocol.snapshots import Download
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
+from tests.app.page.test_review_panel import _tracked
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -97,8 +97,7 @@ def test_the_tab_shows_the_angles_of_a_finger_and_saves_them(
     panel = bench.layout.plots
     given: list[Download] = []
     monkeypatch.setattr(panel, "deliver", given.append)
-    bench.send(commands.Track(0, FRAMES, 3))
-    eventually(lambda: bool(bench.layout.review.stretches), "tracked")
+    _tracked(bench)
     with WireClient(bench.url) as client:
         client.set_value(panel.group, "Index")
         eventually(lambda: "Index finger, end joint" in panel.picture.content, "drawn")

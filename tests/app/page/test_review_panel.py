@@ -17,6 +17,7 @@ from tests.app.wire import WireClient
 def _tracked(bench: Workbench) -> None:
     bench.send(commands.Track(0, FRAMES, 3))
     eventually(lambda: len(bench.layout.review.stretches) == 1, "frame 7 is doubtful")
+    eventually(lambda: bench.layout.progress.state == "idle", "all are tracked")
 
 
 def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench: Workbench) -> None:

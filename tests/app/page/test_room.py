@@ -18,16 +18,10 @@ def said(wire: WireClient, kind: str) -> list[dict[str, Any]]:
     return [message for _, message in list(wire.messages) if message["type"] == kind]
 
 
-def asked(wire: WireClient) -> str:
-    """Return the number of the question what the browser remembers."""
-    eventually(lambda: bool(said(wire, "LocalStorageGetItemRequestMessage")), "asked")
-    return str(said(wire, "LocalStorageGetItemRequestMessage")[-1]["request_uuid"])
-
-
 def answer(wire: WireClient, kept: str | None) -> None:
-    wire.send({
-        "type": "LocalStorageGetItemResponseMessage", "value": kept, "error": None, "request_uuid": asked(wire),
-    })  # fmt: skip
+    """Answer what the browser remembers."""
+    eventually(lambda: bool(said(wire, "LocalStorageGetItemRequestMessage")), "asked")
+    wire.answer(said(wire, "LocalStorageGetItemRequestMessage")[-1], kept)
 
 
 def camera(wire: WireClient, width: int) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from handtrack_app.engine.store import persistence
 from handtrack_app.page.panels.session import head
 from handtrack_app.page.time.takes import takes_table
 from handtrack_app.protocol import commands
@@ -22,7 +23,9 @@ def track(bench: Workbench, first: int, number: int, count: int) -> Any:
     takes = bench.layout.takes
     eventually(
         lambda: (
-            takes.numbers[:1] == (str(number),) and f"{count} frames shown" in takes.list.content
+            takes.numbers[:1] == (str(number),)
+            and f"{count} frames shown" in takes.list.content
+            and bench.layout.progress.state == "idle"
         ),
         f"take {number}",
     )
@@ -60,10 +63,15 @@ def test_whether_all_is_saved_stands_at_the_top(bench: Workbench, saved: str, wo
     assert words not in head(session, ProgressSnapshot("idle", "Ready"))
 
 
-def test_what_is_edited_is_said_to_be_saved(bench: Workbench) -> None:
+def test_what_is_edited_is_said_to_be_saved(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     eventually(lambda: bench.layout.saved == "saved", "from the beginning")
-    bench.page.edit_pose({"index_pip_flex": 0.5}, "slider")
-    eventually(lambda: bench.layout.saved == "saving", "it waits")
+    with monkeypatch.context() as patch:
+        for wait in ("_QUIET_S", "_LONGEST_S"):
+            patch.setattr(persistence, wait, float("inf"))
+        bench.page.edit_pose({"index_pip_flex": 0.5}, "slider")
+        eventually(lambda: bench.layout.saved == "saving", "it waits")
     eventually(lambda: bench.layout.saved == "saved", "on disk")
 
 

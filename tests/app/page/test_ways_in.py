@@ -16,7 +16,8 @@ from handtrack_app.start.start_page import StartPage
 from handtrack_app.workbench import Workbench
 from tests.app.command_line import CommandLine
 from tests.app.commands.test_cli_interrupts import Interrupter
-from tests.app.page.test_browser import PageUnderTest, browsing, eventually
+from tests.app.page.test_browser import PageUnderTest, browsing
+from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")

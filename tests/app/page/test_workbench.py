@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -174,13 +175,18 @@ def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
         )
 
 
-def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
+def test_tracking_shows_progress_and_the_timeline(tmp_path: Path) -> None:
+    seen = threading.Event()
+    opener = lambda f, o: fake_document(f, o, stuck=lambda _: not seen.is_set())  # noqa: E731
+    bench = Workbench(tmp_path, port=0, opener=opener).start()
+    assert bench.wait_ready(60.0)
     tracking = bench.layout.tracking
     with WireClient(bench.url) as client:
         client.send({
             "type": "GuiUpdateMessage", "uuid": tracking.starters[0]._impl.uuid, "updates": {"value": True},
         })  # fmt: skip
         eventually(lambda: bool(tracking.cancel.visible), "cancel can be pressed")
+        seen.set()
         eventually(
             lambda: tracking.progress.state == "idle" and not tracking.cancel.visible, "finished"
         )
@@ -189,6 +195,7 @@ def test_tracking_shows_progress_and_the_timeline(bench: Workbench) -> None:
         lambda: timeline.strip is not None and (timeline.strip.status >= 0).all(), "every frame"
     )
     eventually(lambda: "doubtful" in timeline.picture.content, "marked")
+    bench.stop()
 
 
 def test_the_page_is_left_for_another_recording(bench: Workbench) -> None:
@@ -201,7 +208,6 @@ def follows_the_slider(bench: Workbench, count: int) -> None:
     """Move a slider on the wire; each time the moved hand comes back to the client."""
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     with WireClient(bench.url) as client:
-        time.sleep(0.5)
         for k in range(count):
             sent = client.set_value(slider, 10.0 + 0.5 * k)
             came = client.wait_for(sent, "/hand/flesh", "batched_positions")
@@ -213,8 +219,8 @@ def test_the_hand_follows_a_slider(bench: Workbench) -> None:
 
 
 def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
-    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=5.0))
-    bench.start()
+    opener = lambda f, o: fake_document(f, o, stuck=lambda frame: frame == 4)  # noqa: E731
+    bench = Workbench(tmp_path, port=0, opener=opener).start()
     assert bench.wait_ready(60.0)
     bench.send(commands.Track(0, FRAMES, 0))
     eventually(lambda: bench.layout.tracking.progress.state == "tracking", "it is tracked")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import signal
 import subprocess
@@ -63,7 +64,7 @@ class Page:
     @property
     def saved(self) -> str:
         """What the page's head says."""
-        return [s.saved for s in self.seen if isinstance(s, snapshots.WorkSnapshot)][-1]
+        return ([""] + [s.saved for s in self.seen if isinstance(s, snapshots.WorkSnapshot)])[-1]
 
     @property
     def notices(self) -> list[snapshots.Notice]:
@@ -92,15 +93,10 @@ def values_with(bend: float) -> tuple[float, ...]:
     return tuple(values.tolist())
 
 
-def bend_of(pose: snapshots.PoseSnapshot) -> float:
-    names = fake_document(Path()).model.parameter_names
-    return float(pose.values[names.index("index_pip_flex")])
-
-
 def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(
     tmp_path: Path, start: Callable[..., Page]
 ) -> None:
-    page = start(tmp_path, partial(fake_document, step_s=0.3))
+    page = start(tmp_path, partial(fake_document, stuck=partial(operator.le, 8)))
     engine = page.engine
     first = engine.pid
     engine.send(commands.WantPictures(True, "plain", (("front", "plain"),)))
@@ -108,20 +104,20 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(
     page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9,))
     engine.send(commands.Track(3, FRAMES, 3))
     page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking" and p.frame == 7)
-    engine.send(commands.SetPose(10, values_with(0.6), 2))  # on its way, and not on disk yet
+    engine.send(commands.SetPose(10, values_with(0.6), 2))  # perhaps not on disk yet
     page.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
     said = page.kill()
     notice = page.wait(snapshots.Notice, after=said)
     assert notice.level == "error" and "SIGKILL" in notice.text and "memory" in notice.text
-    assert "Tracking stopped at frame 7" in notice.text or "stopped at frame 8" in notice.text
+    assert "Tracking stopped at frame 7" in notice.text
     opening = page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "opening", said)
     said = page.seen.index(opening)
     page.idle(said)
     assert engine.pid not in (first, None)
     welcome = page.wait(snapshots.Notice, lambda n: n.title == "Welcome back", said)
-    assert "1 pose set by hand" in welcome.text and "tracked frames" in welcome.text
+    assert "set by hand" in welcome.text and "tracked frames" in welcome.text
     strip = page.wait(snapshots.TimelineSnapshot, after=said)
-    assert (strip.status[3:6] >= 0).all(), "all but the last second"
+    assert (strip.status[3:7] >= 0).all(), "all but the last one"
     assert page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9, 10), said)
     poses = [s for s in page.seen[said:] if isinstance(s, snapshots.PoseSnapshot)]
     assert all(pose.version == 2 for pose in poses), "the page takes them for news"
@@ -134,27 +130,6 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(
     page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking", said)
 
 
-def test_c40_commands_wait_while_the_next_one_takes_the_lease_of_the_dead(
-    tmp_path: Path, start: Callable[..., Page]
-) -> None:
-    page = start(tmp_path)
-    holder = holder_of(tmp_path / "tracks")
-    assert holder is not None and holder.pid == page.engine.pid
-    said = page.kill()
-    page.wait(snapshots.Notice, after=said)
-    page.engine.send(commands.SetPose(5, values_with(0.5), 1))
-    page.engine.send(commands.ShowFrame(8))
-    page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)
-    page.engine.send(
-        commands.ShowFrame(5)
-    )  # where it may never have been shown on the way to frame 8
-    posed = page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 5, said)
-    np.testing.assert_allclose(bend_of(posed), 0.5)
-    holder = holder_of(tmp_path / "tracks")
-    assert holder is not None and holder.pid == page.engine.pid
-    assert not any("looked at" in notice.text for notice in page.notices)
-
-
 def state_on_disk(folder: Path) -> dict[str, Any]:
     return Store(folder / "tracks").history().state
 
@@ -162,9 +137,12 @@ def state_on_disk(folder: Path) -> dict[str, Any]:
 def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_saved(
     tmp_path: Path, start: Callable[..., Page]
 ) -> None:
-    """A pose, frames accepted, a pin, a setting, and an undo in between, while the engine does not answer."""
+    """A pose, frames accepted, a pin, a setting, and an undo in between, while the engine does not answer; a pose while there is none.
+    The next one takes the lease of the dead.
+    """
     page = start(tmp_path)
-    engine = page.engine
+    engine, tracks = page.engine, tmp_path / "tracks"
+    assert holder_of(tracks).pid == engine.pid
     engine.send(commands.SetPose(2, values_with(0.3), 1))
     engine.send(commands.SetPose(4, values_with(0.4), 2))
     eventually(lambda: page.saved == "saved" and not engine._outbox.edits, "on disk")
@@ -179,12 +157,23 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     said = page.kill()
     notice = page.wait(snapshots.Notice, after=said)
     assert "frame 5" in notice.text and "cloud.weight" in notice.text
-    assert page.saved == "saving"
+    engine.send(commands.SetPose(7, values_with(0.7), 6))
+    told = page.seen[said : page.seen.index(notice)]
+    assert not [s for s in told if isinstance(s, snapshots.WorkSnapshot) and s.saved == "saved"]
     eventually(lambda: page.saved == "saved", "done again")
     state = state_on_disk(tmp_path)
-    assert {"pose/2", "pose/5", "accepted", "pins/5", "setting/cloud.weight"} <= state.keys()
+    assert {
+        "pose/2",
+        "pose/5",
+        "accepted",
+        "pins/5",
+        "setting/cloud.weight",
+        "pose/7",
+    } <= state.keys()
     assert state["pose/4"] is None or state["pose/4"].get("carried"), "undone once"
     assert state["accepted"] == [[5, 6]] and state["setting/cloud.weight"] == 7.0
+    assert holder_of(tracks).pid == engine.pid
+    assert not any("looked at" in notice.text for notice in page.notices)
 
 
 def test_c40_what_is_on_disk_already_is_not_done_twice(
@@ -362,7 +351,7 @@ def test_memory_is_a_share_of_what_there_is_unless_it_is_said() -> None:
 
 # ---- ending
 
-slow_document = partial(fake_document, step_s=0.3)
+slow_document = partial(fake_document, stuck=partial(operator.le, 5))
 PARENT = """
 import sys, time
 from pathlib import Path
@@ -394,8 +383,8 @@ def test_c40_an_engine_whose_page_was_killed_ends_and_frees_the_session(tmp_path
     parent.kill()
     parent.wait(10)
     parent.stdout.close()
-    eventually(lambda: not any(tracks.glob("lease-*.json")), "the lease is given back", 10.0)
-    eventually(lambda: not _works(engine), "its process ended", 10.0)
+    eventually(lambda: not any(tracks.glob("lease-*.json")), "the lease is given back")
+    eventually(lambda: not _works(engine), "its process ended")
 
 
 def _works(pid: int) -> bool:

@@ -144,7 +144,7 @@ class WireClient:
                     there = None
         return there
 
-    def wait_for(self, after: float, name: str, prop: str, timeout: float = 5.0) -> float | None:
+    def wait_for(self, after: float, name: str, prop: str, timeout: float = 60.0) -> float | None:
         """Return when the first update of a scene node's property came after a time; None if none did."""
 
         def found() -> float | None:
