@@ -110,7 +110,7 @@ def test_ctrl_c_in_the_real_program(handtrack: CommandLine, tmp_path: Path) -> N
         assert process.poll() is None
     time.sleep(1.0)
     process.send_signal(signal.SIGINT)
-    shown, told = process.communicate(timeout=30)
+    shown, told = process.communicate(timeout=120)
     assert process.returncode == 130, told
     assert "Traceback" not in told
     poses = session / "tracks/poses.npz"
@@ -139,7 +139,7 @@ def test_a_reader_that_goes_away_is_no_error(session: Path) -> None:
     process = program("doctor", session)
     assert process.stdout is not None
     process.stdout.close()
-    process.wait(30)
+    process.wait(120)
     assert process.stderr is not None
     with process.stderr as told:
         assert told.read() == ""
@@ -148,6 +148,6 @@ def test_a_reader_that_goes_away_is_no_error(session: Path) -> None:
 
 def test_exit_codes_of_the_real_program(tmp_path: Path) -> None:
     done = program("doctor", tmp_path)
-    _, told = done.communicate(timeout=30)
+    _, told = done.communicate(timeout=120)
     assert done.returncode == 2
     assert told.startswith("handtrack doctor: ")
