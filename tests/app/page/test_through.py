@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import viser.transforms as vtf
 
+from handtrack_app.page.scene import looking
 from handtrack_app.page.views import through
 from handtrack_app.page.views.through import Through
 from handtrack_app.workbench import Workbench
@@ -133,6 +135,30 @@ def test_an_answer_to_what_it_was_told_before_undoes_nothing(bench: Workbench) -
         page.obey()
         time.sleep(0.3)
         assert page.times() == 1.0
+
+
+def test_a_page_has_one_screen_whichever_threads_redraw(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add, made = looking._add_screen, list[Any]()
+
+    def slow(client: Any) -> Any:
+        made.append(client)
+        time.sleep(0.1)
+        return add(client)
+
+    monkeypatch.setattr(looking, "_add_screen", slow)
+    with WireClient(bench.url) as wire:
+        page = Browser(bench, wire)
+        page.press("Look through front")
+        eventually(lambda: bench.stage.looking.anyone, "it looks through")
+        redraws = [threading.Thread(target=bench.redraw) for _ in range(3)]
+        for one in redraws:
+            one.start()
+        for one in redraws:
+            one.join(60.0)
+        screen = bench.stage.looking._screens[page.number].image
+        assert len(made) == 1 and not screen._impl.removed
 
 
 def test_who_walks_out_is_told_and_one_key_leads_back(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -53,6 +54,7 @@ class Looking:
         page.everyones.add(_SCREEN)  # who looks on turns its own picture, too
         self._cards: dict[str, CameraCard] = {}
         self._screens: dict[int, Screen] = {}
+        self._lock = threading.RLock()  # each page has one screen, whichever thread redraws
         self._heard_image: viser.ImageHandle | None = None
         self.boxed: set[int] = set()
         """clients that drag a box over the picture, which stays where it is"""
@@ -115,26 +117,27 @@ class Looking:
 
     def place(self, field_camera: str | None, hand: Floats[D3], larger: float) -> None:
         """Stand the screens behind the hand at `hand` [m]. larger: than a hand."""
-        here = self._page.server.get_clients()
-        self._screens = {one: screen for one, screen in self._screens.items() if one in here}
-        state = self._page.state
-        with state.lock:
-            state.looks = {one: look for one, look in state.looks.items() if one in here}
-        for number, client in here.items():
-            picture = _picture(state.look(number), field_camera)
-            screen = self._screens.get(number)
-            if screen is None and picture is not None:
-                screen = self._screens[number] = Screen(_add_screen(client))
-                self._drags_turn(client, screen.image, "left")
-                self._drags_turn(client, screen.image, "right")
-            if screen is None:
-                continue
-            if picture != screen.picture:
-                screen.image.visible = False  # until its picture comes
-            screen.picture = picture
-            card = None if picture is None else self._cards.get(picture[0])
-            if card is not None:
-                _place(screen, card, hand, larger)
+        with self._lock:
+            here = self._page.server.get_clients()
+            self._screens = {one: screen for one, screen in self._screens.items() if one in here}
+            state = self._page.state
+            with state.lock:
+                state.looks = {one: look for one, look in state.looks.items() if one in here}
+            for number, client in here.items():
+                picture = _picture(state.look(number), field_camera)
+                screen = self._screens.get(number)
+                if screen is None and picture is not None:
+                    screen = self._screens[number] = Screen(_add_screen(client))
+                    self._drags_turn(client, screen.image, "left")
+                    self._drags_turn(client, screen.image, "right")
+                if screen is None:
+                    continue
+                if picture != screen.picture:
+                    screen.image.visible = False  # until its picture comes
+                screen.picture = picture
+                card = None if picture is None else self._cards.get(picture[0])
+                if card is not None:
+                    _place(screen, card, hand, larger)
 
     def listen(self, client: viser.ClientHandle, pointed: Pointed) -> None:
         """Tell where a page drags or clicks on the camera's image that it sees, until `hush`."""
