@@ -37,18 +37,10 @@ def sample_frame(
 
 
 def stacked(frames: Iterable[FrameResult]) -> TrackResult:
-    return TrackResult.from_frames(
-        list(frames),
-        parameter_names=PARAMETERS,
-        bone_names=BONES,
-        joint_names=keypoint_names(),
-        model="hand26",
-        side="right",
-        scale='{"overall": 1.0}',
-        session="invented",
-        settings="{}",
-        version="0.0",
-    )
+    labels = TrackLabels(
+        PARAMETERS, BONES, keypoint_names(), "hand26", "right", '{"overall": 1.0}', "invented", "{}", "0.0",
+    )  # fmt: skip
+    return labels.track(list(frames))
 
 
 def sample_track(rng: np.random.Generator, frames: Iterable[int] = range(5)) -> TrackResult:
@@ -68,8 +60,9 @@ def hand_track(count: int = 5) -> TrackResult:
         poses[:, :3, :3], poses[:, :3, 3] = bones.rotation, bones.position
         frames.append(
             FrameResult(
-                frame, frame / 25, joint, Status.TRACKED, 1.0, 4, np.full(len(joint), 0.01),
-                np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)), poses, joints, model.keypoints21(bones),
+                frame=frame, time_s=frame / 25, parameters=joint, status=Status.TRACKED, energy=1.0, iterations=4,
+                parameter_std=np.full(len(joint), 0.01), joint_covariance=np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)),
+                T_world_bone=poses, joint_positions=joints, keypoints21=model.keypoints21(bones),
             )
         )  # fmt: skip
     labels = TrackLabels(

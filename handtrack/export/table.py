@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.session.formats.tables import read_npz
-from handtrack.tracking.frame.result import Status, TrackResult
+from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult
 from handtrack.tracking.frame.tables.labelled import frame_rate
 from handtrack.tracking.frame.tables.track_model import model_of
 
@@ -76,28 +77,18 @@ class ResultsTable:
             return self
         held = np.searchsorted(track.frame, frames, side="right") - 1
         new = track.frame[held] != frames
-        time_s = np.where(new, np.interp(frames, track.frame, track.time_s), track.time_s[held])
-        rows = {
-            name: getattr(track, name)[held]
-            for name in ("parameters", "T_world_bone", "joint_positions", "energy", "iterations")
-        }
-        filled = replace(
-            track,
-            **rows,
-            frame=frames,
-            time_s=time_s,
-            status=np.where(new, int(Status.LOST), track.status[held]),
-            keypoints21=None if track.keypoints21 is None else track.keypoints21[held],
-            parameter_std=np.where(new[:, None], np.inf, track.parameter_std[held]),
-            joint_covariance=track.joint_covariance[held],
-            views=None if track.views is None else np.where(new, 0, track.views[held]),
-            p_off_25mm=_held(track.p_off_25mm, held, new),
-            p_off_10mm=_held(track.p_off_10mm, held, new),
-            reason=None if track.reason is None else np.where(new, "", track.reason[held]),
-            **dict.fromkeys(("energies", "energy_names", "reason_kind", "reason_where"), None),
-            **dict.fromkeys(("reason_numbers", "hypothesis_parameters", "hypothesis_energy"), None),
-            **dict.fromkeys(("hypothesis_weight", "hypothesis_parent", "hypothesis_origin"), None),
-        )
+        changed: dict[str, Any] = {}
+        for name, column in COLUMNS.items():
+            array = getattr(track, name)
+            if column.gaps == "dropped":
+                changed |= {name: None} | ({column.names: None} if column.names else {})
+            elif array is not None:
+                changed[name] = array[held]
+                if column.gaps == "missing":
+                    changed[name][new] = column.missing
+        changed["frame"], changed["status"][new] = frames, int(Status.LOST)
+        changed["time_s"][new] = np.interp(frames[new], track.frame, track.time_s)
+        filled = replace(track, **changed)
         return replace(self, track=filled)
 
     @cached_property
@@ -111,11 +102,3 @@ class ResultsTable:
             for values in self.track.parameters
         ]
         return float(np.linalg.norm(np.stack(posed) - self.track.joint_positions, axis=2).max())
-
-
-def _held(values: Floats | None, held: Array, new: Array) -> Floats | None:
-    if values is None:
-        return None
-    rows = values[held].copy()
-    rows[new] = np.nan
-    return rows

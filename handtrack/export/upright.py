@@ -10,7 +10,7 @@ from handtrack.arrays import D3, Floats
 from handtrack.errors import unknown_name
 from handtrack.export.registry import AXES
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.tracking.frame.result import TrackResult
+from handtrack.tracking.frame.result import COLUMNS, TrackResult
 
 
 def axis(name: str) -> Floats[D3]:
@@ -39,21 +39,11 @@ def upright(track: TrackResult, up: str, wanted: str) -> TrackResult:
     root's standard deviations) is left out or unknown.
     """
     turn = turn_between(up, wanted)
-    T_world_bone = track.T_world_bone.copy()
-    T_world_bone[..., :3, :] = turn @ T_world_bone[..., :3, :]
+    arrays = {name: getattr(track, name) for name in COLUMNS}
+    changed = {name: COLUMNS[name].turned(a, turn) for name, a in arrays.items() if a is not None}
     parameters, std = track.parameters.copy(), track.parameter_std.copy()
     parameters[:, :3] = parameters[:, :3] @ turn.T
     parameters[:, 3:6] = rotation_vector(turn @ rotation_matrix(track.parameters[:, 3:6]))
     std[:, :6] = np.nan
-    points = track.keypoints21
-    hypotheses = [name for name in vars(track) if name.startswith("hypothesis_")]
-    return replace(
-        track,
-        T_world_bone=T_world_bone,
-        parameters=parameters,
-        parameter_std=std,
-        joint_positions=track.joint_positions @ turn.T,
-        keypoints21=None if points is None else points @ turn.T,
-        joint_covariance=turn @ track.joint_covariance @ turn.T,
-        **dict.fromkeys(("cameras", "pins", *hypotheses), None),
-    )
+    changed |= {"parameters": parameters, "parameter_std": std, "cameras": None, "pins": None}
+    return replace(track, **changed)

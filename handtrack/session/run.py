@@ -375,13 +375,22 @@ class TrackingRun:
         """What the numbers of this run's results mean, and where they come from."""
         model, std_mm = self.model, self.scale.std.get("length_mm")
         return TrackLabels(
-            model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names),
-            model.name, model.side, json.dumps(scale_table(self.scale)), self.session.name,
-            json.dumps(self.settings.flat(), sort_keys=True), VERSION,
-            None if self.first is None else self.first.confidence,
-            None if std_mm is None else hand_length_mm(model), std_mm,
-            model.definition, self.session.fps, rig_json(self.session.rig),
-        )  # fmt: skip
+            parameter_names=model.parameter_names,
+            bone_names=tuple(model.skeleton.bone_names),
+            joint_names=tuple(model.joint_names),
+            model=model.name,
+            side=model.side,
+            scale=json.dumps(scale_table(self.scale)),
+            session=self.session.name,
+            settings=json.dumps(self.settings.flat(), sort_keys=True),
+            version=VERSION,
+            start_confidence=None if self.first is None else self.first.confidence,
+            hand_length_mm=None if std_mm is None else hand_length_mm(model),
+            hand_length_std_mm=std_mm,
+            definition=model.definition,
+            fps=self.session.fps,
+            cameras=rig_json(self.session.rig),
+        )
 
 
 def given_in_images(

@@ -94,7 +94,7 @@ def result_of(motion: Captured, name: str) -> TrackResult:
     model, clip = motion.model, motion.clip
     labels = TrackLabels(
         model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names), model.name, model.side,
-        json.dumps(scale_table(model.scale)), name, "", VERSION, None, None, None, model.definition, clip.fps, rig_json(_rig(clip)),
+        json.dumps(scale_table(model.scale)), name, version=VERSION, definition=model.definition, fps=clip.fps, cameras=rig_json(_rig(clip)),
     )  # fmt: skip
     errors = motion.errors_m
     return labels.track(

@@ -6,12 +6,12 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from handtrack.store.take import FrameHead
+from handtrack.store.take import StoredFrame
 from handtrack.tracking.frame.result import FrameResult
 
 _HELD = 256  # frames whose arrays stay in memory, about 3 MB: those that one looks at
 
-Head = FrameHead | FrameResult
+Head = StoredFrame | FrameResult
 """status, energy and its parts of a frame; one that is nowhere on disk is its own head"""
 
 
@@ -30,7 +30,7 @@ class TakeFrames(Mapping[int, FrameResult]):
     """frames that were taken since it was read or begun, in this order: whoever follows it looks at these alone"""
     _held: OrderedDict[int, FrameResult] = field(default_factory=OrderedDict)
 
-    def put(self, result: FrameResult, head: FrameHead | None) -> None:
+    def put(self, result: FrameResult, head: StoredFrame | None) -> None:
         """Take a frame, in the place of the one that was there. head: where it is on disk; None: nowhere."""
         self.heads[result.frame] = result if head is None else head
         self.puts.append(result.frame)

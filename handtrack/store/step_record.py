@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from math import prod
 from typing import Any
 
@@ -12,20 +12,18 @@ import numpy as np
 from handtrack.arrays import Array, Axes
 from handtrack.store.record import Record
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Alternative, FrameResult, Status
+from handtrack.tracking.frame.result import (
+    COLUMNS,
+    FIELDS,
+    Alternative,
+    FrameHead,
+    FrameResult,
+    Status,
+)
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
 from handtrack.tracking.state import Step
 
-_RESULT = (
-    "parameters",
-    "parameter_std",
-    "joint_covariance",
-    "T_world_bone",
-    "joint_positions",
-    "keypoints21",
-    "p_off_10mm",
-)
 _STATE = ("belief", "hypothesis")
 """arrays that begin so are of the tracker's state"""
 _Content = tuple[dict[str, Any], bytes]
@@ -90,52 +88,38 @@ def _arrays(record: Record, passed_over: tuple[str, ...] = ()) -> dict[str, Arra
 
 
 def _of_result(result: FrameResult, packed: _Packed) -> dict[str, Any]:
-    for name in _RESULT:
-        packed.add(name, getattr(result, name))
-    for number, pose in enumerate(result.alternatives):
-        packed.add(f"alternative{number}", pose.parameters)
-    return {
-        "frame": result.frame,
-        "time_s": float(result.time_s),
-        "status": int(result.status),
-        "energy": float(result.energy),
-        "iterations": int(result.iterations),
-        "views": int(result.views),
+    data: dict[str, Any] = {
         "energies": {name: float(value) for name, value in result.energies.items()},
         "reason": None if result.reason is None else asdict(result.reason),
-        "p_off_25mm": float(result.p_off_25mm),
         "alternatives": [
             [float(a.energy), float(a.weight), int(a.parent), a.origin] for a in result.alternatives
         ],
     }
+    for name in (name for name in FIELDS if name not in data):
+        if COLUMNS[name].axes:
+            packed.add(name, getattr(result, name))
+        else:
+            data[name] = COLUMNS[name].kind(getattr(result, name))
+    for number, pose in enumerate(result.alternatives):
+        packed.add(f"alternative{number}", pose.parameters)
+    return data
 
 
-def result_head(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a record's data says of a frame without its arrays, by the names of FrameResult."""
-    reason = data["reason"]
-    return {
-        "frame": int(data["frame"]),
-        "status": Status(data["status"]),
-        "energy": float(data["energy"]),
-        "energies": dict(data["energies"]),
-        "reason": None if reason is None else Reason(**reason),
-        "p_off_25mm": float(data.get("p_off_25mm", float("nan"))),
-        "views": int(data.get("views", 0)),
-    }
+def result_head(data: Mapping[str, Any], owner: type[FrameHead] = FrameHead) -> dict[str, Any]:
+    """Return what a record's data says of a frame without its arrays, by the names of the owner's fields."""
+    known = {entry.name: data[entry.name] for entry in fields(owner) if entry.name in data}
+    reason = data["reason"] and Reason(**data["reason"])
+    return known | {"status": Status(data["status"]), "reason": reason}
 
 
 def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
-    known: dict[str, Any] = result_head(data)
-    known |= {name: arrays.get(name) for name in _RESULT}
-    return FrameResult(
-        **known,
-        time_s=float(data["time_s"]),
-        iterations=int(data["iterations"]),
-        alternatives=tuple(
-            Alternative(arrays[f"alternative{n}"], energy, weight, parent, origin)
-            for n, (energy, weight, parent, origin) in enumerate(data["alternatives"])
-        ),
+    known = result_head(data, FrameResult)
+    known |= {name: array for name, array in arrays.items() if name in FIELDS}
+    known["alternatives"] = tuple(
+        Alternative(arrays[f"alternative{n}"], *numbers)
+        for n, numbers in enumerate(data["alternatives"])
     )
+    return FrameResult(**known)
 
 
 def _of_hypothesis(known: MovingHypothesis, number: int, packed: _Packed) -> list[object]:

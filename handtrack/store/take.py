@@ -20,8 +20,13 @@ from handtrack.store.step_record import (
     result_head,
     step_content,
 )
-from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
+from handtrack.tracking.frame.result import (
+    FrameHead,
+    FrameResult,
+    Status,
+    TrackLabels,
+    TrackResult,
+)
 from handtrack.tracking.state import Step
 
 _ABOUT, _STEP, _POSE, _END = "take", "step", "pose", "end"
@@ -48,18 +53,10 @@ class TakeAbout:
     """of the programs that made it"""
 
 
-@dataclass(frozen=True, eq=False)
-class FrameHead:
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class StoredFrame(FrameHead):
     """What is known of a stored frame without its arrays, and where they are."""
 
-    frame: int
-    status: Status
-    energy: float
-    energies: Mapping[str, float]
-    """its parts, by the names of the terms"""
-    reason: Reason | None
-    p_off_25mm: float
-    views: int
     path: Path
     offset: int
 
@@ -144,12 +141,12 @@ class Take:
                 latest[result.frame] = result
         return [latest[frame] for frame in sorted(latest)]
 
-    def frame_heads(self, damage: list[str]) -> dict[int, FrameHead]:
+    def frame_heads(self, damage: list[str]) -> dict[int, StoredFrame]:
         """Return what is known of each of its frames, the latest of each. Reads and checks everything, and holds no arrays.
 
         damage: gets a sentence for each part that is damaged or missing.
         """
-        wanted, found = range(*self.about.frames), dict[int, FrameHead]()
+        wanted, found = range(*self.about.frames), dict[int, StoredFrame]()
         for path, record in read_segments(self.folder, damage):
             if record.kind in (_STEP, _POSE) and record.data.get("frame") in wanted:
                 found[record.data["frame"]] = _head(record.data, path, record.offset)
@@ -191,7 +188,7 @@ class TakeWriter:
         """Keep a tracked frame, whatever happens to this program; a second later at most it is on disk."""
         self._log.append(_STEP, *step_content(step), durable=False)
 
-    def replace(self, result: FrameResult) -> FrameHead:
+    def replace(self, result: FrameResult) -> StoredFrame:
         """Keep a pose that nothing is tracked on from: another one of a frame that is there, of all frames together, say.
         Return where it is.
         """
@@ -207,8 +204,8 @@ class TakeWriter:
         self._log.append(_END, asdict(self.about))
 
 
-def _head(data: Mapping[str, Any], path: Path, offset: int) -> FrameHead:
-    return FrameHead(**result_head(data), path=path, offset=offset)
+def _head(data: Mapping[str, Any], path: Path, offset: int) -> StoredFrame:
+    return StoredFrame(**result_head(data), path=path, offset=offset)
 
 
 def _about(record: Record) -> TakeAbout | None:

@@ -99,8 +99,9 @@ def _moved_a_little(folder: Path, count: int) -> TrackResult:
         joints = model.joint_positions(bones)
         frames.append(
             FrameResult(
-                frame, frame / run.session.fps, values, Status.TRACKED, 1.0, 1, np.full(len(values), 0.01),
-                np.tile(1e-6 * np.eye(3), (len(joints), 1, 1)), bones.T_world_bone, joints, model.keypoints21(bones),
+                frame=frame, time_s=frame / run.session.fps, parameters=values, status=Status.TRACKED, energy=1.0, iterations=1,
+                parameter_std=np.full(len(values), 0.01), joint_covariance=np.tile(1e-6 * np.eye(3), (len(joints), 1, 1)),
+                T_world_bone=bones.T_world_bone, joint_positions=joints, keypoints21=model.keypoints21(bones),
             )
         )  # fmt: skip
     return run.result(frames)

@@ -15,7 +15,7 @@ from handtrack.model.model_file import load_model
 from handtrack.session.layout import MASKS_FOLDER
 from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
-from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from tests.capture.seeded_scenes import Recording, recording
 from tests.session.test_seeded_session import CALIBRATION, SETTINGS
 
@@ -34,17 +34,18 @@ def track_of(drawn: Recording, rng: np.random.Generator) -> TrackResult:
         joints = model.joint_positions(bones)
         frames.append(
             FrameResult(
-                frame, frame / 10, model.transform.joint_params(moved),
-                Status.LOST if frame == LOST else Status.TRACKED, 1.0, 4, np.full(26, 0.01),
-                np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)),
-                np.tile(np.eye(4), (len(bones.position), 1, 1)), joints, joints[:21].copy(),
+                frame=frame, time_s=frame / 10, parameters=model.transform.joint_params(moved),
+                status=Status.LOST if frame == LOST else Status.TRACKED, energy=1.0, iterations=4,
+                parameter_std=np.full(26, 0.01), joint_covariance=np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)),
+                T_world_bone=np.tile(np.eye(4), (len(bones.position), 1, 1)), joint_positions=joints,
+                keypoints21=joints[:21].copy(),
             )
         )  # fmt: skip
-    return TrackResult.from_frames(
-        frames, parameter_names=model.parameter_names, bone_names=model.skeleton.bone_names,
-        joint_names=model.joint_names, model="hand26", side="right", scale='{"overall": 1.0, "parts": {}}',
-        session="drawn", settings="{}", version="0.0",
+    labels = TrackLabels(
+        model.parameter_names, model.skeleton.bone_names, model.joint_names, "hand26", "right",
+        '{"overall": 1.0, "parts": {}}', "drawn", "{}", "0.0",
     )  # fmt: skip
+    return labels.track(frames)
 
 
 @pytest.fixture

@@ -201,7 +201,7 @@ def test_written_files_have_the_usual_mode(rng, tmp_path):
         ({"energy": np.zeros(3)}, r"energy has the shape (3,); expected (5,)"),
         ({"T_world_bone": np.zeros((5, 4, 4))}, "expected (5, 2, 4, 4)"),
         ({"status": np.zeros(5)}, "status holds float64; expected whole numbers"),
-        ({"status": np.full(5, 9)}, "status has values other than 0 to 4"),
+        ({"status": np.full(5, 9)}, "status has values other than 0 to 3"),
         ({"frame": np.array([0, 1, 1, 2, 3])}, "frame numbers do not ascend"),
         ({"model": np.array(3)}, "model holds int64; expected text"),
         ({"frame": np.array([-1, 1, 2, 3, 4])}, "frame -1; expected numbers from 0"),

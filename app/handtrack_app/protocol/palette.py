@@ -33,7 +33,6 @@ STATUS = {
     1: ("doubtful", "#f0e442"),
     2: ("lost", "#d55e00"),
     3: ("set by hand", "#cc79a7"),
-    4: ("interpolated", "#009e73"),
 }
 PIN = (213, 94, 0)
 """what somebody pinned"""

@@ -15,7 +15,7 @@ from handtrack.tracking.frame.result import TrackResult
 _MEANINGS = {
     "frame": "number of the frame, from 0",
     "time_s": "time [s]",
-    "status": "0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand, 4 interpolated",
+    "status": "0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand",
     "energy": "what is left unexplained; to be compared within a session only",
     "p_off_25mm": "probability that some joint is more than 25 mm off",
     "reason": "why the frame is doubtful or lost",

@@ -17,58 +17,21 @@ from handtrack.files.npz_files import read_arrays
 from handtrack.files.versions import keep_version
 from handtrack.session.formats.anatomy import anatomy_arrays
 from handtrack.tracking.frame.reason import KINDS
-from handtrack.tracking.frame.result import Status, TrackResult
+from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult
+from handtrack.tracking.frame.result_fields import result_fields
 from handtrack.tracking.frame.tables.track_model import model_of
 
 FORMAT = 2
 """with the model's hierarchy; files of format 1 are without it, and open"""
 
-_NAMES = ("parameter_names", "bone_names", "joint_names", "energy_names", "part_names")
-_TEXTS = ("model", "side", "scale", "session", "settings", "version", "keypoint_definition")
-_WHOLE = ("frame", "status", "iterations", "views", "hypothesis_parent", "take")
-_FINITE = ("time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21")
-_JSON = ("refinement", "definition", "cameras", "pins")
-_SCALARS = ("start_confidence", "hand_length_mm", "hand_length_std_mm", "fps")
-_SHAPES: dict[str, tuple[str | int, ...]] = {
-    "frame": ("F",),
-    "time_s": ("F",),
-    "parameter_names": ("S",),
-    "parameters": ("F", "S"),
-    "bone_names": ("B",),
-    "T_world_bone": ("F", "B", 4, 4),
-    "joint_names": ("J",),
-    "joint_positions": ("F", "J", 3),
-    "keypoints21": ("F", 21, 3),
-    "status": ("F",),
-    "energy": ("F",),
-    "iterations": ("F",),
-    "views": ("F",),
-    "parameter_std": ("F", "S"),
-    "joint_covariance": ("F", "J", 3, 3),
-    "energy_names": ("T",),
-    "energies": ("F", "T"),
-    "reason": ("F",),
-    "reason_kind": ("F",),
-    "reason_where": ("F", 2),
-    "reason_numbers": ("F", 2),
-    "p_off_25mm": ("F",),
-    "p_off_10mm": ("F", "N"),
-    "part_names": ("N",),
-    "hypothesis_parameters": ("F", "H", "S"),
-    "hypothesis_energy": ("F", "H"),
-    "hypothesis_weight": ("F", "H"),
-    "hypothesis_parent": ("F", "H"),
-    "hypothesis_origin": ("F", "H"),
-    **dict.fromkeys((*_SCALARS, "take", *_TEXTS, *_JSON), ()),
-}
-_REASON = ("reason", "reason_kind", "reason_where", "reason_numbers")
-_OFF = ("p_off_10mm", "part_names")
-_HYPOTHESES = tuple(name for name in _SHAPES if name.startswith("hypothesis_"))
-_OPTIONAL = (
-    "keypoints21", "keypoint_definition", "views", "energy_names", "energies", "take", "p_off_25mm", *_JSON, *_SCALARS, *_REASON, *_OFF, *_HYPOTHESES
-)  # fmt: skip
-_WORDS = ("reason", "reason_kind", "reason_where", "hypothesis_origin")
-"""arrays of text, a row a frame"""
+_LABELS = [entry for entry in fields(TrackResult) if entry.name not in COLUMNS]
+_HEADS = {name: known.columns[name] for name, known in result_fields(_LABELS).items()}
+"""what is the same for all frames"""
+_ALWAYS = [entry.name for entry in _LABELS if "None" not in str(entry.type)] + [
+    name for known in FIELDS.values() if not known.is_optional for name in known.columns
+]
+_GROUPS = [known.group for known in FIELDS.values()]
+_KINDS = {str: ("U", "text"), int: ("iu", "whole numbers"), float: ("fiu", "numbers")}
 
 
 def write_result(path: Path | str, track: TrackResult) -> Path | None:
@@ -128,30 +91,31 @@ def read_npz(path: Path | str) -> TrackResult:
             "Update handtrack, or track the session again."
         )
     _check_shapes(path, arrays)
-    values: dict[str, object] = {}
-    for name in _SHAPES:
-        values[name] = _value(path, name, arrays[name]) if name in arrays else None
-    track = TrackResult(**values)  # type: ignore[arg-type]
+    known = {name: _value(path, name, arrays[name]) for name in _known(arrays)}
+    track = TrackResult(**known)  # type: ignore[arg-type]
     _check_rows(path, track)
     return track
 
 
+def _known(arrays: Mapping[str, Array]) -> list[str]:
+    return [name for name in (*_HEADS, *COLUMNS) if name in arrays]
+
+
 def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
-    missing = [name for name in _SHAPES if name not in arrays and name not in _OPTIONAL]
+    missing = [name for name in _ALWAYS if name not in arrays]
     if missing:
         raise HandtrackError(
             f"{path}: arrays are missing: {', '.join(missing)}. Found: {', '.join(arrays)}."
         )
-    for group in (_REASON, _OFF, _HYPOTHESES):  # all of them or none
+    for group in _GROUPS:  # all of them or none
         lacking = [name for name in group if name not in arrays]
         if 0 < len(lacking) < len(group):
             raise HandtrackError(
                 f"{path}: arrays are missing: {', '.join(lacking)}; expected all of {', '.join(group)}, or none."
             )
     sizes: dict[str | int, int] = {}
-    for name, shape in _SHAPES.items():
-        if name not in arrays:
-            continue
+    for name in _known(arrays):
+        shape = ("F", *COLUMNS[name].axes) if name in COLUMNS else _HEADS[name].axes
         have = arrays[name].shape
         if len(have) == len(shape):
             for letter, length in zip(shape, have, strict=True):
@@ -165,20 +129,13 @@ def _check_shapes(path: Path, arrays: Mapping[str, Array]) -> None:
 
 
 def _value(path: Path, name: str, array: Array) -> object:
-    kinds = (
-        "U" if name in (*_NAMES, *_TEXTS, *_WORDS, *_JSON) else "iu" if name in _WHOLE else "fiu"
-    )
+    kind = (_HEADS | COLUMNS)[name].kind
+    kinds, what = _KINDS[kind]
     if array.dtype.kind not in kinds:
-        what = {"U": "text", "iu": "whole numbers", "fiu": "numbers"}[kinds]
         raise HandtrackError(f"{path}: {name} holds {array.dtype}; expected {what}.")
-    if name in _NAMES:
-        return tuple(str(text) for text in array)
-    if name in (*_TEXTS, *_JSON):
-        return str(array)
-    if name in _WORDS:
-        return array
-    kind = int if name in _WHOLE else float
-    return kind(array) if not array.ndim else array.astype(np.int64 if kind is int else float)
+    if name in COLUMNS:
+        return array if kind is str else array.astype(kind)
+    return tuple(map(kind, array)) if array.ndim else kind(array)
 
 
 def _check_rows(path: Path, track: TrackResult) -> None:
@@ -190,9 +147,9 @@ def _check_rows(path: Path, track: TrackResult) -> None:
         )
     if track.frame[0] < 0:
         raise HandtrackError(f"{path}: frame {track.frame[0]}; expected numbers from 0.")
-    for name in _FINITE:
+    for name, column in COLUMNS.items():
         rows = getattr(track, name)
-        if rows is None:
+        if rows is None or not column.finite:
             continue
         bad = ~np.isfinite(rows.reshape(len(rows), -1)).all(axis=1)
         if bad.any():

@@ -6,32 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, Ints, J, K, L, N, S
+from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, keypoint_names
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.stacked import (
-    stacked_alternatives,
-    stacked_probabilities,
-    stacked_reasons,
+from handtrack.tracking.frame.result_fields import (
+    Column,
+    column,
+    columns,
+    joined,
+    pose,
+    result_fields,
+    stacked,
+    tensor,
+    vector,
 )
 from handtrack.tracking.frame.tables.named_track import NamedTrack
 from handtrack.tracking.frame.tables.track_model import model_of
 
 PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
-
-_STACKED = (
-    "frame", "time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21", "status",
-    "energy", "iterations", "views", "parameter_std", "joint_covariance", "energies", "reason",
-    "reason_kind", "reason_where", "reason_numbers", "p_off_25mm", "p_off_10mm",
-    "hypothesis_parameters", "hypothesis_energy", "hypothesis_weight", "hypothesis_parent",
-    "hypothesis_origin",
-)  # fmt: skip
-"""arrays of TrackResult with a row for each frame"""
 
 
 class Status(IntEnum):
@@ -41,7 +39,6 @@ class Status(IntEnum):
     DOUBTFUL = 1
     LOST = 2
     KEYFRAME = 3
-    INTERPOLATED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,44 +56,75 @@ class Alternative:
     """how it was found: followed, or by which jump"""
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class FrameResult:
-    """The pose of one frame, all of which is saved. A lost frame holds the last estimate, with infinite parameter_std."""
+def _reason(_words: str, kind: str, where: Array[D2], numbers: Floats[D2]) -> Reason | None:
+    if not kind:
+        return None
+    (part, camera), (number, other) = where.tolist(), numbers.tolist()
+    return Reason(str(kind), part, camera, number, other)
+
+
+def _energies(values: Floats[K], names: tuple[str, ...]) -> dict[str, float]:
+    pairs = zip(names, values.tolist(), strict=True)
+    return {name: value for name, value in pairs if np.isfinite(value)}
+
+
+def _alternatives(*rows: Array) -> tuple[Alternative, ...]:
+    """Return the poses of rows in the order of Alternative's fields."""
+    poses = zip(*rows, strict=True)
+    return tuple(
+        Alternative(p.copy(), float(energy), float(weight), int(parent), str(origin))
+        for p, energy, weight, parent, origin in poses
+        if np.isfinite(weight)
+    )
+
+
+def _gone(array: Array[F], turn: Floats[D3, D3]) -> None:
+    """Return nothing: that is not said of a turned world."""
+
+
+def _carried(name: str, *axes: str, kind: type = float, missing: object = np.nan) -> Column:
+    """Return how a field of Alternative is kept: (F, H, …), `missing` beyond a frame's last pose."""
+    return Column(
+        kind, ("H", *axes), missing, gaps="dropped", turned=_gone, read=lambda poses: [getattr(p, name) for p in poses]
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class FrameHead:
+    """What is said of a frame's pose without its arrays."""
 
     frame: int
-    time_s: float
-    parameters: Floats[S]
-    """joint parameters [m, rad], all of the model's, whatever the coupling."""
-    status: Status
+    time_s: float = field(metadata=column(finite=True))
+    status: Status = field(metadata=column(join=Status))
     energy: float
-    """final cost; NaN where nothing was seen."""
+    """final cost; NaN where nothing was seen"""
     iterations: int
-    parameter_std: Floats[S]
-    """[m, rad]; infinite where unobservable."""
-    joint_covariance: Floats[J, D3, D3]
-    """[m²]."""
-    T_world_bone: Floats[B, D4, D4]
-    """bone → world."""
-    joint_positions: Floats[J, D3]
-    """world [m]."""
-    keypoints21: Floats[D21, D3] | None
-    """world [m]; hands only."""
-    energies: Mapping[str, float] = field(default_factory=dict)
-    """each term's part of the energy, by the term's name."""
-    reason: Reason | None = None
-    """why the frame is doubtful or lost."""
-    p_off_25mm: float = float("nan")
-    """probability that some joint is more than 25 mm off; NaN where nothing is said."""
-    p_off_10mm: Floats[K] | None = None
-    """that some joint of each of PARTS is more than 10 mm off; hands only."""
-    views: int = 0
-    """silhouettes, clouds and images that the energy is of; 0: not known."""
-    alternatives: tuple[Alternative, ...] = ()
-    """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose."""
+    energies: Mapping[str, float] = field(
+        default_factory=dict,
+        metadata=columns(
+            _energies, energies=Column(axes=("T",), gaps="dropped", names="energy_names")
+        ),
+    )
+    """each term's part of the energy, by the term's name; stacked (F, T), NaN where a frame has no such term"""
+    reason: Reason | None = field(
+        default=None,
+        metadata=columns(
+            _reason,
+            reason=Column(str, missing="", gaps="missing", read=lambda r: r.words),
+            reason_kind=Column(str, missing="", gaps="dropped", read=lambda r: r.kind),
+            reason_where=Column(str, (2,), "", gaps="dropped", read=lambda r: (r.part, r.camera)),
+            reason_numbers=Column(float, (2,), gaps="dropped", read=lambda r: (r.number, r.other)),
+        ),
+    )
+    """why the frame is doubtful or lost; stacked in words, and by kind, place and numbers"""
+    p_off_25mm: float = field(default=float("nan"), metadata=column(gaps="missing"))
+    """probability that some joint is more than 25 mm off; NaN where nothing is said"""
+    views: int = field(default=0, metadata=column(gaps="missing"))
+    """silhouettes, clouds and images that the energy is of; 0: not known"""
 
     def __repr__(self) -> str:
         note = f": {self.note}" if self.note else ""
-        return f"<FrameResult: frame {self.frame}, {self.status.name.lower()}{note}>"
+        return f"<{type(self).__name__}: frame {self.frame}, {self.status.name.lower()}{note}>"
 
     @property
     def note(self) -> str:
@@ -141,6 +169,48 @@ class FrameResult:
         return self.reason is not None and self.reason.kind == "open"
 
 
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class FrameResult(FrameHead):
+    """The pose of one frame, all of which is saved. A lost frame holds the last estimate, with infinite parameter_std."""
+
+    parameters: Floats[S] = field(metadata=column(finite=True))
+    """joint parameters [m, rad], all of the model's, whatever the coupling"""
+    parameter_std: Floats[S] = field(metadata=column(missing=np.inf, gaps="missing"))
+    """[m, rad]; infinite where unobservable"""
+    joint_covariance: Floats[J, D3, D3] = field(metadata=column(turned=tensor))
+    """[m²]"""
+    T_world_bone: Floats[B, D4, D4] = field(metadata=column(finite=True, turned=pose))
+    """bone → world"""
+    joint_positions: Floats[J, D3] = field(metadata=column(finite=True, turned=vector))
+    """world [m]"""
+    keypoints21: Floats[D21, D3] | None = field(
+        default=None, metadata=column(finite=True, turned=vector)
+    )
+    """world [m]; hands only"""
+    p_off_10mm: Floats[K] | None = field(
+        default=None, metadata=column(gaps="missing", names="part_names", known_names=PARTS)
+    )
+    """that some joint of each of PARTS is more than 10 mm off; hands only"""
+    alternatives: tuple[Alternative, ...] = field(
+        default=(),
+        metadata=columns(
+            _alternatives,
+            hypothesis_parameters=_carried("parameters", "S"),
+            hypothesis_energy=_carried("energy"),
+            hypothesis_weight=_carried("weight"),
+            hypothesis_parent=_carried("parent", kind=int, missing=-1),
+            hypothesis_origin=_carried("origin", kind=str, missing=""),
+        ),
+    )
+    """all poses carried on, heaviest first, where `tracker.hypotheses` is above 1; the first is this result's pose"""
+
+
+FIELDS = result_fields(fields(FrameResult))
+"""fields of a frame's result"""
+COLUMNS = {name: column for known in FIELDS.values() for name, column in known.columns.items()}
+"""arrays of a sequence, which they are stacked into"""
+
+
 def unconfirmed(result: FrameResult, confidence: float) -> FrameResult:
     """Return a frame as doubtful for the pose that tracking began with. confidence: of that, 0 to 1."""
     return replace(result, status=Status.DOUBTFUL, reason=Reason("start", number=confidence))
@@ -150,108 +220,80 @@ def unconfirmed(result: FrameResult, confidence: float) -> FrameResult:
 class TrackLabels:
     """What the numbers of a tracked sequence mean, and where they come from: the same for all its frames."""
 
-    parameter_names: tuple[str, ...]
-    bone_names: tuple[str, ...]
-    joint_names: tuple[str, ...]
+    parameter_names: tuple[str, ...] = field(metadata=column(axes=("S",)))
+    bone_names: tuple[str, ...] = field(metadata=column(axes=("B",)))
+    joint_names: tuple[str, ...] = field(metadata=column(axes=("J",)))
     model: str = ""
     side: str = ""
     scale: str = ""
-    """JSON, as in TrackResult; so are the settings"""
+    """JSON: the hand's size, overall and by finger"""
     session: str = ""
     settings: str = ""
-    version: str = ""
-    start_confidence: float | None = None
-    hand_length_mm: float | None = None
-    hand_length_std_mm: float | None = None
-    definition: str | None = None
-    fps: float | None = None
-    cameras: str | None = None
-    refinement: str | None = None
-
-    def track(self, frames: Sequence[FrameResult]) -> TrackResult:
-        """Return frames as one result; see TrackResult.from_frames."""
-        named = {entry.name: getattr(self, entry.name) for entry in fields(self)}
-        return TrackResult.from_frames(frames, **named)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class TrackResult(NamedTrack):
-    """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5)."""
-
-    frame: Ints[F]
-    time_s: Floats[F]
-    """[s]"""
-    parameter_names: tuple[str, ...]
-    parameters: Floats[F, S]
-    """[m, rad]"""
-    bone_names: tuple[str, ...]
-    T_world_bone: Floats[F, B, D4, D4]
-    """bone → world"""
-    joint_names: tuple[str, ...]
-    joint_positions: Floats[F, J, D3]
-    """world [m]"""
-    keypoints21: Floats[F, D21, D3] | None
-    """world [m]; hands only"""
-    status: Ints[F]
-    """values of Status"""
-    energy: Floats[F]
-    iterations: Ints[F]
-    parameter_std: Floats[F, S]
-    """[m, rad]"""
-    joint_covariance: Floats[F, J, D3, D3]
-    """[m²]"""
-    model: str
-    side: str
-    scale: str
-    """JSON: the hand's size, overall and by finger"""
-    session: str
-    settings: str
     """JSON: every setting by its dotted name"""
-    version: str
-    views: Ints[F] | None = None
-    """silhouettes, clouds and images that each energy is of, 0 where not known; None where no frame's are"""
-    energy_names: tuple[str, ...] | None = None
-    """(T,) terms of the energy; None where they were not kept"""
-    energies: Floats[F, L] | None = None
-    """(F, T) each term's part of the energy, NaN where a frame has no such term"""
-    reason: Array[F] | None = None
-    """why a frame is doubtful or lost, in words"""
-    reason_kind: Array[F] | None = None
-    """the same as a key of reason.KINDS, with what follows"""
-    reason_where: Array[F, D2] | None = None
-    """part and camera, where the reason names them"""
-    reason_numbers: Floats[F, D2] | None = None
-    """numbers of the reason, NaN where it has none"""
-    p_off_25mm: Floats[F] | None = None
-    """probability that some joint is more than 25 mm off, NaN where nothing is said"""
-    p_off_10mm: Floats[F, N] | None = None
-    """(F, 6) that some joint of each part is more than 10 mm off"""
-    part_names: tuple[str, ...] | None = None
-    """(6,) PARTS"""
-    hypothesis_parameters: Floats[F, K, S] | None = None
-    """(F, H, S) joint parameters of the poses carried along, heaviest first; NaN beyond a frame's last one"""
-    hypothesis_energy: Floats[F, K] | None = None
-    """(F, H)"""
-    hypothesis_weight: Floats[F, K] | None = None
-    """(F, H) share of the posterior"""
-    hypothesis_parent: Ints[F, K] | None = None
-    """(F, H) which of the frame before's each continues; −1 in a first frame and beyond the last"""
-    hypothesis_origin: Array[F, K] | None = None
-    """(F, H) how each was found"""
+    version: str = ""
     start_confidence: float | None = None
     """how sure the first pose was, 0 to 1, where the program found it"""
     hand_length_mm: float | None = None
     """from the wrist to the middle finger's tip, where the size was fitted"""
     hand_length_std_mm: float | None = None
     """its standard deviation"""
-    refinement: str | None = None
-    """JSON of `tracking.whole.refinement.Refinement`: what was found that all frames share"""
     definition: str | None = None
     """JSON of the model's definition: with side and scale the model can be built again"""
     fps: float | None = None
     """[1/s] of the recording; the median where frames have times of their own"""
     cameras: str | None = None
     """JSON: name, size, matrix, distortions, rotation, translation [m] of each, as calibration.toml has them"""
+    refinement: str | None = None
+    """JSON of `tracking.whole.refinement.Refinement`: what was found that all frames share"""
+
+    def track(self, frames: Sequence[FrameResult]) -> TrackResult:
+        """Return frames as one result. They are in ascending order, each once, and at least one."""
+        assert frames, "no frames"
+        assert (np.diff([f.frame for f in frames]) > 0).all(), "frames must ascend, each once"
+        own = {entry.name: getattr(self, entry.name) for entry in fields(TrackLabels)}
+        own |= {
+            entry.name: tuple(own[entry.name])
+            for entry in fields(TrackLabels)
+            if entry.metadata.get("along")
+        }
+        track = TrackResult(**own | stacked(FIELDS, frames))
+        named = (len(self.parameter_names), len(self.bone_names), len(self.joint_names))
+        found = (
+            track.parameters.shape[1],
+            track.T_world_bone.shape[1],
+            track.joint_positions.shape[1],
+        )
+        assert found == named, f"{found} parameters, bones, joints; {named} names"
+        return track
+
+
+_Class = TypeVar("_Class", bound=type)
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+def _with_columns(own: _Class) -> _Class:
+    """Make a dataclass that has an array for each of COLUMNS beside its own fields; those that may be left out are None."""
+    for name in COLUMNS:
+        own.__annotations__[name] = "Array[F]"
+    for known in FIELDS.values():
+        if known.is_optional:
+            for name in known.columns:
+                setattr(own, name, None)
+    return dataclass(frozen=True, eq=False, repr=False, kw_only=True)(own)
+
+
+@_with_columns
+class TrackResult(TrackLabels, NamedTrack):
+    """A tracked sequence of F frames in ascending order; the arrays of poses.npz (contracts §5).
+
+    Beside its labels it has the fields of FrameResult as arrays with a row for each frame, by the names in COLUMNS; None where no
+    frame has any.
+    """
+
+    energy_names: tuple[str, ...] | None = field(default=None, metadata=column(axes=("T",)))
+    """terms of the energy; None where they were not kept"""
+    part_names: tuple[str, ...] | None = field(default=None, metadata=column(axes=("K",)))
+    """PARTS"""
     take: int | None = None
     """number of the take in the session's store that it is"""
     pins: str | None = None
@@ -259,76 +301,9 @@ class TrackResult(NamedTrack):
     keypoint_definition: str | None = None
     """whose points `joint_positions` and `keypoints21` are, where `in_landmarks` was asked for others than the model's own"""
 
-    @classmethod
-    def from_frames(
-        cls,
-        frames: Sequence[FrameResult],
-        *,
-        parameter_names: Sequence[str],
-        bone_names: Sequence[str],
-        joint_names: Sequence[str],
-        model: str = "",
-        side: str = "",
-        scale: str = "",
-        session: str = "",
-        settings: str = "",
-        version: str = "",
-        start_confidence: float | None = None,
-        hand_length_mm: float | None = None,
-        hand_length_std_mm: float | None = None,
-        refinement: str | None = None,
-        definition: str | None = None,
-        fps: float | None = None,
-        cameras: str | None = None,
-    ) -> TrackResult:
-        """Return the frames stacked. They are in ascending order, each once, and at least one."""
-        numbers = np.array([f.frame for f in frames], dtype=np.int64)
-        assert len(numbers), "no frames"
-        assert (np.diff(numbers) > 0).all(), "frames must ascend, each once"
-        names = (len(parameter_names), len(bone_names), len(joint_names))
-        first = frames[0]
-        found = (len(first.parameters), len(first.T_world_bone), len(first.joint_positions))
-        assert found == names, f"{found} parameters, bones, joints; {names} names"
-        terms = tuple(dict.fromkeys(name for f in frames for name in f.energies))
-        parts = [[f.energies.get(name, np.nan) for name in terms] for f in frames]
-        keypoints = [f.keypoints21 for f in frames if f.keypoints21 is not None]
-        views = np.array([f.views for f in frames], dtype=np.int64)
-        assert len(keypoints) in (0, len(frames)), "keypoints21 of some frames only"
-        return cls(
-            frame=numbers,
-            time_s=np.array([f.time_s for f in frames], dtype=float),
-            parameter_names=tuple(parameter_names),
-            parameters=np.stack([f.parameters for f in frames]).astype(float),
-            bone_names=tuple(bone_names),
-            T_world_bone=np.stack([f.T_world_bone for f in frames]).astype(float),
-            joint_names=tuple(joint_names),
-            joint_positions=np.stack([f.joint_positions for f in frames]).astype(float),
-            keypoints21=np.stack(keypoints).astype(float) if keypoints else None,
-            status=np.array([int(f.status) for f in frames], dtype=np.int64),
-            energy=np.array([f.energy for f in frames], dtype=float),
-            iterations=np.array([f.iterations for f in frames], dtype=np.int64),
-            parameter_std=np.stack([f.parameter_std for f in frames]).astype(float),
-            joint_covariance=np.stack([f.joint_covariance for f in frames]).astype(float),
-            model=model,
-            side=side,
-            scale=scale,
-            session=session,
-            settings=settings,
-            version=version,
-            start_confidence=start_confidence,
-            hand_length_mm=hand_length_mm,
-            hand_length_std_mm=hand_length_std_mm,
-            refinement=refinement,
-            definition=definition,
-            fps=fps,
-            cameras=cameras,
-            views=views if views.any() else None,
-            energy_names=terms or None,
-            energies=np.array(parts, dtype=float) if terms else None,
-            **stacked_reasons(frames),
-            **stacked_probabilities(frames, PARTS),
-            **stacked_alternatives(frames),
-        )
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -410,7 +385,7 @@ class TrackResult(NamedTrack):
                 f"no tracked frame between {frames.start} and {frames.stop - 1}; "
                 f"this result has frames {self.frame[0]} to {self.frame[-1]}."
             )
-        part = {name: getattr(self, name) for name in _STACKED}
+        part = {name: getattr(self, name) for name in COLUMNS}
         return replace(self, **{n: None if a is None else a[rows] for n, a in part.items()})
 
     def at(self, frame: int) -> FrameResult:
@@ -428,56 +403,4 @@ class TrackResult(NamedTrack):
         return [self._row(row) for row in range(len(self))]
 
     def _row(self, row: int) -> FrameResult:
-        return FrameResult(
-            frame=int(self.frame[row]),
-            time_s=float(self.time_s[row]),
-            parameters=self.parameters[row].copy(),
-            status=Status(int(self.status[row])),
-            energy=float(self.energy[row]),
-            iterations=int(self.iterations[row]),
-            parameter_std=self.parameter_std[row].copy(),
-            joint_covariance=self.joint_covariance[row].copy(),
-            T_world_bone=self.T_world_bone[row].copy(),
-            joint_positions=self.joint_positions[row].copy(),
-            keypoints21=None if self.keypoints21 is None else self.keypoints21[row].copy(),
-            energies=self._energies(row),
-            reason=self._reason(row),
-            p_off_25mm=np.nan if self.p_off_25mm is None else float(self.p_off_25mm[row]),
-            p_off_10mm=self._parts_off(row),
-            views=0 if self.views is None else int(self.views[row]),
-            alternatives=self._alternatives(row),
-        )
-
-    def _energies(self, row: int) -> dict[str, float]:
-        if self.energies is None or self.energy_names is None:
-            return {}
-        pairs = zip(self.energy_names, self.energies[row].tolist(), strict=True)
-        return {name: value for name, value in pairs if np.isfinite(value)}
-
-    def _parts_off(self, row: int) -> Floats | None:
-        known = self.p_off_10mm is not None and np.isfinite(self.p_off_10mm[row]).all()
-        return self.p_off_10mm[row].copy() if known and self.p_off_10mm is not None else None
-
-    def _reason(self, row: int) -> Reason | None:
-        if self.reason_kind is None or not self.reason_kind[row]:
-            return None
-        assert self.reason_where is not None and self.reason_numbers is not None
-        part, camera = map(str, self.reason_where[row])
-        number, other = map(float, self.reason_numbers[row])
-        return Reason(str(self.reason_kind[row]), part, camera, number, other)
-
-    def _alternatives(self, row: int) -> tuple[Alternative, ...]:
-        if self.hypothesis_parameters is None:
-            return ()
-        assert self.hypothesis_energy is not None and self.hypothesis_weight is not None
-        assert self.hypothesis_parent is not None and self.hypothesis_origin is not None
-        return tuple(
-            Alternative(
-                self.hypothesis_parameters[row, h].copy(),
-                float(self.hypothesis_energy[row, h]),
-                float(self.hypothesis_weight[row, h]),
-                int(self.hypothesis_parent[row, h]),
-                str(self.hypothesis_origin[row, h]),
-            )
-            for h in np.flatnonzero(np.isfinite(self.hypothesis_weight[row]))
-        )
+        return FrameResult(**joined(FIELDS, self, row))

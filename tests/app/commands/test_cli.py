@@ -242,7 +242,7 @@ def test_track_tells_how_it_went_as_json(handtrack: CommandLine, session: Path) 
     told = json.loads(ended.out)
     assert list(told) == ["frames", "seconds", "warnings", "output"]
     assert told["frames"] == {
-        "tracked": 2, "doubtful": 0, "lost": 0, "keyframe": 0, "interpolated": 0,
+        "tracked": 2, "doubtful": 0, "lost": 0, "keyframe": 0,
     }  # fmt: skip
     assert told["seconds"] > 0
     assert any("cloud.crop_mm has no effect" in text for text in told["warnings"])

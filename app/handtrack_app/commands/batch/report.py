@@ -13,7 +13,7 @@ from handtrack.files.atomic import replace_text
 from handtrack_app.commands.batch.outcome import DONE, Outcome
 
 _COLUMNS = (
-    "recording", "state", "frames", "tracked", "doubtful", "lost", "keyframe", "interpolated", "p_off_25mm", "seconds",
+    "recording", "state", "frames", "tracked", "doubtful", "lost", "keyframe", "p_off_25mm", "seconds",
     "cause", "warnings", "folder", "output", "open",
 )  # fmt: skip
 _STYLE = """
@@ -73,7 +73,7 @@ def _csv(rows: Sequence[Outcome]) -> str:
     table = csv.writer(text, lineterminator="\n")
     table.writerow(_COLUMNS)
     for row in rows:
-        counts = [row.frames.get(name, 0) for name in _COLUMNS[3:8]]
+        counts = [row.frames.get(name, 0) for name in _COLUMNS[3:7]]
         table.writerow(
             [row.recording, row.state, row.total, *counts, row.p_off, row.seconds, row.cause, " | ".join(row.warnings),
              row.folder, row.output, open_command(row)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Axes, F, Floats, J
 from handtrack.model.articulated import JOINT_CENTRES
-from handtrack.tracking.frame.result import Status, TrackResult
+from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult
 
 _USUAL_FPS = 30.0  # of a single frame, which says nothing of the rate
 _XYZ = ("x", "y", "z")
@@ -35,8 +35,8 @@ class LabelledTrack(NamedTuple):
 
 def labelled(track: TrackResult) -> LabelledTrack:
     """Return a track's arrays: `position`, `position_std`, `position_covariance` and `confidence` by keypoint, `angle` and
-    `angle_std` by parameter, `T_world_bone` by bone, `frame`, `status`, `energy`, and where they are known `views`, `p_off_25mm`,
-    `p_off_10mm` by part, `reason`.
+    `angle_std` by parameter, `T_world_bone` by bone, `frame`, `status`, `energy`, and where they are known `p_off_10mm` by part and
+    what else is one number or text a frame, such as `views`, `p_off_25mm`, `reason`.
     """
     time, points = ("time",), ("time", "space", "keypoints", "individuals")
     covariance = track.joint_covariance
@@ -70,10 +70,10 @@ def labelled(track: TrackResult) -> LabelledTrack:
         "status": Labelled(time, track.status, "1"),
         "energy": Labelled(time, track.energy, "1"),
     }  # fmt: skip
-    for name in ("views", "p_off_25mm", "reason"):
-        values = getattr(track, name)
-        if values is not None:
-            arrays[name] = Labelled(time, values, "1")
+    for name, known in FIELDS.items():
+        values = getattr(track, name, None)
+        if known.is_optional and values is not None and values.ndim == 1:
+            arrays[name] = Labelled(time, values, COLUMNS[name].unit)
     if track.p_off_10mm is not None and track.part_names is not None:
         coordinates["part"] = track.part_names
         arrays["p_off_10mm"] = Labelled(("time", "part"), track.p_off_10mm, "1")
