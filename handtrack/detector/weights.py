@@ -8,7 +8,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -126,10 +128,10 @@ def install_weights(source: Path) -> Path:
     return target
 
 
-def fetch_weights() -> Path:
+def fetch_weights(stop: Callable[[], bool] = lambda: False) -> Path:
     """Download the networks by pip, install them, and return where; nothing else is installed, nothing is left behind.
 
-    They lie open in a wheel of MediaPipe, which pip checks by its SHA-256. Raises HandtrackError where it cannot be had.
+    They lie open in a wheel of MediaPipe, which pip checks by its SHA-256. stop: asked whether to give up. Raises HandtrackError where it cannot be had.
     """
     with tempfile.TemporaryDirectory(prefix="handtrack_") as name:
         folder = Path(name)
@@ -139,12 +141,18 @@ def fetch_weights() -> Path:
             *_pip(), "download", "--quiet", "--no-input", "--disable-pip-version-check", "--no-deps", "--require-hashes",
             "--only-binary=:all:", *_WHEEL_FOR, "--dest", name, "--requirement", str(wanted),
         ]  # fmt: skip
-        done = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
-        )
+        with (folder / "said").open("w+") as words:
+            pip = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words)
+            try:
+                while pip.poll() is None and not stop():
+                    time.sleep(0.1)
+            finally:
+                pip.kill()
+                pip.wait()
+            words.seek(0)
+            said = [line.strip() for line in words if line.startswith("ERROR")]
         wheel = next(folder.glob("*.whl"), None)
-        if done.returncode or wheel is None:
-            said = [line for line in done.stderr.splitlines() if line.startswith("ERROR")]
+        if pip.returncode or wheel is None:
             raise HandtrackError(
                 f"the detector's networks could not be fetched: pip says: {' '.join(said[-1:]) or 'nothing'} Without a network, "
                 f"run `pip download --no-deps --only-binary=:all: {' '.join(_WHEEL_FOR)} {_WHEEL}` on a computer that has one, "

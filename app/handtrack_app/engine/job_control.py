@@ -43,7 +43,7 @@ from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.review.frozen_frames import given_poses, refuse_to_fit
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.protocol.commands import Track
+from handtrack_app.protocol.commands import FindHand, Track
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
@@ -229,10 +229,10 @@ class JobControl:
             raise HandtrackError(_BUSY)
         self._begin(make(self._next(), self._post))
 
-    def find(self, frame: int | None) -> None:
-        """Begin to look for the hand, in a frame or in the surest of several."""
+    def find(self, wanted: FindHand) -> None:
+        """Begin to look for the hand."""
         self._refuse()
-        self._begin(FindingJob(self._next(), self._document.run, frame, self._post))
+        self._begin(FindingJob(self._next(), self._document.run, wanted, self._post))
 
     def _refuse(self) -> None:
         """Raise HandtrackError where no job can begin."""

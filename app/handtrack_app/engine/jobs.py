@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import cast
 
+from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.model.articulated import HandScale
 from handtrack.session.doctor.check_tracked import doubt_of_cameras
@@ -22,6 +23,7 @@ from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.posing.given import Given
 from handtrack_app.engine.posing.legs import Leg
 from handtrack_app.engine.run import Run
+from handtrack_app.protocol.commands import FindHand
 
 log = logging.getLogger(__name__)
 
@@ -334,18 +336,26 @@ class SizingJob(BackgroundJob):
 
 
 class FindingJob(BackgroundJob):
-    """Looks for the hand without a first pose: in a frame, or in the surest of several (None)."""
+    """Looks for the hand without a first pose, in a frame or in the surest of several (None); fetches the detector before if asked to."""
 
     kind = "finding"
 
     def __init__(
-        self, number: int, run: Run, frame: int | None, post: Callable[[Report], None]
+        self, number: int, run: Run, wanted: FindHand, post: Callable[[Report], None]
     ) -> None:
         super().__init__(number, range(0), post)
-        self._run, self._frame = run, frame
+        self._run, self._wanted = run, wanted
 
     def work(self) -> None:
+        if self._wanted.fetch:
+            self.tell(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
+            try:
+                fetch_weights(self.should_stop)
+            except HandtrackError:
+                if self.should_stop():
+                    return
+                raise
         run = cast(TrackingRun, self._run)  # only a session of files can be searched
-        found = find_first_poses(run, self._frame, self.should_stop, self.tell)
+        found = find_first_poses(run, self._wanted.frame, self.should_stop, self.tell)
         if not self.should_stop():
             self.post(Found(self.number, found))

@@ -244,7 +244,7 @@ class OpenSession:
                 export_beside(document, request, self._publish)
             case commands.FindHand():
                 self.store.write_what_rests(at_once=True)
-                jobs.find(request.frame)
+                jobs.find(request)
             case commands.TakeGuess():
                 taken = jobs.guesses.take(request.frame, request.index)
                 self._edit(request.frame, taken, "Detected pose")

@@ -206,6 +206,8 @@ class FindHand:
     """Look for the hand without any first pose, in one frame, or in the surest of several."""
 
     frame: int | None
+    fetch: bool = False
+    """get the detector's networks before"""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
@@ -18,6 +19,7 @@ from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
 from handtrack_app.engine.guesses import Guesses
 from handtrack_app.engine.store import keys
+from handtrack_app.page.panels import guesses as guesses_panel
 from handtrack_app.page.scene.ghosts import update_ghosts
 from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
@@ -200,3 +202,31 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
     bench.layout.page.draw("ghosts", False)
     assert not ghosts.bones.visible
     bench.stop()
+
+
+def test_the_detector_is_offered_where_it_is_not_installed(
+    bench: Workbench, client: WireClient, search: threading.Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search.set()
+    panel = bench.layout.guesses
+    installed, asked, why = threading.Event(), list[int](), "no network: install FILE"
+    monkeypatch.setattr(guesses_panel, "has_weights", installed.is_set)
+
+    def fetch(_stop: Any) -> None:
+        asked.append(1)
+        if len(asked) == 1:
+            raise HandtrackError(why)
+        installed.set()
+
+    monkeypatch.setattr(jobs, "fetch_weights", fetch)
+    bench.go_to(5)
+    panel.helps = True  # as in a recording whose images two cameras or more give
+    bench.send(commands.FindHand(9))
+    eventually(lambda: bool(panel.fetch.visible), "offered")
+    client.set_value(panel.fetch, True)
+    eventually(lambda: any(why in str(m) for _, m in list(client.messages)), "what to do then")
+    eventually(lambda: bool(panel.fetch.visible), "offered again")
+    client.set_value(panel.fetch, True)
+    eventually(lambda: ">found<" in bench.layout.pose.card.content, "found with it")
+    eventually(lambda: panel.find.visible and not panel.fetch.visible, "there is no more to fetch")
+    assert len(asked) == 2

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import viser
 
+from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.commands import Cancel, FindHand, TakeGuess
 from handtrack_app.protocol.palette import GHOSTS
 from handtrack_app.protocol.snapshots import (
+    IMAGES,
     KEYPOINTS,
     GuessesSnapshot,
     ProgressSnapshot,
@@ -34,6 +36,8 @@ class GuessesPanel:
     folder: viser.GuiFolderHandle | None = None
     possible: bool = True
     """there is something to look at"""
+    helps: bool = False
+    """a hand detector would"""
 
     def build(self) -> None:
         """Add the widgets where the page builds now."""
@@ -42,10 +46,16 @@ class GuessesPanel:
             "Find the hand", (_HERE, _ANYWHERE), hint=_HINTS["hand"],
         )  # fmt: skip
         page.words.on(self.find, label="Find the {kind}")
+        self.fetch = gui.add_button(
+            f"Get the detector ({DOWNLOAD_MB} MB) and find", icon=viser.Icon.DOWNLOAD, color="gray", visible=False,
+            hint="Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
+            "by pip, once for all recordings. Google's, Apache License 2.0.",
+        )  # fmt: skip
         self.cancel = gui.add_button(
             "Cancel the search", icon=viser.Icon.PLAYER_STOP, color="red", visible=False
         )
         page.on(self.find, lambda event: self._find(event.target.value))
+        page.on(self.fetch, lambda _: self._find(_HERE, fetch=True))
         page.on(self.cancel, lambda _: page.send(Cancel()))
         self.folder = gui.add_folder("Other poses", visible=False)
         with self.folder:
@@ -61,10 +71,10 @@ class GuessesPanel:
         page.on(self.takes, lambda event: self._take(event.target.value))
         page.on(self.ghosts, lambda event: page.draw("ghosts", bool(event.target.value)))
 
-    def _find(self, where: object) -> None:
+    def _find(self, where: object, fetch: bool = False) -> None:
         state = self.page.state
         state.playing = False
-        self.page.send(FindHand(state.frame if where == _HERE else None))
+        self.page.send(FindHand(state.frame if where == _HERE else None, fetch))
 
     def _take(self, pressed: object) -> None:
         words = str(pressed)
@@ -98,10 +108,12 @@ class GuessesPanel:
         searching = busy and progress.state == "preparing" and progress.job == "finding"
         put(self.cancel, visible=searching)
         put(self.find, visible=self.possible and not busy)
+        put(self.fetch, visible=self.helps and not busy and not has_weights())
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the search where there is one."""
         self.possible = session.kind == "hand" or KEYPOINTS in session.seen
+        self.helps = session.kind == "hand" and IMAGES in session.seen and len(session.cameras) > 1
         put(self.find, hint=_HINTS[session.kind])
         if not self.possible:
             self.find.visible = False
