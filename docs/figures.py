@@ -27,7 +27,13 @@ import tomlkit
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "docs" / "figures.toml"
 PAGES = tuple(
-    ROOT / page for page in ("README.md", "docs/tutorial.md", "docs/reports/recordings.md")
+    ROOT / page
+    for page in (
+        "README.md",
+        "docs/tutorial.md",
+        "docs/reports/recordings.md",
+        "sessions/another_hand/README.md",
+    )
 )
 PROGRAMS = {"handtrack": [sys.executable, "-m", "handtrack_app.cli"], "python": [sys.executable]}
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT)}  # for commands of tests.benchmarks

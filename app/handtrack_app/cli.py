@@ -191,7 +191,7 @@ COMMANDS: dict[str, _Command] = {
                       (_TAKE_OVER, *_SERVER)),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
     "sample": _Command("new_session.sample", "Write a recording that comes with the program as files, to try things on.", (
-        _option("name", metavar="NAME", help="two_videos (the tutorial's material) or open_fist_open (a session)"),
+        _option("name", metavar="NAME", help="two_videos (the tutorial's material) or another_hand or open_fist_open (sessions)"),
         _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"), _JSON,
     )),
     "new": _Command("new_session.new", "Make a session folder from recordings and a calibration.", (

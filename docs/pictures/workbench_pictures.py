@@ -26,7 +26,7 @@ from tests.experiments.workbench.chromium import DRAWN, chromium
 _SIZE = (1440, 900)
 _LONG_S = 600.0
 _SETTLES_MS = 8000  # drawn in software
-_OPEN, _PINNED = 20, 225
+_OPEN, _PINNED = 50, 225
 """frames that are shown"""
 
 
@@ -88,7 +88,7 @@ def opened(folder: Path, out: Path) -> Iterator[Taker]:
 
 def bundled(out: Path) -> None:
     """Take the pictures of the bundled recording."""
-    copy = out / "open_fist_open"
+    copy = out / "another_hand"
     if not copy.exists():
         shutil.copytree(bundled_session(), copy)
     with opened(copy, out) as taker:

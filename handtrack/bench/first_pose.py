@@ -45,7 +45,7 @@ def _first_frame(cache: str) -> float:
     with tempfile.TemporaryDirectory() as folder:
         words = [
             "track",
-            str(bundled_session()),
+            str(bundled_session("open_fist_open")),
             "--frames",
             "0:1",
             "--out",

@@ -21,7 +21,7 @@ def bundled_names() -> tuple[str, ...]:
     return tuple(sorted(file.parent.name for file in _shelf().glob(f"*/{SESSION_FILE}")))
 
 
-def bundled_session(name: str = "open_fist_open") -> Path:
+def bundled_session(name: str = "another_hand") -> Path:
     """Return the folder of a bundled session; HandtrackError naming the known ones.
 
     In a checkout this is sessions/<name> itself. An installed program keeps its own copy untouched and

@@ -42,22 +42,22 @@ class CommandLine:
         return Ended(code, out, err)
 
 
-def small_recording(folder: Path) -> Path:
-    """Make a session of the bundled one's first 5 frames, masks alone."""
-    source = bundled_session()
+def small_recording(folder: Path, name: str = "open_fist_open") -> Path:
+    """Make a session of a bundled one's first 5 frames, masks alone."""
+    source = bundled_session(name)
     for masks in sorted((source / "masks").iterdir()):
         kept = folder / "masks" / masks.name
         kept.mkdir(parents=True)
         for file in sorted(masks.iterdir())[:FRAMES]:
             shutil.copyfile(file, kept / file.name)
-    for name in ("calibration.toml", "init.json"):
-        shutil.copyfile(source / name, folder / name)
+    for file in ("calibration.toml", "init.json"):
+        shutil.copyfile(source / file, folder / file)
     settings = (source / "session.toml").read_text()
     lines = [line for line in settings.splitlines() if not line.startswith("images")]
     (folder / "session.toml").write_text("\n".join(lines) + "\n")
     with np.load(source / "truth.npz") as truth:
-        timed = {name: truth[name][:FRAMES] for name in truth.files if name != "joint_names"}
-        np.savez(folder / "truth.npz", joint_names=truth["joint_names"], **timed)
+        timed = {key: truth[key][: None if key == "joint_names" else FRAMES] for key in truth.files}
+        np.savez(folder / "truth.npz", **timed)
     return folder
 
 

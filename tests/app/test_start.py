@@ -22,7 +22,7 @@ from tests.app.wire import WireClient
 from tests.capture.calibration_forms.writers import opencv_files, rig_of_two
 from tests.conftest import REPOSITORY
 
-BUNDLED = REPOSITORY / "sessions" / "open_fist_open"
+BUNDLED = REPOSITORY / "sessions" / "another_hand"
 
 
 @pytest.fixture

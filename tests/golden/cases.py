@@ -45,8 +45,9 @@ class Case:
         return out
 
 
-def bundled(folder: Path) -> Path:
-    return Path(shutil.copytree(bundled_session(), folder))
+def copied(name: str) -> Callable[[Path], Path]:
+    """Return a case's recording: a copy of a bundled one."""
+    return lambda folder: Path(shutil.copytree(bundled_session(name), folder))
 
 
 def shared(name: str) -> Callable[[Path], Path]:
@@ -82,12 +83,12 @@ def simulated_body(folder: Path) -> Path:
 
 
 CASES: dict[str, Case] = {
-    "bundled": Case(bundled, ()),
-    "open_close_3cam": Case(shared("webxr_open_close_3cam"), ("--frames", "0:30")),
+    "bundled": Case(copied("open_fist_open"), ()),
+    "another_hand": Case(copied("another_hand"), ("--frames", "0:30")),
     "stereo_768": Case(shared("webxr_stereo_768"), ("--use", "cloud", "--frames", "0:30")),
     "depth_640": Case(shared("webxr_depth_640"), ("--use", "cloud", "--frames", "0:30")),
     "desk_two_view": Case(shared("desk_two_view"), ("--frames", "18:58")),
-    "auto_start": Case(bundled, ("--init", "auto", "--frames", "0:6")),
+    "auto_start": Case(copied("open_fist_open"), ("--init", "auto", "--frames", "0:6")),
     "hypotheses_8": Case(
         shared("d405_real_stereo"),
         ("--use", "keypoints", "--set", "tracker.hypotheses=8", "--frames", "0:8"),
@@ -98,11 +99,11 @@ CASES: dict[str, Case] = {
     ),
     "fallback_auto": Case(poor_depth, ("--use", "cloud", "--frames", "0:12")),
     "edges_intensity": Case(
-        bundled, ("--use", "silhouettes,edges,intensity", "--frames", "0:12")
+        copied("open_fist_open"), ("--use", "silhouettes,edges,intensity", "--frames", "0:12")
     ),
-    "coupling_18": Case(bundled, ("--set", "model.coupling=18", "--frames", "0:30")),
+    "coupling_18": Case(copied("open_fist_open"), ("--set", "model.coupling=18", "--frames", "0:30")),
     "size_from_points": Case(
-        shared("webxr_fist_6cam"), ("--set", "model.fit_size=false", "--frames", "0:12")
+        copied("another_hand"), ("--set", "model.fit_size=false", "--frames", "0:12")
     ),
 }  # fmt: skip
-"""`scale = "fit"` is in the shared sessions' own files: by points, then by silhouettes or the cloud"""
+"""`scale = "fit"` is in another hand's own files: by points, then by silhouettes or the cloud"""

@@ -36,7 +36,7 @@ class SeesTheTruth(FakeDetector):
 
 @pytest.fixture(scope="module")
 def session() -> Session:
-    return Session.open(bundled_session())
+    return Session.open(bundled_session("open_fist_open"))
 
 
 def test_a_hand_is_found_where_the_detector_sees_it(

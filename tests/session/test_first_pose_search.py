@@ -26,7 +26,7 @@ from tests.session.small_session import edit, keypoints, make_session
 
 @pytest.fixture(scope="module")
 def session():
-    return Session.open(bundled_session())
+    return Session.open(bundled_session("open_fist_open"))
 
 
 def points(session, frame):

@@ -22,7 +22,9 @@ from handtrack.tracking.search.other_side import evidence_of_other_side
 @pytest.fixture(scope="module")
 def run() -> TrackingRun:
     """A right hand that is open at first, seen by three cameras."""
-    return TrackingRun.open(Session.open(bundled_session()), {"model.fit_size": "false"})
+    return TrackingRun.open(
+        Session.open(bundled_session("open_fist_open")), {"model.fit_size": "false"}
+    )
 
 
 def backwards(model: ArticulatedModel, joint: Floats) -> Floats:

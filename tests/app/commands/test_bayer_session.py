@@ -26,11 +26,11 @@ def mosaics(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     folder = tmp_path / "raw"
     folder.mkdir()
     for name in ("calibration.toml", "init.json"):
-        shutil.copyfile(bundled_session() / name, folder / name)
-    text = (bundled_session() / "session.toml").read_text()
+        shutil.copyfile(bundled_session("open_fist_open") / name, folder / name)
+    text = (bundled_session("open_fist_open") / "session.toml").read_text()
     for camera in CAMERAS:
         (folder / camera).mkdir()
-        video = cv2.VideoCapture(str(bundled_session() / f"{camera}.mp4"))
+        video = cv2.VideoCapture(str(bundled_session("open_fist_open") / f"{camera}.mp4"))
         for frame in range(FRAMES):
             raw = mosaic_of(video.read()[1], "GRBG")
             raw = raw if request.param == 8 else raw.astype(np.uint16) * 16
@@ -45,7 +45,7 @@ def mosaics(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 def test_raw_mosaics_are_tracked_like_colour(handtrack: CommandLine, mosaics: Path) -> None:
-    colour = cv2.VideoCapture(str(bundled_session() / "cam1.mp4")).read()[1]
+    colour = cv2.VideoCapture(str(bundled_session("open_fist_open") / "cam1.mp4")).read()[1]
     image = Session.open(mosaics).image("cam1", 0)
     assert image is not None
     assert np.abs(image.astype(int) - colour)[8:-8, 8:-8].mean() < 3.0
@@ -53,7 +53,7 @@ def test_raw_mosaics_are_tracked_like_colour(handtrack: CommandLine, mosaics: Pa
     assert ended.code == 0
     assert f"{FRAMES} of {FRAMES} frames: {FRAMES} tracked" in ended.out
     assert ended.err.count("note:") == 0, ended.err
-    truth = bundled_session() / "truth.npz"
+    truth = bundled_session("open_fist_open") / "truth.npz"
     cut = mosaics / "truth.npz"
     with np.load(truth) as known:
         np.savez(cut, keypoints21=known["keypoints21"][:FRAMES])
@@ -99,7 +99,7 @@ def test_the_doctor_says_when_the_pattern_is_wrong(handtrack: CommandLine, mosai
     ],
 )
 def test_settings_that_do_not_fit(handtrack, mosaics: Path, old, new, expected) -> None:
-    shutil.copyfile(bundled_session() / "cam0.mp4", mosaics / "cam0.mp4")
+    shutil.copyfile(bundled_session("open_fist_open") / "cam0.mp4", mosaics / "cam0.mp4")
     edit(mosaics / "session.toml", old, new)
     refused(handtrack, mosaics.parent, ["track", mosaics], expected)
 

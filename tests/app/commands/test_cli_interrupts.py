@@ -97,7 +97,9 @@ def test_interrupted_size_fit_saves_nothing(
 def test_ctrl_c_in_the_real_program(handtrack: CommandLine, tmp_path: Path) -> None:
     session = Path(
         shutil.copytree(
-            bundled_session(), tmp_path / "bundled", ignore=shutil.ignore_patterns("tracks")
+            bundled_session("open_fist_open"),
+            tmp_path / "bundled",
+            ignore=shutil.ignore_patterns("tracks"),
         )
     )
     out = tmp_path / "warm.npz"

@@ -23,7 +23,7 @@ def session(recorded, tmp_path):
 @pytest.fixture
 def filmed(session):
     """The small recording with its videos and without its masks."""
-    source = bundled_session()
+    source = bundled_session("open_fist_open")
     text = (session / "session.toml").read_text()
     for video in sorted(source.glob("*.mp4")):
         shutil.copyfile(video, session / video.name)

@@ -41,7 +41,7 @@ def short_material(tmp_path_factory, monkeypatch) -> None:
     if WHOLE:
         return
     shelf = tmp_path_factory.mktemp("shelf")
-    simulate(shelf / "open_fist_open", Simulation(frames=FRAMES, size=(320, 240)))
+    simulate(shelf / "another_hand", Simulation(frames=FRAMES, size=(320, 240)))
     monkeypatch.setattr(bundled, "_CHECKOUT", shelf)
     monkeypatch.setattr(bundled, "_INSTALLED", shelf / "none")
 
@@ -71,5 +71,5 @@ def test_samples_are_files_of_ones_own(tmp_path, capsys):
     assert (again.code, "is not empty" in again.err) == (2, True)
     other = handtrack("sample", "three_videos", "--to", tmp_path / "other")
     assert other.code == 2
-    assert "known: open_fist_open, two_videos" in other.err
-    assert samples.sample_names() == ("open_fist_open", "two_videos")
+    assert "known: another_hand, open_fist_open, two_videos" in other.err
+    assert samples.sample_names() == ("another_hand", "open_fist_open", "two_videos")

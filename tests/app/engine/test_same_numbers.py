@@ -16,18 +16,22 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
+from tests.app.command_line import FRAMES as COUNT
+from tests.app.command_line import small_recording
 
-FRAMES = range(6)
+FRAMES = range(COUNT)
 
-
-MASKS, DEPTH = "webxr_open_close_3cam", "webxr_depth_640"
+MASKS, DEPTH = "another_hand", "webxr_depth_640"
 
 
 @pytest.fixture
-def folder(request: pytest.FixtureRequest, data_dir: Path, tmp_path: Path) -> Path:
+def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """The first frames of a recording of another hand, whose size is to be fitted: masks, or clouds."""
     name = getattr(request, "param", MASKS)
-    source, target = data_dir / "sessions" / name, tmp_path / "session"
+    target = tmp_path / "session"
+    if name == MASKS:
+        return small_recording(target, name)
+    source = request.getfixturevalue("data_dir") / "sessions" / name
     late = {f"{frame:06d}.png" for frame in range(FRAMES.stop, 1000)}
     shutil.copytree(source, target, ignore=lambda _, names: late & set(names) | {"truth.npz"})
     assert Session.open(target).frame_count == FRAMES.stop

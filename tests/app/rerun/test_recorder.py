@@ -233,7 +233,9 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path: Path) -
 
 
 def test_what_is_left_of_edges_and_texture_is_in_the_images(tmp_path: Path) -> None:
-    masks = TrackingRun.open(Session.open(bundled_session()), {"tracker.estimate": "forward"})
+    masks = TrackingRun.open(
+        Session.open(bundled_session("open_fist_open")), {"tracker.estimate": "forward"}
+    )
     first, start = masks.initial()
     results = list(masks.track(range(first, first + 2), first, start))
     run = masks.with_values({"silhouettes.weight": 0, "edges.weight": 1, "intensity.weight": 1})

@@ -101,8 +101,8 @@ class Base:
         weights = json.loads(_file(git, f"{_DATA}/rigs/default_weights.mhw"))["weights"]
         return cls(git, np.array(vertices), np.array(faces), skeleton["joints"], weights)
 
-    def hand(self, recipe: Recipe) -> HandMesh:
-        """Return somebody's right hand as a mesh that can be posed."""
+    def hand(self, recipe: Recipe, arm_m: float = _CUFF_M) -> HandMesh:
+        """Return somebody's right hand, with so much of the arm, as a mesh that can be posed."""
         points = self.vertices.copy()
         for name, share in recipe.targets:
             rows = _target(self.git, name)
@@ -132,7 +132,7 @@ class Base:
                 part = int(own[10]) + 1
             vertex, weight = np.array(rows).T
             share[vertex.astype(int), part] += weight
-        near = (points - wrist) @ turn[1] > -_CUFF_M
+        near = (points - wrist) @ turn[1] > -arm_m
         mine = (share.sum(axis=1) > 0.5) & near
         kept = self.faces[mine[self.faces].all(axis=1)]
         used, triangles = np.unique(kept, return_inverse=True)

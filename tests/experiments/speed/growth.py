@@ -75,7 +75,9 @@ def points(rounds: int = 20) -> dict[str, Any]:
 
 def frames(count: int) -> dict[str, float]:
     """Return what a take of so many frames costs to write, to list and to read, and the memory that it takes at most."""
-    run = TrackingRun.open(Session.open(bundled_session()), {"model.fit_size": False})
+    run = TrackingRun.open(
+        Session.open(bundled_session("open_fist_open")), {"model.fit_size": False}
+    )
     start, params = run.initial()
     state, _ = run.tracker.step(TrackerState.beginning_at(params), run.observation(start))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -23,7 +23,7 @@ _CAMERAS = ("cam0", "cam1")
 
 def make_recording(folder: Path, count: int, truth: bool) -> Path:
     """Write the session of so many frames, and a take of them all that is the current track. truth: with a truth.npz."""
-    source = bundled_session()
+    source = bundled_session("open_fist_open")
     cameras = "".join(
         f'[[camera]]\nname = "{name}"\nmasks = "masks/{name}/*.png"\n' for name in _CAMERAS
     )

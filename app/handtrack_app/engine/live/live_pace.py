@@ -52,7 +52,9 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
                 shown.append((now, snapshot.frame))  # a frame solved anew does not count again
 
     opener = partial(open_live_document, LiveOptions(devices, 0.05, rate=rate))
-    worker = Worker(bundled_session(), publish, opener, lambda _, result: results.append(result))
+    worker = Worker(
+        bundled_session("open_fist_open"), publish, opener, lambda _, result: results.append(result)
+    )
     worker.start()
     opened.wait(120.0)
     began_s = time.process_time()
@@ -102,7 +104,7 @@ def _played(path: Path, images: Sequence[Array[H, W, D3]]) -> str:
 
 def main(rates: list[float]) -> int:
     """Print the figures by images a second as JSON."""
-    session = Session.open(bundled_session())
+    session = Session.open(bundled_session("open_fist_open"))
     run = TrackingRun.open(session, {"model.fit_size": False})
     start, params = run.initial()
     for _ in run.track(range(start, start + 4), start, params):
