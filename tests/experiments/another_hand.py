@@ -29,11 +29,11 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.simulation.textured_mesh import Pattern, cluttered_background, textured_picture
 from tests.experiments.honesty import motions
 from tests.experiments.honesty.meshes import HandMesh
 from tests.experiments.honesty.people import as_person, somebody
 from tests.experiments.mean_hand.makehuman import Base, Recipe
+from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 
 FRAMES, FPS, SIZE, SEED = 100, 25.0, (640, 480), 1
 WHO = Recipe(
