@@ -20,7 +20,7 @@ from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
-from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.doubt.mirrored import only_camera
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
@@ -123,8 +123,6 @@ class Evidence:
     """frames whose cloud is poor: its depths are doubted"""
     silent: frozenset[int] = frozenset()
     """frames in which the hand is not where it was looked for: what was seen counts for nothing"""
-    keyframes: Mapping[int, ParameterTerm] = field(default_factory=dict)
-    """what keeps frames at poses that a person set"""
     cameras: CameraChanges = field(default_factory=CameraChanges.none)
     """those that may change, and how they do"""
     person: PersonChange | None = None
@@ -216,8 +214,6 @@ class Evidence:
         if self.wide:
             terms = terms.wide()
         share = 1.0 if only_camera(terms) is None else self.new
-        if frame in self.keyframes:
-            terms = replace(terms, priors=(*terms.priors, self.keyframes[frame]))
         counted = _counted(terms, share)
         told, others = by_camera(counted.stage(terms.stages - 1, bones))
         if frame in self.silent:

@@ -34,7 +34,7 @@ from handtrack.tracking.whole.evidence import (
     measured_outlines,
     new_share,
 )
-from handtrack.tracking.whole.keyframes import keyframe_prior, with_keyframes
+from handtrack.tracking.whole.keyframes import with_keyframes
 from handtrack.tracking.whole.late import with_late_cameras
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refinement import Refinement
@@ -50,8 +50,6 @@ _FEWEST = 3
 """frames that have a motion"""
 _MEMORY = 2
 """frames before one that say where it goes: its place and its velocity"""
-_EASES = 12
-"""frames beside those that changed in which the motion eases into what stood"""
 _MOVED_S = 1.0
 """[s] of frames, two movements, that cameras are corrected by: what masks are wrong by at one pose looks like a camera's error"""
 _TRIED = 3
@@ -93,7 +91,7 @@ def refined(
     there is looked at again from such a pose, and counts where the hand is found in it.
     """
     held, live = held or {}, tracked
-    if pinned or set(held) - {result.frame for result in tracked}:
+    if held or pinned:
         tracked = with_keyframes(
             model, settings, observe, tracked, held, _seconds(tracked), control, pinned=pinned
         )
@@ -105,8 +103,7 @@ def refined(
     poses = np.array([model.transform.solver_params(r.parameters) for r in tracked])
     poses = _bridged(poses, np.array([number not in lost for number in numbers]))
     around = dict(zip(numbers, poses, strict=True))
-    keyframes = {frame: keyframe_prior(model, pose) for frame, pose in held.items()}
-    evidence = Evidence(model, settings, observe, around, seconds, silent=lost, keyframes=keyframes)
+    evidence = Evidence(model, settings, observe, around, seconds, silent=lost)
     posed = [n for n, number in enumerate(numbers) if number not in lost]
     outlines = measured_outlines(evidence, [numbers[n] for n in posed], poses[posed])
     evidence = replace(evidence, outline_mm=outlines)
@@ -182,6 +179,10 @@ def refined(
         evidence = evidence.by(model, dict(zip(numbers, found.poses, strict=True)))
     results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
     results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses, several)
+    if held or pinned:
+        every = {**held, **(pinned or {})}
+        again = refined_near(model, settings, observe, results, held, list(every), control, pinned)
+        results = {r.frame: r for r in (*results, *again)}.values()
     return [result for result in results if result.frame not in held]
 
 
@@ -196,36 +197,34 @@ def refined_near(
     control: Control = Control(),
     pinned: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
-    """Return the frames that keyframes and pins touch, refined again, as `refined` does; all others stand as they are; no frame
-    when stopped.
+    """Return the frames that follow keyframes and pins; all others stand as they are; no frame when stopped.
 
     tracked: refined before, ascending; held: all keyframes; pinned: poses to which pins led; changed: frames at which any were
-    set, or let go, since.
+    set since.
     """
-    control = replace(control, on_shared=lambda text: None)  # few frames tell little of it
-    found: list[FrameResult] = []
-    stood = {result.frame: result for result in tracked}
+    stood, seconds = {result.frame: result for result in tracked}, _seconds(tracked)
     given = {**held, **(pinned or {})}
     new = {frame: given[frame] for frame in changed if frame in given}
     followed = with_keyframes(
-        model, settings, observe, tracked, held, _seconds(tracked), control, new, pinned
+        model, settings, observe, tracked, held, seconds, control, new, pinned
     )
-    numbers = np.array([result.frame for result in followed])
-    touched = np.array([r.frame in changed or r is not stood.get(r.frame, r) for r in followed])
-    near = np.convolve(touched, np.ones(2 * _EASES + 1), "same") > 0
+    touched = np.array([r is not stood.get(r.frame) and r.frame not in held for r in followed])
+    near = np.convolve(touched, np.ones(2 * _MEMORY + 1), "same") > 0
     edges = np.flatnonzero(np.diff(np.r_[0, near, 0]))
+    found: list[FrameResult] = []
     for first, stop in zip(edges[::2], edges[1::2], strict=True):
-        window = slice(max(first - _MEMORY, 0), stop + _MEMORY)
-        ends = {*numbers[window.start : first].tolist(), *numbers[stop : window.stop].tolist()}
-        inside = followed[window]
-        kept = {
-            r.frame: held.get(r.frame, model.transform.solver_params(r.parameters))
-            for r in inside
-            if r.frame in held or r.frame in ends
-        }
-        again = refined(model, settings, observe, inside, control, kept)
-        # stopped, they come back as they went in: at poses from which it was only begun
-        found += [result for result in again if all(result is not one for one in inside)]
+        inside = followed[first:stop]
+        numbers = [result.frame for result in inside]
+        poses = np.array([model.transform.solver_params(r.parameters) for r in inside])
+        around = dict(zip(numbers, poses, strict=True))
+        evidence = Evidence(model, settings, observe, around, seconds)
+        whole = estimate_whole(evidence, numbers, poses, control.should_stop, sweeps=0)
+        if whole is None or control.should_stop():
+            return []
+        found += [
+            _result(evidence, whole, n, inside)
+            for n in np.flatnonzero(touched[first:stop]).tolist()
+        ]
     return found
 
 

@@ -53,13 +53,14 @@ class RefinedWith:
         )
 
     def changed(self, now: RefinedWith) -> list[int] | None:
-        """Return at which frames keyframes or pins are new, moved or let go; None where none is, or anything else may have
-        changed.
+        """Return at which frames keyframes or pins are new or moved; None where none is, where one was let go, or anything else may
+        have changed.
         """
-        if now.run is not self.run or now.spans != self.spans:
+        gone = (self.held.keys() - now.held.keys()) | (self.pins.keys() - now.pins.keys())
+        if gone or now.run is not self.run or now.spans != self.spans:
             return None
         before, after = self.held, now.held
         same = {f for f in before.keys() & after.keys() if np.array_equal(before[f], after[f])}
-        posed = (before.keys() | after.keys()) - same
-        pinned = {f for f in {*self.pins, *now.pins} if self.pins.get(f, ()) != now.pins.get(f, ())}
+        posed = after.keys() - same
+        pinned = {f for f, pins in now.pins.items() if self.pins.get(f, ()) != pins}
         return sorted(posed | pinned) or None
