@@ -66,7 +66,9 @@ def euler_angles(matrix: Floats[*Axes, D3, D3], order: str) -> Floats[*Axes, D3]
     known = np.isfinite(flat).all(axis=(1, 2))
     angles = np.full((len(flat), 3), np.nan)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Gimbal lock")  # the third angle is 0 there, which is as right as any
+        warnings.filterwarnings(
+            "ignore", "Gimbal lock"
+        )  # the third angle is 0 there, which is as right as any
         if known.any():
             angles[known] = Rotation.from_matrix(flat[known]).as_euler(order)
     return angles.reshape(np.shape(matrix)[:-1])

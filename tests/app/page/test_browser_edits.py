@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from handtrack_app.engine.store import persistence
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing
@@ -17,7 +18,10 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 
 @pytest.fixture
-def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest]]:
+def opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[Workbench, PageUnderTest]]:
+    monkeypatch.setattr(persistence, "_MERGE_S", 0.1)
     bench = Workbench(tmp_path, port=0, opener=fake_document)
     with browsing(bench) as view:
         yield bench, view
@@ -114,6 +118,6 @@ def _drag_with_rests(
     mouse.down()
     for i in range(1, 4):
         mouse.move(*(a + i / 3 * (b - a) for a, b in zip(start, stop, strict=True)), steps=3)
-        view.page.wait_for_timeout(1200)  # longer than any pause between edits
+        view.page.wait_for_timeout(300)  # longer than any pause between edits
     mouse.up()
     view.page.wait_for_timeout(200)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from handtrack.session.formats.tables import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
+from handtrack_app.cli import main
 from handtrack_app.commands.terminal import tracking_passes
 from handtrack_app.start.start_page import StartPage
 from handtrack_app.workbench import Workbench
-from tests.app.command_line import CommandLine
 from tests.app.commands.test_cli_interrupts import Interrupter
 from tests.app.page.test_browser import PageUnderTest, browsing
 from tests.app.waiting import eventually
@@ -34,51 +32,23 @@ def bare_arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-Way = Callable[[CommandLine, Path, Path, pytest.MonkeyPatch], Path]
-"""tracks a recording in an empty folder; returns the session's folder"""
-
-
-def by_track(handtrack: CommandLine, given: Path, empty: Path, patch: pytest.MonkeyPatch) -> Path:
-    session = Path(shutil.copytree(given, empty / "session"))
-    assert handtrack("track", session, "--init", "auto", "--yes").code == 0
+@pytest.fixture
+def cancelled(bare_arm: Path, tmp_path: Path) -> Path:
+    """The recording, tracked until Ctrl-C after its first frame."""
+    session = Path(shutil.copytree(bare_arm, tmp_path / "session"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tracking_passes, "progress_bar", lambda *_: Interrupter(1))
+        assert main(["track", str(session), "--init", "auto", "--yes"]) == 130
     return session
 
 
-def by_track_cancelled(
-    handtrack: CommandLine, given: Path, empty: Path, patch: pytest.MonkeyPatch
-) -> Path:
-    session = Path(shutil.copytree(given, empty / "session"))
-    with patch.context() as inner:
-        inner.setattr(tracking_passes, "progress_bar", lambda *_: Interrupter(1))
-        assert handtrack("track", session, "--init", "auto", "--yes").code == 130
-    return session
-
-
-def by_new(handtrack: CommandLine, given: Path, empty: Path, patch: pytest.MonkeyPatch) -> Path:
-    videos = [word for n in range(3) for word in ("--video", f"cam{n}={given / f'cam{n}.mp4'}")]
-    made, calibration = empty / "made", given / "calibration.toml"
-    ended = handtrack(
-        "new", "--out", made, "--calibration", calibration, *videos, "--masks", "skin_ycrcb",
-        "--side", "right", "--track", "--yes",
-    )  # fmt: skip
-    assert ended.code == 0, ended.err
-    return made
-
-
-def by_batch(handtrack: CommandLine, given: Path, empty: Path, patch: pytest.MonkeyPatch) -> Path:
-    session = Path(shutil.copytree(given, empty / "session"))
-    ended = handtrack("batch", session, "--out", empty / "batch", "--init", "auto", "--yes")
-    assert ended.code == 0, ended.err
-    return session
-
-
-def by_start_page(
-    handtrack: CommandLine, given: Path, empty: Path, patch: pytest.MonkeyPatch
-) -> Path:
-    patch.setenv("HANDTRACK_HOME", str(empty / "home"))
-    material = empty / "material"
+@pytest.fixture
+def made(bare_arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A session of its videos, made and tracked by the start page."""
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    material = tmp_path / "material"
     material.mkdir()
-    for file in (given / "calibration.toml", *given.glob("*.mp4")):
+    for file in (bare_arm / "calibration.toml", *bare_arm.glob("*.mp4")):
         shutil.copy(file, material)
     page = StartPage("127.0.0.1", 0)
     try:
@@ -109,13 +79,7 @@ def shows_all_frames(view: PageUnderTest, bench: Workbench, session: Path) -> No
     assert view.page.locator(".handtrack-hidden").count() == 0
 
 
-@pytest.mark.parametrize(
-    "way", [by_track, by_track_cancelled, by_new, by_batch, by_start_page], ids=lambda w: w.__name__
-)
-def test_what_was_tracked_is_there_when_it_is_opened(
-    way: Way, handtrack: CommandLine, bare_arm: Path, tmp_path: Path, monkeypatch
-) -> None:
-    session = way(handtrack, bare_arm, tmp_path, monkeypatch)
+def opens_with_all(session: Path) -> None:
     assert "wrist_flex" in read_npz(session / "tracks" / "poses.npz").parameter_names
     bench = Workbench(session, port=0)
     with browsing(bench) as view:
@@ -123,10 +87,15 @@ def test_what_was_tracked_is_there_when_it_is_opened(
         assert "wrist_flex" in bench.state.names
 
 
-def test_frames_that_do_not_show_are_named_and_shown_by_a_button(
-    handtrack: CommandLine, bare_arm: Path, tmp_path: Path, monkeypatch
+def test_what_was_tracked_is_there_when_it_is_opened(made: Path) -> None:
+    opens_with_all(made)
+
+
+def test_what_was_tracked_until_ctrl_c_is_there_and_shown_by_a_button_where_it_does_not_fit(
+    cancelled: Path, tmp_path: Path
 ) -> None:
-    session = by_track_cancelled(handtrack, bare_arm, tmp_path, monkeypatch)
+    session = Path(shutil.copytree(cancelled, tmp_path / "other"))
+    opens_with_all(cancelled)
     toml = session / "session.toml"
     toml.write_text(toml.read_text().replace('forearm = "auto"', "forearm = false"))
     bench = Workbench(session, port=0)
@@ -136,21 +105,3 @@ def test_frames_that_do_not_show_are_named_and_shown_by_a_button(
         eventually(lambda: "wrist_flex" in bench.state.names, "the model has the arm")
         view.page.locator(".handtrack-hidden").first.wait_for(state="hidden")
         shows_all_frames(view, bench, session)
-
-
-def test_the_tutorials_material_is_all_there(
-    handtrack: CommandLine, tmp_path: Path, monkeypatch
-) -> None:
-    """Its first frames; `HANDTRACK_TUTORIAL` takes them all."""
-    handtrack("sample", "two_videos", "--to", tmp_path / "material")
-    material, made = tmp_path / "material", tmp_path / "made"
-    ended = handtrack(
-        "new", "--out", made, "--calibration", material / "calibration.toml", "--side", "right",
-        "--video", f"cam0={material / 'left.mp4'}", "--video", f"cam1={material / 'right.mp4'}",
-    )  # fmt: skip
-    assert ended.code == 0, ended.err
-    some = () if "HANDTRACK_TUTORIAL" in os.environ else ("--frames", f"0:{FRAMES}")
-    assert handtrack("track", made, "--init", "auto", "--yes", *some).code == 0
-    bench = Workbench(made, port=0)
-    with browsing(bench) as view:
-        shows_all_frames(view, bench, made)
