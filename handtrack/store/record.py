@@ -1,6 +1,6 @@
 """Records, one after another in a file: a line of JSON with its checksum, then the bytes of its arrays, if it has any.
 
-    5f0c21aa {"seq":2,"kind":"current","data":{"spans":[[1,0,100]]}}
+    5d8acb20 {"seq":2,"kind":"file","data":{"digest":"5be36c54"}}
     91b7e003 {"seq":3,"kind":"step","payload":[12408,1830214774],"data":{"frame":0, …}}
     … 12408 bytes …
 

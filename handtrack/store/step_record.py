@@ -129,7 +129,7 @@ def _of_hypothesis(known: MovingHypothesis, number: int, packed: _Packed) -> lis
 
 
 def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> MovingHypothesis:
-    cost, weight, origin = numbers[:3]  # older records have a fourth
+    cost, weight, origin = numbers
     a = {name: arrays[f"hypothesis{number}.{name}"] for name in _HYPOTHESIS}
     return MovingHypothesis(
         params=a["params"],

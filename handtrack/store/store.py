@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
-from handtrack.store.history import NOTE, Action, Change, History
+from handtrack.store.history import Action, Change, History
 from handtrack.store.lease import BEAT_S, Lease
 from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
 from handtrack.store.spans import Span, beside_accepted, resolved, with_span
@@ -27,7 +27,6 @@ from handtrack.tracking.frame.result import FrameResult, TrackResult
 
 _ACTIONS, _TAKES = "actions", "takes"
 _ACTION, _PRUNED, _FILE = "action", "pruned", "file"
-_CURRENT = "current"  # of an earlier version: spans alone
 SPANS = "spans"
 """the value of a session's state that says what the current track is composed of"""
 ACCEPTED = "accepted"
@@ -61,8 +60,6 @@ class Store:
             with suppress(ValueError, KeyError, TypeError):  # of a later version
                 if record.kind == _ACTION:
                     yield Action.of(record.data)
-                elif record.kind == _CURRENT:
-                    yield Action(0, NOTE, "", (Change(SPANS, None, record.data["spans"]),))
 
     def history(self) -> History:
         """Return what was decided so far. Reads all of it."""

@@ -17,7 +17,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
 from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.formats.truth import read_truth
-from handtrack.tracking.frame.result import TrackResult
+from handtrack.tracking.frame.result import COLUMNS, TrackResult
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 from tests.sample_track import sample_track
@@ -137,10 +137,8 @@ def test_c54_a_name_that_begins_a_formula_is_text_and_numbers_stay(kind, rng, tm
 def test_frames_that_were_not_tracked_are_lost_ones_where_a_format_has_a_rate(tmp_path):
     _, track = sample_sequence("right")
     rows = np.array([0, 1, 4])
-    part = replace(track, **{n: getattr(track, n)[rows] for n in (
-        "frame", "time_s", "parameters", "T_world_bone", "joint_positions", "keypoints21", "status", "energy", "iterations",
-        "parameter_std", "joint_covariance", "reason", "reason_kind", "reason_where", "reason_numbers", "p_off_25mm", "p_off_10mm",
-    )})  # fmt: skip
+    there = {name: getattr(track, name) for name in COLUMNS}
+    part = replace(track, **{n: a[rows] for n, a in there.items() if a is not None})
     whole = ResultsTable(part).without_gaps
     assert whole.track.frame.tolist() == [3, 4, 5, 6, 7]
     assert whole.is_lost.tolist() == [False, False, True, True, False]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Bytes, H, W
+from handtrack.arrays import D2, D3, Array, Axes, Bytes, Floats, H, W
 from handtrack.capture.images.frames import (
     COLOUR,
     DEPTH,
@@ -21,6 +21,7 @@ from handtrack.capture.images.frames import (
 )
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.images.video import VideoFile
+from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
 from handtrack.capture.masks.mask_cleaning import Roi
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.capture.masks.segmentation import MaskMethod, Segmenter
@@ -31,8 +32,6 @@ from handtrack.observation.undistortion import undistort_image, undistort_silhou
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.seen.corrected_masks import CorrectedMasks
-from handtrack.session.seen.lessons import Lessons
-from handtrack.session.seen.mask_seeds import JointSeeds
 from handtrack.session.seen.memory import Memory
 from handtrack.session.seen.seen_keypoints import KeypointFiles
 from handtrack.session.seen.video_audits import read_audit
@@ -40,6 +39,9 @@ from handtrack.session.session_file import CameraSettings, wrong_together
 
 MaskChoice = tuple[str | MaskMethod | None, Roi | None]
 """files, a method or none, and a region of interest"""
+_BYTES_KEPT = 100_000_000  # of one camera: the usual 25 images of up to 4 MB
+_BRIDGED = 3
+"""frames without joints up to so many before or behind one with them: a tenth of a second at usual rates"""
 
 
 def scaled_camera(camera: Camera, settings: CameraSettings, folder: Path) -> Camera:
@@ -337,3 +339,70 @@ class View:
         method = self.settings.demosaic or MosaicSettings.method
         settings = MosaicSettings(pattern.upper(), self.settings.white_level, method)
         return MosaicFiles(files, settings, self.camera.size, where)
+
+
+class Lessons:
+    """A source that reads each frame once; see capture.images.frames.FrameSource."""
+
+    def __init__(self, source: FrameSource, memory: Memory[int, Array[H, W, *Axes] | None]) -> None:
+        """memory: of this source alone."""
+        self._source, self._memory = source, memory
+
+    @property
+    def where(self) -> str:
+        return self._source.where
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        return self._source.size
+
+    @property
+    def frames(self) -> range:
+        return self._source.frames
+
+    @property
+    def known_frames(self) -> range:
+        return self._source.known_frames
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self._source.warnings
+
+    def has(self, frame: int) -> bool:
+        return self._source.has(frame)
+
+    def read(self, frame: int) -> Array[H, W, *Axes] | None:
+        return self._memory.value(frame, lambda: self._source.read(frame), _most)
+
+
+def _most(image: Array[H, W, *Axes] | None) -> int:
+    return max(_BYTES_KEPT // (1 if image is None else image.nbytes), 1)
+
+
+class JointSeeds:
+    """A camera's own frame → seeds; joints are taken on a straight way through short gaps."""
+
+    def __init__(self, files: KeypointFiles) -> None:
+        self._files = files
+
+    def __call__(self, own_frame: int) -> HandSeeds | None:
+        """Return the frame's seeds; None where the hand was not found, nor shortly before and after."""
+        joints = self._files.as_taken(own_frame)
+        if not joints:
+            joints = self._bridged(own_frame)
+        return seeds_of_joints(joints, self._files.camera.size)
+
+    def _bridged(self, own_frame: int) -> dict[str, Floats[D2]]:
+        ends = []
+        for way in (-1, 1):
+            near = [own_frame + way * step for step in range(1, _BRIDGED + 1)]
+            found = [(n, joints) for n in near if (joints := self._files.as_taken(n))]
+            if not found:
+                return {}
+            ends.append(found[0])
+        (first, before), (last, after) = ends
+        share = (own_frame - first) / (last - first)
+        return {
+            n: np.asarray((1 - share) * before[n] + share * after[n])
+            for n in before.keys() & after.keys()
+        }

@@ -71,10 +71,9 @@ SIGNS = {
     "few": "few views show it",
     "open": "what was seen leaves it open",
     "curled": "closed fingers hide each other",
-    "odd": "nobody has a finger of such a length",
     "moved": "the frames after moved it",
 }
-"""what tells that a pose may be wrong, in words: the telling sign stands in the place of a camera's name; `odd` in older results"""
+"""what tells that a pose may be wrong, in words: the telling sign stands in the place of a camera's name"""
 
 KINDS: dict[str, Callable[[Reason], str]] = {
     "unseen": lambda r: "no camera saw anything in this frame",
