@@ -24,7 +24,7 @@ from tests.app.waiting import eventually
 def bench(tmp_path: Path) -> Iterator[Workbench]:
     """A started workbench that shows the fake session."""
     workbench = Workbench(tmp_path, port=0, opener=fake_document).start()
-    assert workbench.wait_ready(60.0)
+    assert workbench.wait_ready()
     yield workbench
     workbench.stop()
 
@@ -73,7 +73,7 @@ def tracked(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def page(tmp_path: Path) -> Iterator[Workbench]:
     """A workbench with a recording that has clouds, the first of them shown."""
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()
-    assert workbench.wait_ready(60.0)
+    assert workbench.wait_ready()
     eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
     yield workbench
     workbench.stop()

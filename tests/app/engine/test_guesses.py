@@ -176,7 +176,7 @@ def test_a_forearm_makes_the_fingers_of_a_ghost_no_thicker(bench: Workbench) -> 
 def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
     bench = Workbench(tmp_path, port=0, opener=lambda f, o: document).start()
-    assert bench.wait_ready(60.0)
+    assert bench.wait_ready()
     model = document.model
     (result,) = document.run.track(range(4, 5), 4, model.rest_params())
     other = model.clipped(model.transform.solver_params(result.parameters) + 0.1)

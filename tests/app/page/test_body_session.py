@@ -31,7 +31,7 @@ def opened(tmp_path_factory) -> Iterator[Workbench]:
         cameras=2, frames=2, size=(96, 72), motion="still", model="body34", distance_m=3.5, images=False
     )  # fmt: skip
     workbench = Workbench(simulate(folder, what), port=0).start()
-    assert workbench.wait_ready(60.0)
+    assert workbench.wait_ready()
     yield workbench
     workbench.stop()
 

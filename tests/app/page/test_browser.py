@@ -59,7 +59,7 @@ def browsing(
     if not there_is_one():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
     bench.start()
-    assert bench.wait_ready(60.0)
+    assert bench.wait_ready()
     bench.server.scene.configure_environment_map(None)  # the slowest part to draw in software
     with chromium(size) as (page, errors):
         page.goto(f"{bench.url}&fixedDpr={dpr:g}")

@@ -61,7 +61,7 @@ def test_a_slow_page_shows_all_of_one_frame(tmp_path: Path) -> None:
 
 def test_no_more_than_two_frames_are_on_their_way(tmp_path: Path) -> None:
     bench = Workbench(tmp_path, port=0, opener=fake_document).start()
-    assert bench.wait_ready(60.0)
+    assert bench.wait_ready()
     try:
         with WireClient(bench.url, draws=False) as wire:
             eventually(lambda: bench.state.editor is not None, "it edits")

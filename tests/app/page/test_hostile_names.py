@@ -33,7 +33,7 @@ def test_c53_names_in_a_sessions_files_are_text(recorded: Path, tmp_path: Path) 
     (folder / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
     bench = Workbench(folder, port=0).start()
     try:
-        assert bench.wait_ready(60.0)
+        assert bench.wait_ready()
         eventually(
             lambda: any("&lt;img" in text for text in written_in(bench.server)), "the name is shown"
         )

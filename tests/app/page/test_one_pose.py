@@ -138,7 +138,7 @@ def witness(
     bench = Workbench(
         tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.05)
     ).start()
-    assert bench.wait_ready(60.0)
+    assert bench.wait_ready()
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
         show = bench._show

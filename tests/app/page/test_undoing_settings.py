@@ -75,7 +75,7 @@ def test_a_number_of_the_shape_is_set_shown_and_undone(bench: Workbench) -> None
 @pytest.fixture
 def cloudy(tmp_path: Path) -> Iterator[Workbench]:
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()
-    assert workbench.wait_ready(60.0)
+    assert workbench.wait_ready()
     yield workbench
     workbench.stop()
 

@@ -179,7 +179,7 @@ def test_tracking_shows_progress_and_the_timeline(tmp_path: Path) -> None:
     seen = threading.Event()
     opener = lambda f, o: fake_document(f, o, stuck=lambda _: not seen.is_set())  # noqa: E731
     bench = Workbench(tmp_path, port=0, opener=opener).start()
-    assert bench.wait_ready(60.0)
+    assert bench.wait_ready()
     tracking = bench.layout.tracking
     with WireClient(bench.url) as client:
         client.send({
@@ -221,7 +221,7 @@ def test_the_hand_follows_a_slider(bench: Workbench) -> None:
 def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
     opener = lambda f, o: fake_document(f, o, stuck=lambda frame: frame == 4)  # noqa: E731
     bench = Workbench(tmp_path, port=0, opener=opener).start()
-    assert bench.wait_ready(60.0)
+    assert bench.wait_ready()
     bench.send(commands.Track(0, FRAMES, 0))
     eventually(lambda: bench.layout.tracking.progress.state == "tracking", "it is tracked")
     follows_the_slider(bench, 10)
