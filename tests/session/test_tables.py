@@ -38,10 +38,12 @@ def test_a_result_comes_back_as_it_was(rng, tmp_path):
     track = sample_track(rng, range(4, 9))
     track.parameter_std[1] = np.inf
     track.energy[1] = np.nan
+    track.joint_covariance[2] = np.nan
     write_npz(tmp_path / "poses.npz", track)
     back = read_npz(tmp_path / "poses.npz")
     assert_same(track, back)
     assert isinstance(back.session, str)
+    assert np.isnan(back[2].joint_covariance).all()
     assert isinstance(back.joint_names, tuple)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property
@@ -310,7 +310,7 @@ class TrackResult(TrackLabels, NamedTrack):
 
     def __getitem__(self, row: int) -> FrameResult:
         """Return the frame in a row, from 0 or from the end; `at` takes frame numbers."""
-        return self._row(range(len(self))[row])
+        return self._rows([range(len(self))[row]])[0]
 
     def __repr__(self) -> str:
         counts = [(int((self.status == s).sum()), s.name.lower()) for s in Status]
@@ -396,11 +396,11 @@ class TrackResult(TrackLabels, NamedTrack):
                 f"frame {frame} was not tracked; this result has {len(self)} frames from "
                 f"{self.frame[0]} to {self.frame[-1]}."
             )
-        return self._row(int(rows[0]))
+        return self._rows(rows[:1])[0]
 
     def frames(self) -> list[FrameResult]:
         """Return every frame as an own result, as the tracker gave them."""
-        return [self._row(row) for row in range(len(self))]
+        return self._rows(range(len(self)))
 
-    def _row(self, row: int) -> FrameResult:
-        return FrameResult(**joined(FIELDS, self, row))
+    def _rows(self, rows: Iterable[int]) -> list[FrameResult]:
+        return [FrameResult(**known) for known in joined(FIELDS, self, rows)]

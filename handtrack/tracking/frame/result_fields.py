@@ -5,7 +5,7 @@ type, the rest by `column`. Stacking and slicing, checks and files, records of t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass
 from typing import Any, Literal
 
@@ -101,11 +101,11 @@ def _result_field(entry: Field[Any]) -> ResultField:
     kind = _KINDS[found[1]]
     axes = tuple(int(a[1:]) if a[1:].isdigit() else a for a in re.findall(r"\w+", found[2] or ""))
     how = {"axes": axes, "missing": {int: 0, str: "", float: np.nan}[kind]} | told.get("how", {})
-    join = join or (_row if axes else kind)
+    join = join or (kind if not axes else _unless_missing if is_optional else np.copy)
     return ResultField({entry.name: Column(kind, **how)}, lambda row, *_: join(row), is_optional)
 
 
-def _row(row: Array) -> Array | None:
+def _unless_missing(row: Array) -> Array | None:
     return None if np.isnan(row).all() else row.copy()
 
 
@@ -130,22 +130,31 @@ def stacked(known: Mapping[str, ResultField], frames: Sequence[object]) -> dict[
 
 
 def _stack(rows: Sequence[Any], column: Column) -> Array:
-    """Return rows as one array; `missing` fills frames without any, and what others have more."""
-    there = [(number, row) for number, row in enumerate(rows) if row is not None and np.size(row)]
-    longest = tuple(map(max, zip(*(np.shape(row) for _, row in there), strict=True)))
-    kind = object if column.kind is str else column.kind
-    array = np.full((len(rows), *longest), column.missing, dtype=kind)
-    for number, row in there:
-        array[(number, *map(slice, np.shape(row)))] = row
-    return array.astype(str) if column.kind is str else array
+    """Return rows as one array; `missing` stands for frames without any, and for what others have more along H."""
+    blank = _missing_like(next((row for row in rows if row is not None), None), column)
+    if "H" in column.axes:
+        most = max(map(len, rows))
+        blank = _missing_like(next((row[0] for row in rows if row), None), column)
+        rows = [[*row, *[blank] * (most - len(row))] for row in rows]
+    return np.array([blank if row is None else row for row in rows], column.kind)
 
 
-def joined(known: Mapping[str, ResultField], track: object, row: int) -> dict[str, Any]:
-    """Return a frame's fields, of the arrays of a sequence."""
-    found: dict[str, Any] = {}
+def _missing_like(row: Any, column: Column) -> Any:
+    return np.full(() if row is None else np.shape(row), column.missing).tolist()
+
+
+def joined(
+    known: Mapping[str, ResultField], track: object, rows: Iterable[int]
+) -> Iterator[dict[str, Any]]:
+    """Yield frames' fields, of the arrays of a sequence."""
+    there = []
     for field, own in known.items():
         group = [getattr(track, name) for name in own.group]
         if group[0] is not None:
-            arrays, names = group[: len(own.columns)], group[len(own.columns) :]
-            found[field] = own.join(*(array[row] for array in arrays), *names)
-    return found
+            count = len(own.columns)
+            there.append((field, own.join, group[:count], group[count:]))
+    for row in rows:
+        yield {
+            field: join(*(array[row] for array in arrays), *names)
+            for field, join, arrays, names in there
+        }
