@@ -11,7 +11,7 @@ from handtrack_app.page.scene.hand_place import hand_balls
 from handtrack_app.page.views.room import LARGE, LIGHT, POSE, REST, Taste
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
-from tests.app.page.test_browser import PageUnderTest, browsing
+from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.page.test_browser_zoom import CANVAS
 from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
@@ -36,15 +36,11 @@ def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path: Path) -> No
     bench = Workbench(tmp_path, port=0, opener=fake_document)
     with browsing(bench, dpr=1.0, size=(1280, 800), unfold=False) as view:
         eventually(lambda: share(view) >= 0.6, "the scene has 60 % of the window")
-        view.page.wait_for_timeout(1000)
-        low, high = hand_in_page(bench, view)
-        height = view.page.evaluate(CANVAS)[3]
-        assert high[1] - low[1] >= 0.25 * height, "freely"
+        eventually(lambda: is_large(bench, view), "freely")
         view.page.keyboard.press("1")
-        eventually(lambda: bench.stage.looking.anyone, "it looks through a camera")
-        view.page.wait_for_timeout(2500)
+        eventually(lambda: stands(bench), "it looks through a camera")
+        eventually(lambda: is_large(bench, view), "through a camera")
         low, high = hand_in_page(bench, view)
-        assert high[1] - low[1] >= 0.25 * height, "through a camera"
         bench.page.notify("warning", "Something", "was to be said.")
         notice = eventually(lambda: view.page.evaluate(NOTICE), "a notice")
         assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
@@ -65,19 +61,27 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path: Path) -> None:
     bench = Workbench(tmp_path, port=0, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
         (client,) = bench.server.get_clients().values()
+        looks = lambda: view.page.evaluate(LAYOUT)  # noqa: E731
+        usual = looks()
         bench.layout.room.change(client, colours=LIGHT, text=LARGE)
-        view.page.wait_for_timeout(2000)
-        before = view.page.evaluate(LAYOUT)
+        eventually(lambda: all(looks()[k] != usual[k] for k in ("scale", "ground")), "as chosen")
+        view.page.wait_for_timeout(500)
+        before = looks()
         for panel in (POSE, REST):
             bench.layout.room.fold(client, panel, folded=True)
         view.page.wait_for_timeout(2000)
-        assert view.page.evaluate(LAYOUT) == before
+        assert looks() == before
         assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"
 
 
 def share(view: PageUnderTest) -> float:
     _, _, width, height = view.page.evaluate(CANVAS)
     return float(width * height / (1280 * 800))
+
+
+def is_large(bench: Workbench, view: PageUnderTest) -> bool:
+    low, high = hand_in_page(bench, view)
+    return bool(high[1] - low[1] >= 0.25 * view.page.evaluate(CANVAS)[3])
 
 
 def hand_in_page(bench: Workbench, view: PageUnderTest) -> tuple[np.ndarray, np.ndarray]:

@@ -70,7 +70,7 @@ def test_picture_and_model_are_drawn_as_one_at_any_enlargement_in_any_window(
         worst = 0.0
         for window in WINDOWS:
             view.page.set_viewport_size({"width": window[0], "height": window[1]})
-            for times in (1.0, 12.0) if window != WINDOWS[0] else (1.0, 4.0, 12.0):
+            for times in (12.0,) if window != WINDOWS[0] else (1.0, 4.0, 12.0):
                 # a corner of four squares, its ball at the hand's distance, a screen behind it
                 pixel = np.array([7 * SQUARE - 0.5, 5 * SQUARE - 0.5])
                 zoom = Zoom((pixel[0] + 3 / times, pixel[1] - 2 / times), times)
