@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -38,14 +39,16 @@ translation = [0.0, -0.08, 0.55]
 NOBODY = (3, *range(8, 15))
 
 
+drawn = cache(lambda: recording("even", np.random.default_rng(7), 16))
+
+
 @pytest.fixture
-def folder(tmp_path: Path, rng: np.random.Generator) -> Path:
-    drawn = recording("even", rng, 16)
+def folder(tmp_path: Path) -> Path:
     for name in ("cam0", "joints"):
         (tmp_path / name).mkdir()
-    for frame, image in enumerate(drawn.images):
+    for frame, image in enumerate(drawn().images):
         cv2.imwrite(str(tmp_path / "cam0" / f"{frame:03d}.png"), image)
-        points = np.array([[*at, 0.9] for at in drawn.joints[frame].values()])
+        points = np.array([[*at, 0.9] for at in drawn().joints[frame].values()])
         hand = None if frame in NOBODY else points
         write_hand(tmp_path / "joints" / f"{frame:03d}.json", hand, "right", "test")
     (tmp_path / "calibration.toml").write_text(CALIBRATION)
