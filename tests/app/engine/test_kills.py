@@ -143,7 +143,8 @@ class Session:
     def second(self) -> None:
         other = Persistence.open(fake_document(self.folder))
         other.restore()
-        assert other.warning
+        # where the first found no room for its lease, the second may write
+        assert other.warning or self.store.store is None
         other.do("Pose", edits.pose(other.document, 2, other.document.start.tolist()))
         other.close()
 
