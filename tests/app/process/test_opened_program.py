@@ -27,7 +27,9 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="fi
 @pytest.fixture
 def program(tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     leave_out = shutil.ignore_patterns("tracks")
-    session = shutil.copytree(bundled_session("open_fist_open"), tmp_path / "session", ignore=leave_out)
+    session = shutil.copytree(
+        bundled_session("open_fist_open"), tmp_path / "session", ignore=leave_out
+    )
     environment = PROGRAM | {"HANDTRACK_HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path)}
     command = [sys.executable, "-m", "handtrack_app.cli", "open", str(session), "--no-browser"]
     with subprocess.Popen(
