@@ -36,6 +36,8 @@ _PARTS = {
     "body": dict.fromkeys(BODY_PARTS, _SEGMENT_SIGMA),
 }
 
+FOREARM_END = "forearm_end"
+"""the proportion that is a recording's, and no person's: where the arm ends that its masks show"""
 _WITHIN = (-4.0, 4.0)  # standard deviations that anybody may be from the mean, as in fits
 _GROUPS = {
     "flesh": ("flesh",), "forearm": ("forearm",), "palm": ("palm", "knuckle"), "thumb": ("thumb", "thenar"),
@@ -55,6 +57,19 @@ def hand_length_mm(model: ArticulatedModel) -> float:
 def is_unmeasured(scale: HandScale) -> bool:
     """Return whether a size was not measured, but held at the population's."""
     return scale.std.get("overall", 0.0) >= POPULATION_SIGMA
+
+
+def without_forearm_end(scale: HandScale) -> HandScale:
+    """Return a person without what a recording says of itself: where the arm ended in its masks."""
+    if FOREARM_END not in scale.proportions:
+        return scale
+    moved, std = (
+        {name: value for name, value in table.items() if name != FOREARM_END}
+        for table in (scale.proportions, scale.std)
+    )
+    known = scale.covariance
+    known = known and known.only([name for name in known.names if name != FOREARM_END])
+    return replace(scale, proportions=moved, std=std, covariance=known)
 
 
 def unmeasured_size(build: Callable[[HandScale], ArticulatedModel], scale: HandScale) -> HandScale:

@@ -22,7 +22,7 @@ from handtrack.model.articulated import (
 )
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model, read_scale, scale_table
-from handtrack.model.size import hand_length_mm
+from handtrack.model.size import hand_length_mm, without_forearm_end
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -100,12 +100,10 @@ class TrackingRun:
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
             first = given_in_images(session, settings, first)[0].first_pose
-        scale = _with_own_landmarks(session, settings, _hand_scale(session, settings, first))
+        scale = _of_this_recording(session, settings, _hand_scale(session, settings, first))
         arm_m = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, arm_m)
-        known = session.known_person and _with_own_landmarks(
-            session, settings, session.known_person
-        )
+        known = session.known_person and _of_this_recording(session, settings, session.known_person)
         run = cls(session, first, settings, scale, arm_m > 0, model, arm_m or np.inf, known)
         if run.sizes_first and settings.model.fit_size == "true" and first is not None:
             return run.fit_size(should_stop, tell=tell)
@@ -186,13 +184,17 @@ class TrackingRun:
         solver = self.model.transform.solver_params
         posed = ((solver(done[i].parameters), self.seen_at(done[i])) for i in spread)
         arm_m, before = forearm_in_view(self.model, posed), self.arm_m if self.forearm else 0.0
+        if 0 < before < np.inf:
+            at = self.model.skeleton.bone("forearm")
+            before = self.model.skeleton.length[at] / self.scale.factor("forearm")
         if (
             arm_m is None
             or arm_m == before
             or (abs(arm_m - before) < _ARM_ERROR_M and min(arm_m, before) > 0)
         ):
             return self
-        return replace(self, forearm=arm_m > 0, arm_m=arm_m or np.inf).with_scale(self.scale)
+        found = replace(self, forearm=arm_m > 0, arm_m=arm_m or np.inf)
+        return found.with_scale(without_forearm_end(self.scale))
 
     def joint_params_from(self, other: TrackingRun, joint_params: Floats[S]) -> Floats[S]:
         """Return joint parameters of another run, whose forearm may be another, as those of this run's model."""
@@ -481,8 +483,11 @@ def _asked_forearm(session: Session, settings: TrackerSettings) -> str:
     return str(session.file.hand.forearm).lower() if chosen == "auto" else chosen
 
 
-def _with_own_landmarks(session: Session, settings: TrackerSettings, scale: HandScale) -> HandScale:
-    """Return a person whose offsets lead to the points of the detector that is looked at: another's say nothing of them."""
+def _of_this_recording(session: Session, settings: TrackerSettings, scale: HandScale) -> HandScale:
+    """Return a person without what other recordings say of themselves: where an arm ended in their masks, and offsets that lead to
+    another detector's points.
+    """
+    scale = without_forearm_end(scale)
     files = [view.keypoint_files for view in session.views if view.keypoint_files is not None]
     if not files or settings.keypoints.weight == 0:
         return scale

@@ -144,7 +144,7 @@ def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
 
 def who_is_open(run: TrackingRun) -> OpenPerson | None:
     """Return what of the person refining may find: not what was given, and nothing where `model.fit_size` says so."""
-    if not run.size_is_open or is_unmeasured(run.scale):
+    if run.settings.model.fit_size == "false" or is_unmeasured(run.scale):
         return None
     return _who(run)
 

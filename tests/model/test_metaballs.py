@@ -128,7 +128,8 @@ def test_the_palm_is_linked_with_first_bones_and_fingers_only_with_themselves(mo
     assert (linked == linked.T).all() and linked.diagonal().all()
     pairs = {(names[i], names[j]) for i, j in np.argwhere(linked) if i < j}
     fingers = ("index", "middle", "ring", "little")
-    expected = {("root", f"{f}_proximal") for f in fingers} | {("root", "thumb_metacarpal")}
+    palm = names[0]
+    expected = {(palm, f"{f}_proximal") for f in fingers} | {(palm, "thumb_metacarpal")}
     expected |= {("thumb_metacarpal", "thumb_proximal"), ("thumb_proximal", "thumb_distal")}
     expected |= {(f"{f}_proximal", f"{f}_intermediate") for f in fingers}
     expected |= {(f"{f}_intermediate", f"{f}_distal") for f in fingers}

@@ -9,20 +9,27 @@ import pytest
 
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import keypoint_names
+from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
+from handtrack.model.size import FOREARM_END
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import UNKNOWN, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_cut, forearm_in_view, forearm_length
-from handtrack.tracking.search.initialize import fit_keypoints
+from handtrack.tracking.search.initialize import carried_over, fit_keypoints
 from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.refinement import Refinement
 
 HAND, WHOLE = load_model(), load_model(forearm=True)
 ARM = WHOLE.skeleton.bone("forearm")
@@ -221,3 +228,29 @@ def test_a_hand_with_an_arm_stays_where_it_is(length, model):
         truth = HAND.keypoints21(HAND.bones(without_arm(joint)))
         assert result.keypoints21 is not None
         assert 1e3 * np.linalg.norm(result.keypoints21 - truth, axis=1).mean() < 4.0
+
+
+@pytest.mark.parametrize("forearm", [False, 0.025])
+def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forearm):
+    """Masks end 10 mm further from the wrist than the model does: the hand slid back after them."""
+    truth = load_model(scale=HandScale(proportions={FOREARM_END: 1.3}), forearm=forearm)
+    model, told = load_model(forearm=forearm), []
+    joints = [
+        posed(0.0, 0.0, 0.004 * f, pose) for f, pose in enumerate(["open", "curl", "fist"] * 2)
+    ]
+    joints = [carried_over(WHOLE, WHOLE.transform.solver_params(j), truth) for j in joints]
+    cameras = simulated_rig(3, (320, 240)).cameras
+    seen = [mask_views(truth, pose, cameras, f) for f, pose in enumerate(joints)]
+    live = [
+        posed_result(model, one, pose, Status.TRACKED, None)
+        for one, pose in zip(seen, joints, strict=True)
+    ]
+    who = OpenPerson(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)
+    control = Control(on_shared=told.append)
+    found = refined(model, QUICK, lambda f, _: seen[f], live, control, who=who)
+    scale = Refinement.read(told[0]).scale
+    assert scale.proportions[FOREARM_END] == pytest.approx(1.3, abs=0.25)
+    assert scale.overall == 1.0
+    for pose, result in zip(joints, found, strict=True):
+        off = result.keypoints21[0] - truth.keypoints21(truth.bones(pose))[0]
+        assert 1e3 * np.linalg.norm(off) < 2.0

@@ -140,17 +140,21 @@ class MetaballSurface:
 
 
 def linked_ellipsoids(skeleton: Skeleton, ellipsoids: Ellipsoids) -> Array[E, E]:
-    """Return True where two ellipsoids share a bone, or one's bone is the next with flesh above the other's.
+    """Return True where two ellipsoids share a bone, or one's bone is the next with flesh above the other's; bones that do not move
+    against each other are one.
 
     So the palm is linked with the first bone of each finger, and fingers are not linked with each other.
     """
-    fleshed = set(ellipsoids.bone.tolist())
-    above = np.full(skeleton.bone_count, -1)
-    for bone in fleshed:
-        parent = int(skeleton.parent[bone])
-        while parent >= 0 and parent not in fleshed:
-            parent = int(skeleton.parent[parent])
-        above[bone] = parent
-    bone = ellipsoids.bone
+    carrier = np.arange(skeleton.bone_count)
+    for b in range(1, len(carrier)):
+        if b not in skeleton.hinge_bone:
+            carrier[b] = carrier[skeleton.parent[b]]
+    bone = carrier[ellipsoids.bone]
+    above = np.full(len(carrier), -1)
+    for b in set(bone.tolist()):
+        parent = b
+        while parent >= 0 and (parent == b or parent not in bone):
+            parent = int(carrier[skeleton.parent[parent]]) if parent else -1
+        above[b] = parent
     over = above[bone][:, None] == bone[None, :]
     return (bone[:, None] == bone[None, :]) | over | over.T

@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, K, N
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.size import SizeParameters
+from handtrack.model.size import FOREARM_END, SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.seen_around import joints_around, seen_around
@@ -29,7 +29,7 @@ class OpenPerson:
     build: Callable[[HandScale], ArticulatedModel]
     """makes their model"""
     sizes: bool = True
-    """lengths and girths; not those that a person gave"""
+    """lengths and girths; not those that a person gave: then only where the arm ends that masks show"""
     offsets: bool = False
     """where a detector sees joints; not those that came with a saved hand"""
     known: HandScale | None = None
@@ -69,8 +69,10 @@ class PersonChange:
         seen = joints_around(looks) if who.offsets else ()
         parameters = SizeParameters(model, seen)
         split = len(parameters.names) - parameters.offset_count
-        free = np.ones(len(parameters.names), bool)
-        free[:split] = who.sizes and tells
+        masks = any(one.silhouettes for one, _ in looks)
+        free = np.array([who.sizes or (masks and n == FOREARM_END) for n in parameters.names])
+        free[:split] &= tells
+        free[split:] = True
         return cls(parameters, free, parameters.deviations(model.scale), who.known)
 
     @property
@@ -118,7 +120,7 @@ class PersonChange:
             self.parameters.model.scale,
             self.free,
         )
-        if not free[: len(free) - self.parameters.offset_count].any():  # no size was looked for
+        if not free[0]:  # no size was looked for
             return replace(scale, std=came.std, covariance=came.covariance)
         known = self._known_covariance
         gain = known[:, free] @ np.linalg.inv(known[np.ix_(free, free)])

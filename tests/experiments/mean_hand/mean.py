@@ -123,7 +123,7 @@ def _metaballs(before: dict[str, Any], after: dict[str, Any]) -> list[dict[str, 
         for definition, own, y in zip(
             (before, after), bones, (row["centre"][1], row["centre"][1] * factor), strict=True
         ):
-            is_palm = bone == "root"
+            is_palm = bone == "middle_metacarpal"
             about = [
                 r for r in definition["ellipsoids"]["fine"]
                 if (r["bone"] == "root" or ("carpal" in r["bone"] and "thumb" not in r["bone"]) if is_palm else r["bone"] == bone)
