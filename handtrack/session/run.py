@@ -193,8 +193,8 @@ class TrackingRun:
             or (abs(arm_m - before) < _ARM_ERROR_M and min(arm_m, before) > 0)
         ):
             return self
-        found = replace(self, forearm=arm_m > 0, arm_m=arm_m or np.inf)
-        return found.with_scale(without_forearm_end(self.scale))
+        found = replace(self, arm_m=np.inf).with_scale(without_forearm_end(self.scale))
+        return found.with_forearm(arm_m if 0 < arm_m < np.inf else arm_m > 0)
 
     def joint_params_from(self, other: TrackingRun, joint_params: Floats[S]) -> Floats[S]:
         """Return joint parameters of another run, whose forearm may be another, as those of this run's model."""
@@ -240,15 +240,21 @@ class TrackingRun:
             return self
         seen = _seen(self.session, self.settings, frame)
         arm_m = forearm_in_view(self.model, [(params, seen)])
-        return replace(self, arm_m=arm_m).with_forearm(True) if arm_m else self
+        return self.with_forearm(arm_m) if arm_m else self
 
     @property
     def _leaves_forearm_open(self) -> bool:
         return _asked_forearm(self.session, self.settings) == "auto"
 
-    def with_forearm(self, on: bool) -> TrackingRun:
-        """Return the run with or without a forearm in its model, where that is left to the program."""
-        return replace(self, forearm=on).with_scale(self.scale)
+    def with_forearm(self, on: bool | float) -> TrackingRun:
+        """Return the run with or without a forearm in its model, where that is left to the program; a length: one that ends there."""
+        arm_m = self.arm_m if isinstance(on, bool) else on
+        return replace(self, forearm=on > 0, arm_m=arm_m).with_scale(self.scale)
+
+    @property
+    def arm(self) -> bool | float:
+        """Whether its model has a forearm; the length of one that ends as a cuff does [m of the mean adult's]."""
+        return self.arm_m if self.forearm and self.arm_m < np.inf else self.forearm
 
     def with_parameters(self, names: Sequence[str]) -> TrackingRun:
         """Return the run whose model has these joint parameters, as a take was tracked with, where a forearm makes the

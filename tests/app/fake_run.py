@@ -205,9 +205,13 @@ class FakeRun:
     def with_clouds(self, clouds: CloudSettings | None) -> FakeRun:
         raise HandtrackError("the fake session has no clouds")
 
-    def with_forearm(self, on: bool) -> FakeRun:
+    @property
+    def arm(self) -> bool | float:
+        return self.forearm
+
+    def with_forearm(self, on: bool | float) -> FakeRun:
         model = load_model("hand26", coupling=self.model.coupling, forearm=on)
-        return replace(self, forearm=on, model=model)
+        return replace(self, forearm=on > 0, model=model)
 
     def with_arm_in_view(self, frame: int, params: Floats) -> FakeRun:
         return self
@@ -220,7 +224,10 @@ class FakeRun:
         return self.model.scale
 
     def with_scale(self, scale: HandScale) -> FakeRun:
-        return replace(self, model=load_model("hand26", coupling=self.model.coupling, scale=scale))
+        model = load_model(
+            "hand26", scale=scale, coupling=self.model.coupling, forearm=self.forearm
+        )
+        return replace(self, model=model)
 
     def fit_size(
         self,

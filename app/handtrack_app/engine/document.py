@@ -67,7 +67,7 @@ class Document:
         self.own_settings = dict(run.settings.flat())
         """as session.toml has them"""
         self._own_size = (run.scale, size_pending)
-        self._own_forearm = run.forearm
+        self._own_arm = run.arm
         self._own_start = (self.first_frame, self.start)
         self.frame = self.first_frame
         self.shown = self.start.copy()
@@ -87,6 +87,8 @@ class Document:
         """the size before refining found another, with which tracking begins"""
         self.offered_scale: HandScale | None = None
         """the size that was fitted after tracking, and is not taken yet"""
+        self.offered_arm = run.arm
+        """with `offered_scale`"""
 
     @property
     def model(self) -> ArticulatedModel:
@@ -128,7 +130,7 @@ class Document:
             seen = self.pose_at(int(name)).tolist()
             names = self.model.parameter_names
             return {"parameters": dict(zip(names, seen, strict=True)), "carried": True}
-        return self.run.forearm if kind == keys.FOREARM else self.state.get(key)
+        return self.run.arm if kind == keys.FOREARM else self.state.get(key)
 
     def decided(self, kind: str) -> list[str]:
         """Return the keys of a kind that the state has a value of."""
@@ -173,8 +175,10 @@ class Document:
         run = self.run
         if keys.FOREARM in values:
             wanted = values[keys.FOREARM]
-            wanted = self._own_forearm if wanted is None else bool(wanted)
-            run = run if run.forearm == wanted else run.with_forearm(wanted)
+            wanted = wanted if isinstance(wanted, bool | float) else self._own_arm
+            run = (
+                run if run.arm == wanted else run.with_forearm(np.inf if wanted is True else wanted)
+            )
         settings = {
             name: self.own_settings[name] if value is None else value
             for key, value in values.items()

@@ -218,7 +218,8 @@ class JobControl:
             raise HandtrackError(
                 "No size was fitted since the last tracking: there is none to take."
             )
-        self._store.do("Size", edits.size(document.offered_scale))
+        arm = edits.arm(document, document.offered_arm)
+        self._store.do("Size", edits.size(document.offered_scale) | arm)
         self._publish(session_snapshot(document))
         anew = first == document.first_frame and first not in document.by_hand
         self.track(Track(document.frames.start, document.frames.stop, first, anew))
@@ -320,13 +321,13 @@ class JobControl:
     def _sized(self, job: BackgroundJob, sized: Sized) -> None:
         document = self._document
         if not isinstance(job, SizingJob) or not job.is_late:
-            self._store.do("Size", edits.size(sized.scale))
+            self._store.do("Size", edits.size(sized.scale) | edits.arm(document, sized.arm))
             self._publish(session_snapshot(document))
             self._publish(pose_snapshot(document))
         elif (
             sized.scale != document.run.scale
         ):  # what was tracked stays as it is until the user takes it
-            document.offered_scale = sized.scale
+            document.offered_scale, document.offered_arm = sized.scale, sized.arm
             self._publish(session_snapshot(document))
 
     def _found(self, found: Found) -> None:

@@ -41,10 +41,12 @@ class Tracked:
 
 @dataclass(frozen=True)
 class Sized:
-    """The hand's size is found."""
+    """The hand's size is found, and its forearm."""
 
     job: int
     scale: HandScale
+    arm: bool | float
+    """see TrackingRun.arm"""
 
 
 @dataclass(frozen=True)
@@ -327,9 +329,9 @@ class SizingJob(BackgroundJob):
         """the frames were tracked with the size of before"""
 
     def work(self) -> None:
-        scale = self._run.fit_size(self.should_stop, tell=self._tell, tracked=self._tracked).scale
+        found = self._run.fit_size(self.should_stop, tell=self._tell, tracked=self._tracked)
         if not self.should_stop():
-            self.post(Sized(self.number, scale))
+            self.post(Sized(self.number, found.scale, found.arm))
 
     def _tell(self, share: float, words: str) -> None:
         self.tell(share, f"Fitting the size: {words}")

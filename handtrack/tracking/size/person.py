@@ -18,6 +18,8 @@ from handtrack.tracking.size.size_doubt import shape_covariance, with_doubt
 
 SIZE_BANDS_MM = (4.0, 1.5)
 """narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last"""
+_REACHES = 2.0
+"""standard deviations: 36 mm behind the wrist of a hand without a forearm in its model, whose masks show less than 28"""
 FARTHEST = 4.0
 """standard deviations from the mean adult that a person may be"""
 
@@ -110,6 +112,15 @@ class PersonChange:
     def model(self) -> ArticulatedModel:
         """This person's, whose bones have grown."""
         return self.parameters.grown(self.values) if self.count else self.parameters.model
+
+    @cached_property
+    def reaching(self) -> ArticulatedModel:
+        """The same with an arm that ends further than masks of a hand alone do, where that is found: its end is looked for up to there."""
+        names, values = self.parameters.names, self.values.copy()
+        if FOREARM_END not in names or not self.free[names.index(FOREARM_END)]:
+            return self.parameters.model
+        values[names.index(FOREARM_END)] = _REACHES
+        return self.parameters.grown(values)
 
     def scale(self, covariance: Floats[K, K]) -> HandScale:
         """Return the same as it is saved; covariance: of the free ones. What is not free is known better by these, where both err

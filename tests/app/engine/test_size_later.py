@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from handtrack.model.articulated import HandScale
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import commands, snapshots
 from tests.app.engine.test_worker import Listener, _desk, _pose
-from tests.app.fake_run import FRAMES
+from tests.app.fake_run import FRAMES, FakeRun
 from tests.app.waiting import eventually
 
 
@@ -51,6 +52,20 @@ def test_the_size_is_fitted_after_tracking_and_offered(desk: tuple[Worker, Liste
     assert sorted(document.results) == [f for f in range(FRAMES) if f != 8]
     index = document.model.parameter_names.index("index_mcp_flex")
     assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
+
+
+def test_the_forearm_that_was_found_with_the_size_is_taken_with_it(
+    desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worker, listener = desk
+    found = replace(worker.document.run, forearm=True).with_scale(HandScale(1.1))
+    monkeypatch.setattr(FakeRun, "fit_size", lambda *_, **__: found)
+    worker.send(commands.Track(0, FRAMES, 3))
+    _offered(listener)
+    assert not worker.document.run.forearm
+    worker.send(commands.TakeSize(3))
+    listener.wait(snapshots.SessionSnapshot, lambda s: "wrist_flex" in s.parameter_names)
+    assert worker.document.run.scale == HandScale(1.1)
 
 
 def test_a_single_frame_fits_nothing(desk: tuple[Worker, Listener]) -> None:

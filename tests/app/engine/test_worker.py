@@ -265,7 +265,9 @@ def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(
         worker.send(commands.Track(0, FRAMES, 3))
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
         monkeypatch.setattr(
-            FakeRun, "with_arm_in_view", lambda run, *_: replace(run, model=with_arm)
+            FakeRun,
+            "with_arm_in_view",
+            lambda run, *_: replace(run, model=with_arm, forearm=True),
         )
         worker.send(commands.SavePose())
         listener.wait(snapshots.Notice, lambda n: n.title == "First-frame pose saved")

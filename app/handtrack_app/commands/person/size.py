@@ -9,7 +9,7 @@ from pathlib import Path
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import scale_table, write_scale
-from handtrack.model.size import shape_numbers
+from handtrack.model.size import FOREARM_END, shape_numbers, without_forearm_end
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.run import TrackingRun
@@ -117,10 +117,10 @@ def _of_track(args: argparse.Namespace) -> int:
 
 
 def _save(args: argparse.Namespace, out: Path, model: ArticulatedModel) -> int:
-    rows = shape_numbers(model)
+    rows = [row for row in shape_numbers(model) if row.name != FOREARM_END]
     write_scale(
         out,
-        model.scale,
+        without_forearm_end(model.scale),
         {r.name: r.words if r.is_measured else f"{r.words}, not measured" for r in rows},
     )
     hand, unmeasured = hand_words(model), [row.label for row in rows if not row.is_measured]

@@ -122,7 +122,7 @@ def model_of_take(document: Document, number: int) -> Values:
     if take.parameter_names != run.model.parameter_names:
         run = run.with_parameters(take.parameter_names)
         if document.leaves_forearm_open:
-            values[keys.FOREARM] = run.forearm
+            values[keys.FOREARM] = run.arm
         else:
             values[keys.setting("model.forearm")] = str(run.forearm).lower()
     if take.parameter_names != run.model.parameter_names:
@@ -181,5 +181,10 @@ def clouds(settings: CloudSettings | None) -> Values:
 def seen_arm(document: Document) -> Values:
     """Give the model a forearm if the frame shown has one beyond the hand."""
     params = params_of(document.model, document.shown)
-    run = document.run.with_arm_in_view(document.frame, params)
-    return {} if run is document.run else {keys.FOREARM: True}
+    return arm(document, document.run.with_arm_in_view(document.frame, params).arm)
+
+
+def arm(document: Document, found: bool | float) -> Values:
+    """Give the model the forearm that was found, where that is left to the program."""
+    asked = document.leaves_forearm_open and document.run.arm != found
+    return {keys.FOREARM: found} if asked else {}

@@ -131,8 +131,7 @@ def forearm_cut(
 
     There are sleeve, elbow and upper arm, of which the model knows nothing; a model that ends inside the mask would be
     pulled along the arm. So the line is most_m from the wrist, and nearer where the mask ends earlier: a forearm that goes
-    on there would be pulled away from where it has no image. Without a forearm it runs behind the hand, unless the mask ends before
-    there is an arm to model: how far that is belongs to the shape (`forearm_end`). It never
+    on there would be pulled away from where it has no image. Without a forearm it runs behind the hand. It never
     cuts the hand, whichever way the arm points: fingers that do not count could be anywhere. Where the model's forearm is as short as
     that of the masks, all of them counts: poses are compared on the same pixels. Pixels with a u + b v + c < 0 are cut off.
     """
@@ -155,11 +154,8 @@ def forearm_cut(
         return None
     covered, known, _ = _mask_at(silhouette, points)
     out = known & ~covered & ~_before(camera.centre, points, hand)
-    end = float(reach[out.argmax()]) if out.any() else np.inf
-    if not model.has_forearm and end < _SHOWN_M:
-        return None
-    end = min(max(end - _ROUND_M, 0.0), most_m) if model.has_forearm else 0.0
-    at = camera.project(start.to_world(bone, end * axis))
+    end = max(reach[out.argmax()] - _ROUND_M, 0.0) if out.any() else most_m
+    at = camera.project(start.to_world(bone, (end if model.has_forearm else 0.0) * axis))
     across = camera.rotation[:2].T @ (along / long)  # in the world, nearly
     half = np.linalg.norm(np.einsum("eji,j->ei", hand.rotation, across) * hand.radii, axis=1)
     hand_ends = centre @ along - long * half * _pixels_per_m(camera, hand.centre)
