@@ -114,7 +114,7 @@ class PersonChange:
         return self.parameters.grown(self.values) if self.count else self.parameters.model
 
     @cached_property
-    def reaching(self) -> ArticulatedModel:
+    def with_long_arm(self) -> ArticulatedModel:
         """The same with an arm that ends further than masks of a hand alone do, where that is found: its end is looked for up to there."""
         names, values = self.parameters.names, self.values.copy()
         if FOREARM_END not in names or not self.free[names.index(FOREARM_END)]:

@@ -206,9 +206,9 @@ class Evidence:
         rest = prior.rest_sigma_deg / once**0.5
         prior = replace(prior, rest_sigma_deg=rest, posture=once * prior.posture)
         bones = model.bones(pose)
-        reaching = bones if self.person is None else self.person.reaching.bones(pose)
+        long_arm = bones if self.person is None else self.person.with_long_arm.bones(pose)
         observation = self._observed(frame, bones)
-        terms = frame_terms(model, replace(settings, prior=prior), observation, reaching, None)
+        terms = frame_terms(model, replace(settings, prior=prior), observation, long_arm, None)
         terms = terms.sharpened(bones)
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)

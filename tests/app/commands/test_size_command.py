@@ -12,8 +12,7 @@ import pytest
 
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model, read_scale, scale_from, scale_table
-from handtrack.model.size import FOREARM_END, without_forearm_end
-from handtrack.model.size import hand_length_mm
+from handtrack.model.size import FOREARM_END, hand_length_mm, without_forearm_end
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.run import TrackingRun
 from handtrack.simulation.simulate import Simulation, simulate
