@@ -74,9 +74,10 @@ class WireClient:
             return
 
     def send(self, message: dict[str, Any]) -> float:
-        """Send one message; return when."""
+        """Send one message; return since when an answer may come."""
+        now = time.perf_counter()
         self._socket.send(msgspec.msgpack.encode(message))
-        return time.perf_counter()
+        return now
 
     def answer(self, question: dict[str, Any], value: str | None) -> None:
         """Answer what the program asks of what the browser keeps."""
