@@ -15,8 +15,8 @@ from handtrack.session.first_pose.image_first_pose import pose_in_space
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.search.initialize import carried_over
-from handtrack.tracking.search.poor_cloud import agreement
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.size.seen_around import FEWEST_BY_JOINTS, image_joints, seen_around
 from handtrack.tracking.state import TrackerState
@@ -172,7 +172,7 @@ def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> fl
         terms = frame_terms(run.model, run.settings, run.seen_at(result), bones, None)
         found = None if terms.cloud is None else agreement(terms.cloud, run.model, bones)
         shares += [] if found is None else [found.measured]
-    return float(np.median(shares)) if shares else 1.0
+    return float(np.nanmedian(shares)) if np.isfinite(shares).any() else 1.0
 
 
 def _middle(result: FrameResult) -> Floats[D3]:

@@ -29,6 +29,7 @@ from handtrack.tracking.hypotheses.mixture_frame import solve_mixture
 from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
+from handtrack.tracking.search.policy import looks_everywhere
 from handtrack.tracking.state import TrackerState
 
 CONFIRMED_BY = 5
@@ -94,11 +95,11 @@ class Tracker:
         )
 
     def expected_bones(self, state: TrackerState, frame: int) -> BonePoses | None:
-        """Return the hand where `step` will look for it; None where it was lost."""
+        """Return the hand where `step` will look for it; None where it looks everywhere for one that was lost."""
         if state.start is not None:
             return self.model.bones(state.start)
         expected = self._expected(state, frame)
-        if expected is None or state.results[-1].status == Status.LOST:
+        if expected is None or looks_everywhere(state.results):
             return None
         return self.model.bones(self.model.transform.solver_params(expected))
 

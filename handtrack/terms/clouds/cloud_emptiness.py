@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, N, V, check_shape
+from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh
@@ -59,6 +59,7 @@ class CloudEmptinessTerm(CompiledTerm):
         mesh: SurfaceMesh,
         views: Sequence[Floats[K, D3]] = (),
         *,
+        objects: Floats[M, D3] | None = None,
         margin_m: float = 0.04,
         spacing_m: float = SPACING_M,
         most_voxels: int = MOST_VOXELS,
@@ -69,19 +70,24 @@ class CloudEmptinessTerm(CompiledTerm):
     ) -> CloudEmptinessTerm:
         """Return the term of a cloud world [m] and the mesh of the model where the frame starts.
 
-        views: what can have seen the surface, see `seen_from`; without any, the whole surface is asked for.
+        views, objects: what can have seen the surface, see `seen_from`; without views, the whole surface is asked for.
         margin_m: how far the map reaches beyond the mesh; points beyond it are left out.
         """
         low, high = mesh.vertices.min(axis=0) - margin_m, mesh.vertices.max(axis=0) + margin_m
         distances = distance_map(cloud, low, high, spacing_m, most_voxels)
         nothing = np.empty(0, np.int64), np.empty((0, 3))
-        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).for_mesh(mesh, views)
+        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).for_mesh(
+            mesh, views, objects
+        )
 
     def for_mesh(
-        self, mesh: SurfaceMesh, views: Sequence[Floats[K, D3]] = ()
+        self,
+        mesh: SurfaceMesh,
+        views: Sequence[Floats[K, D3]] = (),
+        objects: Floats[M, D3] | None = None,
     ) -> CloudEmptinessTerm:
         """Return the term of the same cloud for another mesh of the model."""
-        kept = seen_from(mesh.vertices, mesh.normals, views)
+        kept = seen_from(mesh.vertices, mesh.normals, views, objects)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
     def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
@@ -130,23 +136,27 @@ class CloudEmptinessTerm(CompiledTerm):
 
 
 def seen_from(
-    points: Floats[V, D3], normals: Floats[V, D3], views: Sequence[Floats[K, D3]]
+    points: Floats[V, D3],
+    normals: Floats[V, D3],
+    views: Sequence[Floats[K, D3]],
+    objects: Floats[M, D3] | None = None,
 ) -> Array[V]:
     """Return True where a view can have measured surface points with outward normals, world [m].
 
     A view is the centres of cameras that must all see a point: one for a depth camera, two for a stereo pair.
     A point that faces away, or lies behind other points, can have no cloud: to ask for one would drag the model's
-    back to the measured front. No views: all True.
+    back to the measured front. So it is behind objects (M, 3), measured points of something else. No views: all True.
     """
     if not len(views):
         return np.ones(len(points), bool)
     seen = np.zeros(len(points), bool)
+    everything = points if objects is None else np.concatenate([points, objects])
     for view in views:
         centres = np.atleast_2d(np.asarray(view, dtype=float))
         check_shape(centres, (None, 3), "camera centres of a view")
         by_all = np.ones(len(points), bool)
         for centre in centres:
-            by_all &= _faces(points, normals, centre) & _in_front(points, centre)
+            by_all &= _faces(points, normals, centre) & ~hidden(points, everything, centre)
         seen |= by_all
     return seen
 
@@ -156,23 +166,39 @@ def _faces(points: Floats, normals: Floats, centre: Floats) -> Array:
     return (normals * ray).sum(axis=1) > GRAZING * np.linalg.norm(ray, axis=1)
 
 
-def _in_front(points: Floats, centre: Floats) -> Array:
-    """Return (V,) True where no other point hides a point: a coarse depth picture of the points themselves."""
-    out = points - centre
-    middle = out.mean(axis=0)
-    far = float(np.linalg.norm(middle))
-    if far < 1e-6:
-        return np.ones(len(points), bool)
-    z = middle / far
+def hidden(points: Floats[V, D3], others: Floats[M, D3], centre: Floats[D3]) -> Array[V]:
+    """Return which points have one of others (M, 3) before them, nearer to a camera's centre on about the same line of sight."""
+    place, depth, cell, nearer, count = _picture(points, others, centre)
+    nearest = np.full(count + 1, np.inf)
+    np.minimum.at(nearest, cell, nearer)
+    return depth > nearest[place] + DEPTH_STEP
+
+
+def hiding(points: Floats[V, D3], others: Floats[M, D3], centre: Floats[D3]) -> Array[M]:
+    """Return which of others (M, 3) lie so before any of points (V, 3)."""
+    place, depth, cell, nearer, count = _picture(points, others, centre)
+    furthest = np.full(count + 1, -np.inf)
+    np.maximum.at(furthest, place, depth)
+    return nearer + DEPTH_STEP < furthest[cell]
+
+
+def _picture(
+    points: Floats, others: Floats, centre: Floats
+) -> tuple[Ints, Floats, Ints, Floats, int]:
+    """Return cells and depths of points and of others in a coarse picture of the points, and its count of cells, which others beside
+    the picture have for theirs.
+    """
+    out, rest = points - centre, others - centre
+    z = out.mean(axis=0)
+    far = max(float(np.linalg.norm(z)), 1e-6)
+    z /= far
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x /= np.linalg.norm(x)
-    depth = out @ z
-    flat = (
-        np.stack([out @ x, out @ np.cross(z, x)], axis=1) * (far / np.maximum(depth, 1e-3))[:, None]
-    )
-    cell = np.floor((flat - flat.min(axis=0)) / CELL).astype(np.int64)
-    width = int(cell[:, 1].max()) + 1
-    place = cell[:, 0] * width + cell[:, 1]
-    nearest = np.full(int(place.max()) + 1, np.inf)
-    np.minimum.at(nearest, place, depth)
-    return depth <= nearest[place] + DEPTH_STEP
+    across = far * np.stack([x, np.cross(z, x)], axis=1)
+    flat, beside = (one @ across / np.maximum(one @ z, 1e-3)[:, None] for one in (out, rest))
+    cell, other = (np.floor((one - flat.min(axis=0)) / CELL) for one in (flat, beside))
+    rows, width = (int(most) + 1 for most in cell.max(axis=0))
+    inside = ((other >= 0) & (other < (rows, width))).all(axis=1) & (rest @ z > 0)
+    place, other = (one @ (width, 1) for one in (cell, np.where(inside[:, None], other, 0)))
+    other[~inside] = rows * width
+    return place.astype(int), out @ z, other.astype(int), rest @ z, rows * width

@@ -27,14 +27,13 @@ from handtrack.tracking.frame.constants import (
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import (
     LARGEST_HAND_MM,
-    NEAR_M,
     NEAR_SIGMAS,
     SMALLEST_ADULT_MM,
     SMALLEST_HAND_MM,
     Reason,
 )
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.frame.terms.cloud_terms import explained_share
+from handtrack.tracking.frame.terms.cloud_terms import agreement
 
 _DOUBTFUL_KEYPOINTS, _LOST_KEYPOINTS = 0.7, 0.35  # share of points near the model; as with clouds
 _ENOUGH = 5  # tracked frames to go by
@@ -295,10 +294,11 @@ def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason |
 def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if terms.cloud is None:
         return Status.TRACKED, None
-    share = explained_share(terms.cloud, terms.model, bones, NEAR_M)
-    reason = Reason("cloud", number=share)
-    if share < LOST_CLOUD:
+    found = agreement(terms.cloud.as_seen_at(terms.model, bones), terms.model, bones)
+    reason = Reason("cloud", number=found.explained)
+    # points of other things tell nothing of a hand whose surface was measured
+    if np.fmax(found.explained, found.measured) < LOST_CLOUD:
         return Status.LOST, reason
-    if share < DOUBTFUL_CLOUD:
+    if found.explained < DOUBTFUL_CLOUD:
         return Status.DOUBTFUL, reason
     return Status.TRACKED, None

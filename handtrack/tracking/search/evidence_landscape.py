@@ -158,23 +158,12 @@ class EvidenceLandscape:
         return replace(candidate, cost=cost)
 
     def compared(self, candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Return candidates with costs by the same points and pixels: where each counts those around itself alone, a hand that is upside
-        down leaves out the fingers that it does not explain. Those elsewhere than the best explain something else, and stay as measured.
+        """Return candidates with costs by the same points and pixels, those around any of them: where each counts those around itself
+        alone, a hand that is upside down leaves out the fingers that it does not explain, and one elsewhere the hand that is not there.
         """
-        if len(candidates) < 2:
-            return list(candidates)
         palms = np.array([palm_middle(c.model, c.params) for c in candidates])
-        best = int(np.argmin([c.cost for c in candidates]))
-        shape = candidates[best].shape
-        assert shape is not None, "a candidate of evidence starts from a shape"
-        rival = np.linalg.norm(palms - palms[best], axis=1) < shape.reach
-        alike = replace(self, palms=palms[rival])
-        found = [alike.measured(c) if r else c for c, r in zip(candidates, rival, strict=True)]
-        # the best costs what it did, so that those elsewhere can be compared
-        share = candidates[best].cost / found[best].cost if found[best].cost > 0 else 1.0
-        return [
-            replace(c, cost=share * c.cost) if r else c for c, r in zip(found, rival, strict=True)
-        ]
+        alike = replace(self, palms=palms)
+        return [alike.measured(c) for c in candidates]
 
     def narrow_problem(self, candidate: Candidate) -> Problem:
         """Return the problem around a pose by which finished ones are compared; of several sizes it favours none."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,16 +55,33 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         within=_where(task, lost=result.status == Status.LOST),
         control=task.control,
     )
+    middle = palm_middle(model, _last_params(task))
+
+    def compared(candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Return candidates by the same observation; one further off than a palm goes in a frame is none unless it fits."""
+        return [
+            replace(c, cost=np.inf)
+            if c.solved is not None
+            and np.linalg.norm(palm_middle(model, c.params) - middle) > _NEAR_M
+            and not _judged(task, c.solved).result.fits
+            else c
+            for c in landscape.compared(candidates)
+        ]
+
     params = model.transform.solver_params(result.parameters)
     standing = landscape.measured(Candidate(model, params, origin="standing pose", shape=here))
     number = task.observation.frame
-    best = improved(LOST_HAND, landscape, standing, task.control, number, why, landscape.compared)
+    best = improved(LOST_HAND, landscape, standing, task.control, number, why, compared)
     return solved if best.solved is None else _judged(task, best.solved)
 
 
 def _last_known(task: FrameTask) -> FrameResult:
     known = [r for r in task.previous if r.status != Status.LOST and np.isfinite(r.energy)]
     return known[-1] if known else task.previous[-1]
+
+
+def _last_params(task: FrameTask) -> Floats:
+    return task.model.transform.solver_params(_last_known(task).parameters)
 
 
 def _last_shape(task: FrameTask):
@@ -75,11 +93,10 @@ def _where(task: FrameTask, lost: bool) -> tuple[Floats, float]:
 
     Of a lost hand nobody knows how far it went: it is looked for everywhere.
     """
-    last = _last_known(task)
-    middle = palm_middle(task.model, task.model.transform.solver_params(last.parameters))
+    middle = palm_middle(task.model, _last_params(task))
     if lost:
         return middle, np.inf
-    return middle, _NEAR_M + _SPEED_M * abs(task.observation.frame - last.frame)
+    return middle, _NEAR_M + _SPEED_M * abs(task.observation.frame - _last_known(task).frame)
 
 
 def _judged(task: FrameTask, solved: Solved) -> Solved:

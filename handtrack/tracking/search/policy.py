@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import takewhile
 
 import numpy as np
 
 from handtrack.tracking.frame.assessment import FEWEST_FRAMES, energy_ratio
 from handtrack.tracking.frame.constants import SEARCH_EVERY
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Fit, Propose, Round, Search
 
@@ -234,8 +235,19 @@ def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -
         if before.fits or not (unseen or np.isfinite(before.energy)):
             break
         row += 1
-    due = row & (row - 1) == 0 or (unseen and row % UNSEEN_EVERY == 0)
+    due = _is_due(row) or (unseen and row % UNSEEN_EVERY == 0)
     return f"frame {row} of a row that is in doubt: {result.note}" if due else ""
+
+
+def looks_everywhere(previous: Sequence[FrameResult]) -> bool:
+    """Return whether the next frame is one in which a lost hand is looked for everywhere; in others it is where it was, or nowhere."""
+    row = 1 + len(list(takewhile(lambda r: not r.fits, reversed(previous))))
+    lost = bool(previous) and previous[-1].status == Status.LOST
+    return lost and (_is_due(row) or row % UNSEEN_EVERY == 0)
+
+
+def _is_due(row: int) -> bool:
+    return row & (row - 1) == 0
 
 
 if __name__ == "__main__":

@@ -14,51 +14,29 @@ import numpy as np
 from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import closest_equivalent, wrapped
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
-from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.frame.reason import NEAR_M, Reason
+from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.cloud_terms import SeenCloud
+from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
 from handtrack.tracking.search.engine import Candidate, Fit, Tried, run_rounds, tell
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.policy import GOOD, POOR, POOR_CLOUD
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """How well a cloud and the hand found in it agree."""
-
-    explained: float
-    """share of the points that lie within NEAR_M of the surface"""
-    measured: float
-    """share of the surface in view that has a point within NEAR_M"""
-
-    @property
-    def share(self) -> float:
-        """Return the harmonic mean of both (the F-score of reconstructions): high only where both are."""
-        return 2.0 * self.explained * self.measured / max(self.explained + self.measured, 1e-9)
-
-    def marked(self, solved: Solved, fallback: str) -> Solved:
-        """Return a frame that was solved with doubted depths as one that is in doubt itself, and why."""
-        simpler = "" if fallback == "auto" else fallback
-        reason = Reason("poor cloud", simpler, number=self.measured, other=self.explained)
-        status = max(solved.result.status, Status.DOUBTFUL)
-        return replace(solved, result=replace(solved.result, status=status, reason=reason))
-
-
 def may_doubt(terms: FrameTerms) -> bool:
     """Return whether a cloud alone holds the hand, and something may be done about it where it is poor."""
     chosen = terms.settings
-    allowed = chosen.model.fallback != "none" and not chosen.cloud.doubt_depth
-    allowed = allowed and terms.model.has_keypoints21
-    return allowed and terms.cloud is not None and terms.views == 1 and not terms.keypoints
+    if terms.cloud is None or terms.views != 1 or terms.keypoints or chosen.cloud.doubt_depth:
+        return False
+    one = len(terms.cloud.views) == 1  # else lines of sight are not known
+    useless = ("none",) if one else ("none", "auto")
+    return terms.model.has_keypoints21 and chosen.model.fallback not in useless
 
 
 def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreement | None:
@@ -68,28 +46,7 @@ def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreem
     if terms.cloud is None or not may_doubt(terms):
         return None
     found = agreement(terms.cloud, terms.model, terms.model.bones(params))
-    return found if found is not None and found.share < below else None
-
-
-def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agreement | None:
-    """Return how well cloud and model agree at a pose; None where nothing of the surface in view is known.
-
-    It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is
-    whether that was measured which could be.
-    """
-    term = seen.emptiness  # of the hand alone
-    if term is None or not len(term.bone):
-        return None
-    from scipy.spatial import KDTree
-
-    surface = bones.to_world(term.bone, term.local)
-    points = seen.prepared.points[:, : seen.prepared.count].T
-    near = KDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M
-    off = np.abs(MetaballSurface.of(model).distance(bones, np.ascontiguousarray(points)))
-    return Agreement(
-        explained=float(np.mean(off < NEAR_M)),
-        measured=float(near.mean()),
-    )
+    return found if found.share < below else None  # nothing in view: nothing is wrong
 
 
 @dataclass(frozen=True)
@@ -228,7 +185,15 @@ def solve_doubted(
     tell(POOR_CLOUD, task.control, task.observation.frame, why, tried, winner)
     if poor is None:
         return found.solved, False
-    return poor.marked(found.solved, task.settings.model.fallback), True
+    return _marked(found.solved, poor, task.settings.model.fallback), True
+
+
+def _marked(solved: Solved, poor: Agreement, fallback: str) -> Solved:
+    """Return a frame that was solved with doubted depths as one that is in doubt itself, and why."""
+    simpler = "" if fallback == "auto" else fallback
+    reason = Reason("poor cloud", simpler, number=poor.measured, other=poor.explained)
+    status = max(solved.result.status, Status.DOUBTFUL)
+    return replace(solved, result=replace(solved.result, status=status, reason=reason))
 
 
 def _started(calm: FrameTask, params: Floats) -> FrameTask:

@@ -21,9 +21,8 @@ from handtrack.tracking.frame.constants import (
     LOST_OVERLAP,
 )
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.reason import NEAR_M
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.cloud_terms import explained_share
+from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.source import EvidenceSource
 
@@ -148,7 +147,7 @@ def fit_quality(
         overlap = float(np.median(outline_overlap(terms.prepared, model.flesh["fine"], bones).iou))
         qualities.append(_between(overlap, LOST_OVERLAP, DOUBTFUL_OVERLAP))
     if terms.cloud is not None:
-        share = explained_share(terms.cloud, model, bones, NEAR_M)
+        share = agreement(terms.cloud, model, bones).explained
         qualities.append(_between(share, LOST_CLOUD, DOUBTFUL_CLOUD))
     return min(qualities, default=0.0)
 

@@ -7,19 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, K
+from handtrack.arrays import D3, Array, Floats, K, M, N
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh, carried_mesh
 from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.loss import GemanMcClure, Loss, Quadratic, UniformOutliers
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_SEEN_MM
 from handtrack.tracking.frame.methods import Traits
+from handtrack.tracking.frame.reason import NEAR_M
 from handtrack.tracking.frame.settings import CloudTermSettings, TrackerSettings
 
 _MM = 1e-3
@@ -29,9 +30,11 @@ _FEWEST = 30
 _CELL_M = 0.004  # of the grid that measures a surface, and of the model's mesh
 _CELL_AREA = _CELL_M**2 / 1.5  # in each cell: a plane meets 1.5 of them per a² (mean of directions)
 _NORMAL_MEDIAN = 1.4826  # σ of a normal distribution by the median of its absolute values
-_BETTER = 0.7  # of the usual σ: a cloud that lies nearer than that is taken as found,
+_BETTER = 0.7  # of the usual σ: a cloud that lies nearer than that, or as much further off, is taken as found,
 _EXACT = 0.1  # but for no more exact than this
 _EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured than misplaced
+_OBJECT_M = 0.02  # from the surface where a frame starts: the breadth of a finger, further than what a hand does beside its prediction
+_MOST_HIDDEN = 0.5  # of a cloud before the hand: more of it is rather the hand, which came nearer
 _SIGHT_STEP_M = 0.004  # between places on a line of sight: the distance map's own grid
 _AS_OFTEN_AS_NOT = UniformOutliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
 
@@ -49,25 +52,31 @@ class SeenCloud:
     views: tuple[Floats[K, D3], ...] = ()
     """what can have seen the surface, as in `seen_from`"""
     sigma_m: float | None = None
-    """how far points were found to be from the surface, where that is less than `cloud.sigma_mm`"""
+    """how far points were found to be from the surface, where that is not about `cloud.sigma_mm`"""
     surface: CloudTermSettings = CloudTermSettings()
     """which surface distances are measured to"""
     traits: Traits = Traits()
     """the method's"""
+    objects: Floats[M, D3] | None = None
+    """measured points before the hand, of something else: what they hide is not asked for"""
 
     def sharpened(self, model: ArticulatedModel, bones: BonePoses, usual_m: float) -> SeenCloud:
         """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
 
-        What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known.
-        Fewer patches than freedoms tell nothing: the hand can be bent to meet them all.
+        What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known, and of a
+        sensor that errs by more less. Fewer patches than freedoms tell nothing: the hand can be bent to meet them all.
         """
         few = self.share * self.prepared.count < len(model.transform.names)
         if few or self.traits.plain_sums:
             return self
         points = np.ascontiguousarray(self.prepared.points[:, : self.prepared.count].T)
         off = np.abs(fitted_surface(model, self.surface).distance(bones, points))
+        off = off[off < _EMPTY_FAR_M]  # other things may stand beside a hand
+        if not len(off):
+            return self
         found = max(_NORMAL_MEDIAN * float(np.median(off)), _EXACT * usual_m)
-        return replace(self, sigma_m=found) if found < _BETTER * usual_m else self
+        usual = _BETTER * usual_m <= found <= usual_m / _BETTER
+        return self if usual else replace(self, sigma_m=found)
 
     def as_seen_at(self, model: ArticulatedModel, bones: BonePoses) -> SeenCloud:
         """Return the same points, asking of the model what is in view at another pose.
@@ -77,7 +86,8 @@ class SeenCloud:
         if self.emptiness is None:
             return self
         mesh = _mesh(model, bones, self.surface)
-        term = _hand_only(self.emptiness.for_mesh(mesh, _asked(self.views, self.traits)), model)
+        asked = _asked(self.views, self.traits)
+        term = _hand_only(self.emptiness.for_mesh(mesh, asked, self.objects), model)
         return replace(self, emptiness=term)
 
 
@@ -92,7 +102,14 @@ def see_cloud(
         return None
     points, traits = seen.cloud.points[np.isfinite(seen.cloud.points).all(axis=1)], settings.traits
     surface = fitted_surface(model, settings.cloud)
-    points = points[surface.distance(start, points) < settings.cloud.crop_mm * _MM]
+    views, mesh = _asked(seen.cloud_views, traits), _mesh(model, start, settings.cloud)
+    away = surface.distance(start, points)
+    near = away < settings.cloud.crop_mm * _MM
+    objects = away > _OBJECT_M
+    objects[objects] = _is_before(mesh, points[objects], views)
+    if near.any() and objects[near].mean() > _MOST_HIDDEN:
+        objects[:] = False
+    points, before = points[near & ~objects], points[objects]
     if model.has_forearm:
         bone = model.skeleton.bone("forearm")
         along = (points - start.position[bone]) @ start.rotation[bone][:, 1]
@@ -103,17 +120,26 @@ def see_cloud(
     emptiness = None
     if settings.cloud.balance < 1:
         margin = settings.cloud.crop_mm * _MM
-        mesh, views = _mesh(model, start, settings.cloud), _asked(seen.cloud_views, traits)
         filled = points
         if _is_doubted(seen.cloud_views, settings):
             filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)
-        emptiness = CloudEmptinessTerm.at_start(filled, mesh, views, margin_m=margin)
+        emptiness = CloudEmptinessTerm.at_start(
+            filled, mesh, views, objects=before, margin_m=margin
+        )
         emptiness = _hand_only(emptiness, model)
     share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))
-    views = tuple(seen.cloud_views)
     return SeenCloud(
-        prepare_cloud(points), share, emptiness, views, surface=settings.cloud, traits=traits
-    )
+        prepare_cloud(points), share, emptiness, tuple(seen.cloud_views), surface=settings.cloud,
+        traits=traits, objects=before,
+    )  # fmt: skip
+
+
+def _is_before(mesh: SurfaceMesh, points: Floats, views: Sequence[Floats]) -> Array[N]:
+    """Return which points (N, 3) hide a part of the mesh from a camera."""
+    found = np.zeros(len(points), bool)
+    for centre in (centre for view in views for centre in np.atleast_2d(view)):
+        found |= hiding(mesh.vertices, points, centre)
+    return found
 
 
 def fitted_surface(model: ArticulatedModel, chosen: CloudTermSettings) -> MetaballSurface:
@@ -212,17 +238,41 @@ def _empty(
     term = replace(
         seen.emptiness,
         slack_m=0.0 if plain else seen.emptiness.slack_m,
-        sigma_m=settings.cloud.sigma_mm * _MM,
+        sigma_m=max(settings.cloud.sigma_mm * _MM, seen.sigma_m or 0.0),
         loss=loss,
         weight=weight * settings.cloud.weight * share,
     )
     return [term]
 
 
-def explained_share(
-    seen: SeenCloud, model: ArticulatedModel, bones: BonePoses, within_m: float
-) -> float:
-    """Return the share of the cloud's points that lie within a distance of the surface."""
+@dataclass(frozen=True)
+class Agreement:
+    """How well a cloud and the hand found in it agree."""
+
+    explained: float
+    """share of the points that lie within NEAR_M of the surface"""
+    measured: float
+    """share of the surface in view that has a point within NEAR_M; NaN where none is known to be in view"""
+
+    @property
+    def share(self) -> float:
+        """Return the harmonic mean of both (the F-score of reconstructions): high only where both are."""
+        return 2.0 * self.explained * self.measured / max(self.explained + self.measured, 1e-9)
+
+
+def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agreement:
+    """Return how well cloud and model agree at a pose.
+
+    It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is
+    whether that was measured which could be.
+    """
+    from scipy.spatial import KDTree
+
     points = np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T)
-    off = fitted_surface(model, seen.surface).distance(bones, points)
-    return float(np.mean(np.abs(off) < within_m))
+    off = np.abs(fitted_surface(model, seen.surface).distance(bones, points))
+    measured, term = np.nan, seen.emptiness  # of the hand alone
+    if term is not None and len(term.bone):
+        surface = bones.to_world(term.bone, term.local)
+        near = KDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M
+        measured = float(near.mean())
+    return Agreement(float(np.mean(off < NEAR_M)), measured)
