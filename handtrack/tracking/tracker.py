@@ -151,7 +151,7 @@ class Tracker:
             return None
         known = None
         # a velocity from poor poses is mostly their errors
-        if self.settings.tracker.prediction == "constant_velocity" and not last.poor_cloud:
+        if self.settings.tracker.prediction == "constant_velocity" and not last.clutters:
             known = predict(self.model, state.results, frame)
         return last.parameters.copy() if known is None else known
 

@@ -137,6 +137,12 @@ class FrameHead:
         return self.reason is not None and self.reason.kind == "poor cloud"
 
     @property
+    def clutters(self) -> bool:
+        """Whether its cloud is poor, or shows other things beside the hand: a better fit tells little there."""
+        kind = "" if self.reason is None else self.reason.kind
+        return kind == "poor cloud" or (kind == "cloud" and self.status != Status.LOST)
+
+    @property
     def is_simplified(self) -> bool:
         """Whether a simpler hand took the whole one's place, so that nothing is said of the fingers."""
         return self.poor_cloud and self.reason is not None and self.reason.part != ""

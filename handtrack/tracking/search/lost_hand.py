@@ -58,15 +58,18 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     middle = palm_middle(model, _last_params(task))
 
     def compared(candidates: Sequence[Candidate]) -> list[Candidate]:
-        """Return candidates by the same observation; one further off than a palm goes in a frame is none unless it fits."""
-        return [
-            replace(c, cost=np.inf)
-            if c.solved is not None
-            and np.linalg.norm(palm_middle(model, c.params) - middle) > _NEAR_M
-            and not _judged(task, c.solved).result.fits
-            else c
-            for c in landscape.compared(candidates)
-        ]
+        """Return candidates by the same observation, of which none is taken that is less sure than what stands, or further off than a
+        palm goes in a frame and does not fit.
+        """
+        found = landscape.compared(candidates)
+        for n, one in enumerate(found):
+            if one.solved is None:
+                continue
+            judged = _judged(task, one.solved).result
+            far = np.linalg.norm(palm_middle(model, one.params) - middle) > _NEAR_M
+            if (far and not judged.fits) or judged.p_off_25mm > result.p_off_25mm:
+                found[n] = replace(one, cost=np.inf)
+        return found
 
     params = model.transform.solver_params(result.parameters)
     standing = landscape.measured(Candidate(model, params, origin="standing pose", shape=here))

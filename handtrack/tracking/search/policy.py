@@ -43,7 +43,7 @@ SHIFTED_FINGERS = Search(
 )
 LOST_HAND = Search(
     situation="the hand may be lost",
-    when="a frame is doubtful or lost, unless what was seen only leaves the hand open, or its cloud is poor (`tracker.recovery`); masks of more than half of an image do not count",
+    when="a frame is doubtful or lost, unless what was seen only leaves the hand open, or its cloud is poor or shows other things, too (`tracker.recovery`); masks of more than half of an image do not count",
     rounds=(
         Round((Propose("rigid grid nearby", 28), Propose("standing pose"), Propose("depth flips")), keep=0, enter=60, fits=(Fit("wide", 8),)),
         Round(enter=10, fits=(Fit("wide", 12),)),
@@ -226,9 +226,9 @@ def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -
     When a frame does not fit; of several such frames in a row the first, second, fourth, eighth …: what was not found in
     one of them is rarely found in the next. A frame in which nothing was seen ends such a row and begins one of its own
     (there may be a cloud, but far from where the hand was expected), of which every fifth is looked at as well. Among the wrong points
-    of a poor cloud another hand often fits better: there nothing is looked for.
+    of a poor cloud, and among those of other things, another hand often fits better: there nothing is looked for while the hand is not lost.
     """
-    if result.fits or not previous or result.poor_cloud:
+    if result.fits or not previous or result.clutters:
         return ""
     unseen, row = not np.isfinite(result.energy), 1
     for before in reversed(previous):
