@@ -214,7 +214,7 @@ def largest_part(points: Floats[N, D3], link_m: float = _LINK_M) -> Array[N]:
     of side link_m."""
     if len(points) == 0:
         return np.zeros(0, bool)
-    part = _parts(points, link_m)
+    part = parts_of(points, link_m)
     inside: Array = part == np.argmax(np.bincount(part))
     return inside
 
@@ -291,7 +291,7 @@ def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
     return (whole[:, 0] * size + whole[:, 1]) * size + whole[:, 2]
 
 
-def _parts(points: Floats, link_m: float) -> Ints:
+def parts_of(points: Floats, link_m: float) -> Ints:
     """Return the number of each point's part (N,), parts being groups of touching cells."""
     from scipy.spatial import KDTree
 
@@ -306,7 +306,7 @@ def _parts(points: Floats, link_m: float) -> Ints:
 def _nearest(points: Floats, distance: Floats, link_m: float, least: float) -> tuple[Array, float]:
     """Return which points (N, 3) are in the nearest part of at least `least` points, and the
     distance of its nearest hundredth."""
-    part = _parts(points, link_m)
+    part = parts_of(points, link_m)
     sizes = np.bincount(part)
     candidates = np.flatnonzero(sizes >= min(least, sizes.max()))
     near = [float(np.quantile(distance[part == c], _NEAR_SHARE)) for c in candidates]

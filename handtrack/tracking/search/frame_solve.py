@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 from handtrack.arrays import Floats
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
 from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.terms.cloud_terms import agreement
 from handtrack.tracking.search.lost_finger import with_fingers_found
 from handtrack.tracking.search.policy import POOR, finger_search
 from handtrack.tracking.search.poor_cloud import may_doubt, poor_agreement, solve_doubted
@@ -54,6 +56,11 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
         task.model, settings.solver, terms, params, control.should_stop, watch
     )
     search, why = finger_search(settings, number, summary.cost, terms.views, task.previous)
+    if why and terms.cloud is not None:
+        seen = agreement(terms.cloud, task.model, task.model.bones(summary.params))
+        why *= (
+            seen.explained >= DOUBTFUL_CLOUD
+        )  # among points of other things another finger often fits better
     if why and control.searches:
         found = with_fingers_found(terms, summary.params, control, number, why, search)
         if found is not summary.params:

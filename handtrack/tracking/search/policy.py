@@ -99,7 +99,7 @@ POOR_CLOUD = Search(
     situation="a cloud that alone holds the hand is poor",
     when=(
         f"cloud and hand agree by less than {POOR:g}, until they agree by {GOOD:g} (`model.fallback`): harmonic mean of the "
-        "share of points on the surface and of the surface in view that was measured"
+        "share of points on the surface and of the surface in view that was measured, or the latter alone where it is more"
     ),
     rounds=(Round((Propose("depths doubted"), Propose("glove9"), Propose("ball6")), fits=(Fit("frame"),)),),
     measure="energy; only the one that `model.fallback` names is proposed",

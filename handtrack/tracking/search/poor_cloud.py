@@ -46,7 +46,8 @@ def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreem
     if terms.cloud is None or not may_doubt(terms):
         return None
     found = agreement(terms.cloud, terms.model, terms.model.bones(params))
-    return found if found.share < below else None  # nothing in view: nothing is wrong
+    # of a hand that was measured the depths are right, whatever else the cloud shows; nothing in view: nothing is wrong
+    return found if max(found.share, found.measured) < below else None
 
 
 @dataclass(frozen=True)

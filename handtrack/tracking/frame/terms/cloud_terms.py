@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, K, M, N
+from handtrack.capture.clouds.cloud_filters import parts_of
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -34,6 +35,7 @@ _BETTER = 0.7  # of the usual σ: a cloud that lies nearer than that, or as much
 _EXACT = 0.1  # but for no more exact than this
 _EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured than misplaced
 _OBJECT_M = 0.02  # from the surface where a frame starts: the breadth of a finger, further than what a hand does beside its prediction
+_LINK_M = 0.01  # between points of one thing: a cloud's are 2.5 mm apart, a hand further from what lies behind it
 _MOST_HIDDEN = 0.5  # of a cloud before the hand: more of it is rather the hand, which came nearer
 _SIGHT_STEP_M = 0.004  # between places on a line of sight: the distance map's own grid
 _AS_OFTEN_AS_NOT = UniformOutliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
@@ -135,11 +137,14 @@ def see_cloud(
 
 
 def _is_before(mesh: SurfaceMesh, points: Floats, views: Sequence[Floats]) -> Array[N]:
-    """Return which points (N, 3) hide a part of the mesh from a camera."""
+    """Return which points (N, 3) are of things that hide a part of the mesh from a camera."""
     found = np.zeros(len(points), bool)
     for centre in (centre for view in views for centre in np.atleast_2d(view)):
         found |= hiding(mesh.vertices, points, centre)
-    return found
+    if not found.any():
+        return found
+    part = parts_of(points, _LINK_M)
+    return np.isin(part, part[found])
 
 
 def fitted_surface(model: ArticulatedModel, chosen: CloudTermSettings) -> MetaballSurface:

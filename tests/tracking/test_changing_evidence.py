@@ -1,0 +1,149 @@
+"""What is seen becomes less: masks end, or an object comes before the hand. The hand goes on from the pose it has."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.observation.observation import Observation, PointCloud
+from handtrack.terms.clouds.cloud_emptiness import hidden, seen_from
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
+from handtrack.tracking.search.policy import looks_everywhere, why_hand_may_be_lost
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import Tracker
+
+MODEL = load_model()
+EYE = np.array([0.0, 0.0, -0.5])
+FRAMES, MOVED_M = 6, 0.004
+CURL = [MODEL.parameter_names.index(f"{f}_pip_flex") for f in ("index", "middle")]
+NOTHING = np.zeros((0, 3))
+FINGERS = [n for n, name in enumerate(MODEL.joint_names) if name.split("_")[0] in ("index", "middle") and "mcp" not in name]  # fmt: skip
+
+
+@cache
+def pose(frame):
+    """Return the hand as it moves aside, two fingers bending while they are hidden (P,)."""
+    params = MODEL.rest_params()
+    params[:3] = [MOVED_M * frame, -0.09, 0.0]
+    params[CURL] += 0.03 * frame
+    return params
+
+
+@cache
+def measured(frame):
+    """Return the points of the hand that a camera at EYE sees (N, 3)."""
+    rng = np.random.default_rng(frame)
+    points, normals = sample_surface(MetaballSurface.of(MODEL), MODEL.bones(pose(frame)), 6000, rng)
+    points = points[seen_from(points, normals, [EYE[None]])]
+    return points + rng.normal(scale=1e-3, size=points.shape)
+
+
+def plate(middle, breadth, height=None, step=0.0025):
+    """Return points (N, 3) on a plate across the line of sight."""
+    sides = (np.arange(-s / 2, s / 2, step) for s in (breadth, height or breadth))
+    x, y = (one.ravel() for one in np.meshgrid(*sides))
+    return middle + np.column_stack([x, y, np.zeros(len(x))])
+
+
+def seen(frame, others=NOTHING):
+    """Return what the camera sees of the hand and of other points (N, 3), the nearer hiding the further."""
+    hand = measured(frame)
+    if len(others):
+        others, hand = others[~hidden(others, hand, EYE)], hand[~hidden(hand, others, EYE)]
+    cloud = PointCloud(np.concatenate([hand, others]))
+    return Observation(frame, frame / 25.0, cloud=cloud, cloud_views=(EYE[None],))
+
+
+def tracked(observations):
+    path = track_frames(
+        Tracker(MODEL), lambda f, *_: observations[f], 0, pose(0), range(len(observations))
+    )
+    return list(path)
+
+
+def errors_m(result):
+    return result.joint_positions - MODEL.joint_positions(MODEL.bones(pose(result.frame)))
+
+
+@cache
+def object_before(frame):
+    """Return a plate that hides the ends of two fingers, 55 mm before them."""
+    middle = MODEL.joint_positions(MODEL.bones(pose(frame)))[FINGERS].mean(axis=0)
+    return plate(middle + 0.11 * (EYE - middle), 0.06)
+
+
+@pytest.fixture(scope="module")
+def behind():
+    return tracked(
+        [seen(0)] + [seen(f, object_before(f)) for f in range(1, FRAMES)]
+    )
+
+
+def test_an_object_before_the_hand_pulls_no_finger(behind):
+    """Fingers that it hides stay about where they were, by what is stated of them, which grows; all others are measured."""
+    others = [n for n in range(len(MODEL.joint_names)) if n not in FINGERS]
+    for result in behind[1:]:
+        off = errors_m(result)
+        assert np.linalg.norm(off[others], axis=1).mean() < 0.004
+        assert np.linalg.norm(off[FINGERS], axis=1).max() < 0.02
+    own = result.joint_covariance[FINGERS]
+    far = np.einsum("ja,jab,jb->j", off[FINGERS], np.linalg.inv(own), off[FINGERS])
+    assert (far < 6.25).mean() >= 0.9
+    begun = np.trace(behind[0].joint_covariance[FINGERS], axis1=1, axis2=2).mean()
+    assert np.trace(own, axis1=1, axis2=2).mean() > 4.0 * begun
+
+
+def test_what_an_object_hides_is_not_missing():
+    """Behind it nothing is asked for; before it, and where the hand itself came nearer, all is."""
+    bones, settings = MODEL.bones(pose(1)), TrackerSettings()
+
+    def asked(others):
+        found = see_cloud(seen(1, others), MODEL, bones, settings)
+        return len(found.emptiness.bone), agreement(found, MODEL, bones)
+
+    free, _ = asked(NOTHING)
+    covered, found = asked(object_before(1))
+    assert covered < 0.95 * free
+    assert found.measured > 0.95
+    assert found.explained > 0.95
+    middle = measured(1).mean(axis=0)
+    behind, _ = asked(plate(middle - 0.07 * (EYE - middle), 0.06))
+    assert behind == free
+    nearer = MODEL.bones(pose(1) - [0.0, 0.0, -0.03, *[0.0] * (len(pose(1)) - 3)])
+    moved = see_cloud(seen(1), MODEL, nearer, settings)
+    assert moved is not None
+    assert moved.prepared.count > 0.9 * len(measured(1))
+
+
+def test_a_hand_goes_on_where_masks_end_that_cut_its_cloud():
+    """From then on the cloud has a wall close behind it and a thing as large as a hand aside, many times its points."""
+    wall = plate(measured(0).mean(axis=0) + [0.0, 0.0, 0.06], 0.4)
+    thing = plate(measured(0).mean(axis=0) + [0.24, 0.0, 0.0], 0.09, 0.18)
+    rest = np.concatenate([wall, thing])
+    found = tracked([seen(f, rest if f > 1 else NOTHING) for f in range(FRAMES)])
+    for result in found:
+        assert result.status != Status.LOST
+        assert np.linalg.norm(errors_m(result), axis=1).mean() < 0.008
+
+
+def test_among_other_things_no_other_hand_is_looked_for():
+    (result,) = tracked([seen(0, plate(measured(0).mean(axis=0) + [0.0, 0.0, 0.03], 0.3))])
+    assert result.clutters
+    assert not why_hand_may_be_lost(result, [result])
+
+
+def test_a_lost_hand_is_looked_for_where_it_was_most_of_the_time():
+    """Only now and then everywhere: points thinned over all of a room leave few on it."""
+    (one,) = tracked([seen(0)])
+    lost = replace(one, status=Status.LOST)
+    assert not looks_everywhere([one])
+    everywhere = [n for n in range(1, 12) if looks_everywhere([one, *[lost] * n])]
+    assert everywhere == [1, 3, 4, 7, 9]
