@@ -83,6 +83,20 @@ def test_the_nearest_and_the_largest_part(rng):
     assert not large[:1500].any()
 
 
+def test_an_object_before_a_hand_that_is_known_is_not_taken_for_it(rng):
+    """Both stay, what is behind does not: the object tells what it hides."""
+    parts = ((0, 0, 0.42), 800), ((0, 0, 0.5), 1500), ((0.1, 0, 0.9), 5000)
+    points = np.vstack([patch(rng, middle, count) for middle, count in parts])
+
+    def away(asked):
+        return np.abs(asked[:, 2] - 0.5)
+
+    for front in (None, 0.1):
+        near = filters.nearest_part(points, EYE, front, hand_distance=away)
+        assert near[:2300].all()
+        assert not near[2300:].any()
+
+
 def test_a_hand_is_cut_from_the_body_it_hangs_on(rng):
     arm = np.column_stack([rng.uniform(-0.03, 0.03, (20_000, 2)), np.linspace(0.5, 0.9, 20_000)])
     points = np.vstack([patch(rng, (0, 0, 0.5), 2000), arm, patch(rng, (0, 0, 0.9), 50_000, 0.5)])

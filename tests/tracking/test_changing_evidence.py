@@ -82,9 +82,7 @@ def object_before(frame):
 
 @pytest.fixture(scope="module")
 def behind():
-    return tracked(
-        [seen(0)] + [seen(f, object_before(f)) for f in range(1, FRAMES)]
-    )
+    return tracked([seen(0)] + [seen(f, object_before(f)) for f in range(1, FRAMES)])
 
 
 def test_an_object_before_the_hand_pulls_no_finger(behind):

@@ -25,6 +25,7 @@ _TREE_MOST = 60_000  # points that the outlier test looks at
 _LINK_M = 0.015  # cells of a component: gaps up to about that size do not part it
 _FAR_CELLS = 2**19  # cells beyond that from the middle count as one: their number fits 64 bits
 _NEAR_SHARE = 0.01  # of a part's points: single stray ones do not bring it near
+_LOOKED = 10  # of so many points one is asked how far from a hand it is
 _LEAST_SHARE = 0.02  # of the points: a smaller component is no hand
 
 
@@ -155,7 +156,13 @@ class CloudFilters:
         if part == "nearest" and centres is not None:
             reach = "" if front is None else f", {front * 1e3:g} mm deep"
             text = f"the part nearest to a camera{reach}"
-            steps.append(("component", text, lambda c: nearest_part(c.points, centres, front)))
+            steps.append(
+                (
+                    "component",
+                    text,
+                    lambda c: nearest_part(c.points, centres, front, hand_distance=hand_distance),
+                )
+            )
         if voxel is not None:
             text = f"{self.per_voxel} in each cell of {voxel * 1e3:g} mm"
             steps.append(
@@ -224,8 +231,10 @@ def nearest_part(
     centres: Floats[C, D3],
     front_m: float | None = None,
     link_m: float = _LINK_M,
+    hand_distance: HandDistance | None = None,
 ) -> Array[N]:
-    """Return which points belong to the part nearest to a camera at `centres`.
+    """Return which points belong to the part nearest to a camera at `centres`; of a hand known beforehand, to the part that has most
+    points about it, and to those nearer.
 
     Parts with less than a fiftieth of the points are not chosen; a part's distance is that of its
     nearest hundredth. front_m: of that part, only what hangs together within front_m behind this
@@ -234,11 +243,16 @@ def nearest_part(
     if len(points) == 0:
         return np.zeros(0, bool)
     distance = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
-    inside, nearest = _nearest(points, distance, link_m, _LEAST_SHARE * len(points))
+    about = np.zeros(len(points), bool)
+    if hand_distance is not None:
+        about[::_LOOKED] = hand_distance(points[::_LOOKED]) < link_m
+    inside, nearest = _nearest(points, distance, link_m, _LEAST_SHARE * len(points), about)
     if front_m is None:
         return inside
     front = np.flatnonzero(inside & (distance <= nearest + front_m))
-    kept, _ = _nearest(points[front], distance[front], link_m, _LEAST_SHARE * len(front))
+    kept, _ = _nearest(
+        points[front], distance[front], link_m, _LEAST_SHARE * len(front), about[front]
+    )
     inside[:] = False
     inside[front[kept]] = True
     return inside
@@ -303,14 +317,19 @@ def parts_of(points: Floats, link_m: float) -> Ints:
     return _connected(len(cells), pairs)[index]
 
 
-def _nearest(points: Floats, distance: Floats, link_m: float, least: float) -> tuple[Array, float]:
-    """Return which points (N, 3) are in the nearest part of at least `least` points, and the
-    distance of its nearest hundredth."""
+def _nearest(
+    points: Floats, distance: Floats, link_m: float, least: float, about: Array
+) -> tuple[Array, float]:
+    """Return which points (N, 3) are in the nearest part of at least `least` points, or in that with most points `about` a hand and
+    those nearer, and the distance of its nearest hundredth."""
     part = parts_of(points, link_m)
     sizes = np.bincount(part)
     candidates = np.flatnonzero(sizes >= min(least, sizes.max()))
     near = [float(np.quantile(distance[part == c], _NEAR_SHARE)) for c in candidates]
     first = int(np.argmin(near))
+    if about.any():
+        first = int(np.argmax([about[part == c].sum() for c in candidates]))
+        return np.isin(part, candidates[np.array(near) <= near[first]]), near[first]
     inside: Array = part == candidates[first]
     return inside, near[first]
 
