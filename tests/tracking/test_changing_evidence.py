@@ -8,14 +8,18 @@ from functools import cache
 import numpy as np
 import pytest
 
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Observation, PointCloud
+from handtrack.observation.observation import Keypoints, Observation, PointCloud
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
 from handtrack.terms.clouds.cloud_emptiness import hidden, seen_from
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
+from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.search.policy import looks_everywhere, why_hand_may_be_lost
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
@@ -145,3 +149,23 @@ def test_a_lost_hand_is_looked_for_where_it_was_most_of_the_time():
     assert not looks_everywhere([one])
     everywhere = [n for n in range(1, 12) if looks_everywhere([one, *[lost] * n])]
     assert everywhere == [1, 3, 4, 7, 9]
+
+
+def test_a_real_hand_goes_on_where_its_joints_end(data_dir):
+    """Three infrared pairs of a room; the joints of a detector end as the hand moves fastest, and another place was found for it."""
+    folder = data_dir / "sessions" / "d405_real_stereo"
+    values = {"model.fit_size": "false", "tracker.estimate": "forward"}
+    run = TrackingRun.open(Session.open(folder), values)
+    with np.load(folder / "reference_dlt.npz") as file:
+        joints = dict(zip(file["frame"].tolist(), file["keypoints21"], strict=True))
+    first, ends, frames = 57, 60, range(57, 68)
+    start = fit_keypoints(run.model, Keypoints(keypoint_names(), joints[first], 0.005))
+
+    def observe(frame, bones=None):
+        found = run.observation(frame, bones)
+        return found if frame < ends else replace(found, keypoints=())
+
+    for result in track_frames(run.tracker, observe, first, start, frames):
+        assert result.status != Status.LOST
+        off = np.linalg.norm(result.keypoints21 - joints[result.frame], axis=1)
+        assert np.nanmean(off) < 0.04

@@ -221,7 +221,7 @@ def largest_part(points: Floats[N, D3], link_m: float = _LINK_M) -> Array[N]:
     of side link_m."""
     if len(points) == 0:
         return np.zeros(0, bool)
-    part = parts_of(points, link_m)
+    part = _parts(points, link_m)
     inside: Array = part == np.argmax(np.bincount(part))
     return inside
 
@@ -305,7 +305,7 @@ def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
     return (whole[:, 0] * size + whole[:, 1]) * size + whole[:, 2]
 
 
-def parts_of(points: Floats, link_m: float) -> Ints:
+def _parts(points: Floats, link_m: float) -> Ints:
     """Return the number of each point's part (N,), parts being groups of touching cells."""
     from scipy.spatial import KDTree
 
@@ -322,7 +322,7 @@ def _nearest(
 ) -> tuple[Array, float]:
     """Return which points (N, 3) are in the nearest part of at least `least` points, or in that with most points `about` a hand and
     those nearer, and the distance of its nearest hundredth."""
-    part = parts_of(points, link_m)
+    part = _parts(points, link_m)
     sizes = np.bincount(part)
     candidates = np.flatnonzero(sizes >= min(least, sizes.max()))
     near = [float(np.quantile(distance[part == c], _NEAR_SHARE)) for c in candidates]

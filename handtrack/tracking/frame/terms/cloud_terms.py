@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, K, M, N
-from handtrack.capture.clouds.cloud_filters import parts_of
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -35,7 +34,6 @@ _BETTER = 0.7  # of the usual σ: a cloud that lies nearer than that, or as much
 _EXACT = 0.1  # but for no more exact than this
 _EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured than misplaced
 _OBJECT_M = 0.02  # from the surface where a frame starts: the breadth of a finger, further than what a hand does beside its prediction
-_LINK_M = 0.01  # between points of one thing: a cloud's are 2.5 mm apart, a hand further from what lies behind it
 _MOST_HIDDEN = 0.5  # of a cloud before the hand: more of it is rather the hand, which came nearer
 _SIGHT_STEP_M = 0.004  # between places on a line of sight: the distance map's own grid
 _AS_OFTEN_AS_NOT = UniformOutliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
@@ -143,8 +141,9 @@ def _is_before(mesh: SurfaceMesh, points: Floats, views: Sequence[Floats]) -> Ar
         found |= hiding(mesh.vertices, points, centre)
     if not found.any():
         return found
-    part = parts_of(points, _LINK_M)
-    return np.isin(part, part[found])
+    from scipy.spatial import KDTree
+
+    return KDTree(points[found]).query(points, distance_upper_bound=_OBJECT_M)[0] < _OBJECT_M
 
 
 def fitted_surface(model: ArticulatedModel, chosen: CloudTermSettings) -> MetaballSurface:
