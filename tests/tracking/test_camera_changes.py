@@ -9,7 +9,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import PriorSettings
-from handtrack.tracking.size.cameras import LATE, NOTHING, CameraChanges, velocities
+from handtrack.tracking.size.cameras import LATE, NOTHING, TIME, CameraChanges, velocities
 from handtrack.tracking.size.estimate import WholeEstimate
 from handtrack.tracking.size.motion import TURN, Motion, changes, moved
 from handtrack.tracking.size.person import PersonChange
@@ -103,6 +103,11 @@ def test_a_camera_that_is_late_by_frames_is_looked_at_in_other_images():
     assert late.ahead == (0, 2)
     np.testing.assert_allclose(late.values[:, LATE], [0.3, 0.2])
     np.testing.assert_allclose(late.late, [0.3, -1.8])
+
+
+def test_the_clock_is_that_of_most_cameras_by_however_little_it_is_off():
+    cameras = CameraChanges.none(tuple(_camera(name, 0.2) for name in "abc")).finding(TIME)
+    assert cameras.stepped(np.array([-0.05, 0.2, -0.05])).common == pytest.approx(-0.05)
 
 
 def test_what_is_known_of_a_cameras_time_costs_nothing():

@@ -214,12 +214,14 @@ def estimate_whole(
                 why = "no descent"
                 break
             del found
-            common = best.shared.cameras.common
-            nearer = best.shared.cameras.earlier(common).whole_frames()
-            if common or nearer.ahead != best.shared.cameras.ahead:
+            common, cameras = best.shared.cameras.common, best.shared.cameras
+            ends = gain > 0 and promised < _ENOUGH
+            nearer = cameras.earlier(common).whole_frames()
+            if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
                 evidence = evidence.sharing(best.shared.through(nearer))
                 best = swept(_within(model, moved(best.poses, common * velocities(best.poses))))
-            elif gain > 0 and promised < _ENOUGH:
+                ends &= nearer.ahead == cameras.ahead
+            if ends:
                 why = "converged"
                 break
     except _StoppedError:
