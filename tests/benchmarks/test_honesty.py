@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from tests.experiments.honesty.diagram import diagram
 from tests.experiments.honesty.honesty import compared, figures_of, honesty
 from tests.experiments.honesty.meshes import HandMesh
 from tests.experiments.honesty.motions import moving
@@ -88,9 +87,3 @@ def test_a_folder_without_recordings_is_said_to_be_so(tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HONESTY", str(tmp_path))
     with pytest.raises(HandtrackError, match="no session with truth"):
         honesty()
-
-
-def test_the_diagram_shows_what_is_stated_beside_what_is_so():
-    found = diagram({"recall": 1.0, "P 0.0-0.2: frames": 100.0, "P 0.0-0.2: bad": 0.5})
-    assert 'cx="72" cy="200"' in found
-    assert found.count("<circle") == 1

@@ -58,7 +58,7 @@ def test_what_is_stated_holds_the_truth(bundled, opening):
     names = [opening.joint_names.index(n) for n in ("wrist", "index_tip", "little_tip")]
     stated = 1e3 * np.sqrt(np.trace(opening.joint_covariance[:, names], axis1=2, axis2=3))
     assert (off[:, [0, 8, 20]] < stated).all()  # measured: at most 0.16 of it
-    assert stated.max() < 5.0  # measured 3.1 mm: it says something
+    assert stated.max() < 8.0  # measured 6.4 mm, of closed fingers of a hand that is nobody's
 
 
 def test_two_runs_give_the_same_bytes(bundled, opening):

@@ -17,7 +17,7 @@ _MEANINGS = {
     "time_s": "time [s]",
     "status": "0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand",
     "energy": "what is left unexplained; to be compared within a session only",
-    "p_off_25mm": "probability that some joint is more than 25 mm off",
+    "p_off_25mm": "probability that some joint is more than 25 mm off, beside a constant offset of definition",
     "reason": "why the frame is doubtful or lost",
 }
 

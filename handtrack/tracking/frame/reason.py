@@ -67,8 +67,6 @@ def _odd_size(reason: Reason) -> str:
 
 
 SIGNS = {
-    "outline": "model and silhouettes differ",
-    "few": "few views show it",
     "open": "what was seen leaves it open",
     "curled": "closed fingers hide each other",
     "moved": "the frames after moved it",
@@ -112,7 +110,7 @@ KINDS: dict[str, Callable[[Reason], str]] = {
     "size": _odd_size,
     "off": lambda r: (
         f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that a joint is 25 mm off): "
-        f"{SIGNS[r.camera]}"
+        f"{SIGNS.get(r.camera, SIGNS['open'])}"
     ),
     "far off": lambda r: (
         f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that it is 230 mm off): what was seen "

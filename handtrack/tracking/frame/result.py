@@ -118,7 +118,7 @@ class FrameHead:
     )
     """why the frame is doubtful or lost; stacked in words, and by kind, place and numbers"""
     p_off_25mm: float = field(default=float("nan"), metadata=column(gaps="missing"))
-    """probability that some joint is more than 25 mm off; NaN where nothing is said"""
+    """probability that some joint is more than 25 mm off, beside a constant offset of definition; NaN where nothing is said"""
     views: int = field(default=0, metadata=column(gaps="missing"))
     """silhouettes, clouds and images that the energy is of; 0: not known"""
 

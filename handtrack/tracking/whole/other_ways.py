@@ -115,7 +115,7 @@ def _doubted(
     result = replace(result, joint_covariance=covariance, p_off_25mm=off_25)
     if result.status != Status.TRACKED or not elsewhere:
         return result
-    if 1.0 - (1.0 - before) * (1.0 - elsewhere) <= figures.NEEDLESS_LOOK:
+    if 1.0 - (1.0 - before) * (1.0 - elsewhere) <= 1.0 / figures.MISSED:
         return result
     way, joint = np.unravel_index(int((weight * far_m).argmax()), far_m.shape)
     name = model.joint_names[joint].replace("_", " ")

@@ -1,90 +1,271 @@
-"""Refit what frames say of themselves: python -m tests.experiments.honesty.confidence RECORDINGS TRACKS
+"""Refit what frames say of themselves: python -m tests.experiments.honesty.confidence RECORDINGS TRACKS [HALF…]
 
-RECORDINGS: what `python -m tests.experiments.honesty.recordings` wrote. TRACKS: gets what was tracked of each, with all that a judgement goes by;
-what is there already is not tracked again. Prints the numbers for `handtrack/tracking/frame/doubt/figures.py`, fitted to `tune`.
+RECORDINGS: what `python -m tests.experiments.honesty.recordings` wrote. TRACKS: gets what was tracked of each, with all that a judgement
+goes by; what is there already is not tracked again. HALF: of which; all unless given. Prints the numbers for
+`handtrack/tracking/frame/doubt/figures.py`, fitted to `tune`, and what they say of each half, beside those that are there now.
 """
 
 from __future__ import annotations
 
 import pickle
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
 from handtrack import Session, TrackingRun
-from handtrack.model.model_file import load_model
-from handtrack.model.size import SizeParameters
+from handtrack.arrays import Array, F, Floats, N
+from handtrack.diagnostics.constant_offsets import WRONG_M, without_offsets
+from handtrack.model.articulated import keypoint_names
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap, parts_overlap
-from handtrack.tracking.frame.assessment import _parts, assess, outline_fit
-from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.doubt.stated import curls
+from handtrack.tracking.frame.doubt import figures, judgement
+from handtrack.tracking.frame.doubt.figures import Seen
+from handtrack.tracking.frame.doubt.stated import stated_covariance
+from handtrack.tracking.frame.doubt.wrong import Signs, moved_sign, part_of, probably_off
+from handtrack.tracking.frame.result import PARTS, Status
 from handtrack.tracking.whole import refined
-from handtrack.tracking.whole.refinement import Refinement
+from tests.experiments.honesty.recordings import HALVES
 
-HALVES = ("tune", "apart")
+_CHI2_90 = 6.251388631170325
+_PART_MM, _FIST = 10.0, 0.5
+_ALIKE = 4.0
+"""frames that tell as much as one: each is one 25th of a second after another"""
+_WIDE = 1.5
+"""standard deviation of a sign's weight, before anything is seen"""
+_FAR = 25.0
+"""squared distance above which a joint is not off by noise"""
+
+
+@dataclass(frozen=True, eq=False)
+class _Scale:
+    overall: float
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What a judgement asks of a model."""
+
+    scale: _Scale
+    kind: str = "hand"
+    joint_names: tuple[str, ...] = keypoint_names()
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What the judgement of a refined frame went by, and what it was."""
+
+    model: Model
+    curled: Floats
+    """`stated.curls`, less what two cameras' joints confirm"""
+    covariance: Floats
+    """(21, 3, 3) if the model were the hand [m²]"""
+    misfit: float
+    moved: float
+    """`Signs.moved`"""
+    stated: Floats
+    """(21, 3, 3) [m²]"""
+    probability: float
+    """that the frame is wrong, before other ways through the recording counted"""
 
 
 def tracked(session: Path) -> dict[str, Any]:
-    """Return a recording's track, its truth, and what its frames' judgements went by."""
-    frames: dict[int, dict[str, Any]] = {}
-    found: dict[str, Any] = {}
-    usual = refined.judged
+    """Return a recording's track and truth, and what its frames' judgements went by."""
+    frames: dict[int, Judged] = {}
+    usual, judged_as_usual = judgement.stated_covariance, refined.judged
+    asked: list[Any] = []
 
-    def judged(terms, params, energy, energies, covariance, previous, moved_m=None):
-        model, bones = terms.model, terms.model.bones(params)
-        names, parts = _parts(model)
-        fine = model.flesh["fine"]
-        fit = outline_fit(terms, bones)
-        joints = []
-        for term in terms.keypoints:
-            joint, off = term.misses(bones)
-            joints.append((joint, off))
-        result = usual(terms, params, energy, energies, covariance, previous, moved_m)
-        status, reason = assess(terms, bones, energy, previous)
-        overlap = parts_overlap(terms.prepared, fine, parts, bones) if terms.prepared else []
-        one = {
-            "covariance": covariance, "energies": dict(energies), "views": terms.views, "moved_m": moved_m,
-            "curls": curls(model, model.joint_params(params)), "joints": joints, "joint_names": model.joint_names,
-            "overall": model.scale.overall,
-            "iou": outline_overlap(terms.prepared, fine, bones).iou if terms.prepared else np.ones(0),
-            "piece": 0.0 if fit is None else fit.piece_mm2,
-            "parts": [(n, o.model, o.both) for n, o in zip(names, overlap, strict=True)] if terms.prepared else [],
-            "assessed": (int(status), None if reason is None else reason.kind), "judged": result, "params": params,
-            "places": model.joint_positions(bones),
-        }  # fmt: skip
-        frames[previous[-1].frame + 1 if previous else 0] = one
-        return result
+    def stated(model: Any, *given: Any) -> Floats:
+        asked[:] = [Model(_Scale(model.scale.overall)), *given]
+        return usual(model, *given)
 
-    refined.judged = judged
+    def judged(terms: Any, *given: Any) -> judgement.Judgement:
+        found = judged_as_usual(terms, *given)
+        rows = [terms.model.joint_names.index(name) for name in keypoint_names()]
+        model, curled, covariance, misfit, _ = asked
+        previous, moved_m = given[4:]
+        frames[previous[-1].frame + 1 if previous else 0] = Judged(
+            model, curled, covariance[rows], misfit, moved_sign(moved_m), found.joint_covariance[rows],
+            found.p_off_25mm,
+        )  # fmt: skip
+        return found
+
+    judgement.stated_covariance, refined.judged = stated, judged
     try:
         run = TrackingRun.open(Session.open(session))
         start, pose = run.initial()
-        control = Control(on_shared=lambda text: found.update(shared=text))
-        track = run.result(run.track_with(control, run.session.frame_range, start, pose))
+        track = run.result(run.track(run.session.frame_range, start, pose))
     finally:
-        refined.judged = usual
+        judgement.stated_covariance, refined.judged = usual, judged_as_usual
     truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
-    if found.get("shared"):
-        scale = Refinement.read(found["shared"]).scale
-        if scale is not None:
-            found["deviations"] = SizeParameters(load_model(scale=scale)).deviations(scale)
-    return {"track": track, "truth": truth, "frames": frames, **found}
+    return {"track": track, "truth": truth, "frames": frames}
+
+
+@dataclass(frozen=True, eq=False)
+class Half:
+    """All frames of a half; those that were lost say nothing but that."""
+
+    frames: Sequence[Judged | None]
+    off: Floats[F, N, N]
+    """(F, 21, 3) [m], beside constant offsets"""
+    added: Floats
+    """(F, 21, 3, 3) what other ways through the recording add to what is stated [m²]"""
+    elsewhere: Floats[F]
+    """how probable those ways are in which the frame is wrong"""
+
+    @classmethod
+    def read(cls, folder: Path) -> Half:
+        """Return what was tracked of a half."""
+        frames: list[Judged | None] = []
+        off, added, elsewhere = [], [], []
+        for path in sorted(folder.glob("*.pickle")):
+            one = pickle.loads(path.read_bytes())
+            track = one["track"]
+            rows = [track.joint_names.index(name) for name in keypoint_names()]
+            off.append(without_offsets(track.keypoints21, one["truth"]))
+            for n, frame in enumerate(track.frame.tolist()):
+                known = one["frames"].get(frame) if track.status[n] != Status.LOST else None
+                frames.append(known)
+                added.append(
+                    0.0 if known is None else track.joint_covariance[n, rows] - known.stated
+                )
+                rest = 1.0 if known is None else 1.0 - track.p_off_25mm[n]
+                elsewhere.append(0.0 if known is None else 1.0 - rest / (1.0 - known.probability + 1e-12))  # fmt: skip
+        added = [np.zeros((21, 3, 3)) + one for one in added]
+        return cls(frames, np.concatenate(off), np.array(added), np.clip(elsewhere, 0.0, 1.0))
+
+    @property
+    def known(self) -> Array[F]:
+        return np.array([one is not None for one in self.frames])
+
+    @property
+    def wrong(self) -> Array[F]:
+        return np.linalg.norm(self.off, axis=2).max(axis=1) > WRONG_M
+
+    @property
+    def fist(self) -> Array[F]:
+        return np.array([one is not None and one.curled[1:].mean() > _FIST for one in self.frames])
+
+    def covariance(self) -> Floats:
+        """Return what is stated of each joint by the figures as they are, ways aside; a metre where the hand is lost."""
+        return np.array([
+            np.tile(np.eye(3), (21, 1, 1)) if one is None
+            else stated_covariance(one.model, one.curled, one.covariance, one.misfit)  # pyright: ignore[reportArgumentType]
+            for one in self.frames
+        ])  # fmt: skip
+
+    def distances(self) -> tuple[Floats, Floats]:
+        """Return each error's squared distance by what is stated of it, and the logarithm of that's volume."""
+        stated = self.covariance() + self.added
+        scaled = np.linalg.solve(stated, self.off[..., None])[..., 0]
+        return (self.off * scaled).sum(axis=2), np.linalg.slogdet(stated)[1]
+
+    def said(self) -> tuple[Floats[F], Floats]:
+        """Return how probably each frame is wrong, and each part (F, 6), by the figures as they are."""
+        frames, parts = np.ones(len(self.frames)), np.ones((len(self.frames), len(PARTS)))
+        for n, (one, stated) in enumerate(zip(self.frames, self.covariance(), strict=True)):
+            if one is not None:
+                signs = Signs(curled=float(one.curled.mean()), moved=one.moved)
+                found = probably_off(one.model, stated, signs)  # pyright: ignore[reportArgumentType]
+                frames[n] = 1.0 - (1.0 - found.frame) * (1.0 - self.elsewhere[n])
+                parts[n] = found.parts
+        return frames, parts
+
+    @property
+    def parts_wrong(self) -> Array:
+        """(F, 6) whether a joint of each part is more than 10 mm off."""
+        part = np.array([part_of(name) for name in keypoint_names()])
+        off = 1e3 * np.linalg.norm(self.off, axis=2)
+        return np.stack([off[:, part == one].max(axis=1) > _PART_MM for one in PARTS], axis=1)
+
+
+def fit(half: Half) -> None:
+    """Put figures in their place that explain a half best."""
+    known, fist, wrong = half.known, half.fist, half.wrong
+
+    def of_masks(values: Floats) -> float:
+        noise, flesh, closed, palm = np.abs(values)
+        figures.MASKS = Seen(noise, 0.0, flesh, closed, palm, 0.0)
+        far, volume = half.distances()
+        inside = far < _CHI2_90
+        shares = np.array([inside[known & fist].mean(), inside[known & ~fist].mean()])
+        return float(0.5 * (np.minimum(far, _FAR) + volume)[known].mean() + 50.0 * ((shares - 0.9) ** 2).sum())  # fmt: skip
+
+    start = np.array([figures.MASKS.noise, figures.MASKS.flesh_mm, figures.MASKS.closed_mm, figures.MASKS.palm_mm])  # fmt: skip
+    options = {"maxfev": 150, "xatol": 0.02, "fatol": 1e-3}
+    best = minimize(of_masks, start, method="Nelder-Mead", options=options).x
+    noise, flesh, closed, palm = np.abs(best).round(2).tolist()
+    figures.MASKS = Seen(noise, 0.0, flesh, closed, palm, 0.0)
+
+    judged = [one for one in half.frames if one is not None]
+    curled, moved = np.array([(one.curled.mean(), one.moved) for one in judged]).T
+    figures.ALWAYS = -np.inf
+    beside = 1.0 - half.said()[0][known]  # that nothing but a gross error makes it wrong
+    signs = np.column_stack([np.ones_like(moved), curled, moved])
+
+    def of_signs(values: Floats) -> float:
+        rest = beside / (1.0 + np.exp(signs @ values))
+        chance = np.clip(np.where(wrong[known], 1.0 - rest, rest), 1e-4, 1.0)
+        return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
+
+    bounds = [(-9.0, 0.0), (0.0, None), (0.0, None)]
+    always, *weights = minimize(of_signs, np.array([-4.0, 1.0, 1.0]), bounds=bounds).x.round(2)
+    figures.ALWAYS = float(always)
+    figures.SIGNS = dict(zip(("curled", "moved"), map(float, weights), strict=True))
+    figures.MOVED_UNKNOWN = float(moved.mean().round(2))
+
+    true = half.parts_wrong[known]
+
+    def of_parts(values: Floats) -> float:
+        figures.PART = tuple(values)
+        chance = half.said()[1][known]
+        chance = np.clip(np.where(true, chance, 1.0 - chance), 1e-4, 1.0)
+        return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
+
+    best = minimize(of_parts, np.array([-4.0, 2.4, 0.5]), method="Nelder-Mead", options=options).x
+    figures.PART = tuple(best.round(2).tolist())
+
+
+def table(half: Half) -> str:
+    """Return in words how true it is what the figures say of a half."""
+    wrong, known, fist = half.wrong, half.known, half.fist
+    chance, parts = half.said()
+    low = chance * figures.MISSED > 1.0
+    far = half.distances()[0] < _CHI2_90
+    lines = [
+        f"{len(wrong)} frames, wrong {wrong.mean():.3f}, low confidence {low.mean():.3f}, recall {low[wrong].mean():.2f}, "
+        f"precision {wrong[low].mean():.2f}, 90 % regions {far[known].mean():.2f}, of high confidence {far[known & ~low].mean():.2f}, "
+        f"in fists {far[fist].mean():.2f}"
+    ]  # fmt: skip
+    edges = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.01)
+    for name, said, true in (("frame", chance[known], wrong[known]), ("part", parts[known].ravel(), half.parts_wrong[known].ravel())):  # fmt: skip
+        rows = [(a, (said >= a) & (said < b)) for a, b in pairwise(edges)]
+        lines.append(f"  {name}: " + ", ".join(f"from {a}: {true[k].mean():.2f} of {k.sum()}" for a, k in rows if k.any()))  # fmt: skip
+    return "\n".join(lines)
 
 
 def main() -> None:
+    """Track what is not there yet, fit, and print."""
     recordings, tracks = map(Path, sys.argv[1:3])
     for half in sys.argv[3:] or HALVES:
         (tracks / half).mkdir(parents=True, exist_ok=True)
-        for session in sorted(
-            (p.parent for p in (recordings / half).glob(f"*/{SESSION_FILE}")), reverse=True
-        ):
+        for session in sorted(p.parent for p in (recordings / half).glob(f"*/{SESSION_FILE}")):
             to = tracks / half / f"{session.name}.pickle"
             if not to.exists():
                 to.write_bytes(pickle.dumps(tracked(session)))
                 print(to, flush=True)
+    halves = {half: Half.read(tracks / half) for half in sys.argv[3:] or HALVES}
+    for half, read in halves.items():
+        print(f"{half}, as it is: {table(read)}", flush=True)
+    fit(halves["tune"])
+    for name in ("MASKS", "ALWAYS", "SIGNS", "MOVED_UNKNOWN", "PART"):
+        print(f"{name} = {getattr(figures, name)}")
+    for half, read in halves.items():
+        print(f"{half}, fitted: {table(read)}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What tracked hands of other people say about doubt: numbers fitted to `handtrack bench honesty`'s recordings, its half `tune`.
+"""What tracked hands of other people say about doubt: `python -m tests.experiments.honesty.confidence` fits masks' numbers, signs and parts.
 
 None is of one recording. How they are fitted: docs/derivations/honest_uncertainty.md.
 """
@@ -31,20 +31,20 @@ class Seen:
     """exponent of the misfit in all three"""
 
 
-MASKS = Seen(0.47, 1.26, 0.25, 3.9, 1.6, 1.56)
+MASKS = Seen(1.05, 0.0, 0.53, 7.41, 0.71, 0.0)
+"""how badly masks fit tells nothing of joints: exponents of 0.26 and 0.41 bring 0.03 of a log-likelihood of 17.8 a frame"""
 CLOUD = Seen(0.7, 0.3, 1.4, 1.45, 0.56, 0.7)
 """a cloud's covariance has the hand's own shape in it already: `cloud.sigma_mm` for each patch"""
 BODY = Seen(1.7, 0.0, 8.0, 0.0, 0.0, 0.0)
 """by joints that a detector sees, which are a skeleton's of its own: `handtrack bench honesty_bodies`, one to three cameras"""
 
-NEEDLESS_LOOK = 1 / 3
-"""a frame is doubtful above this probability that a joint is 25 mm off: what a needless look costs, of that and what a wrong frame
-costs that nobody looks at, which is taken for two looks"""
-ALWAYS = -5.95
-SIGNS = {"outline": 13.0, "few": 1.6, "open": 1.05, "curled": 1.75, "moved": 0.8}
+MISSED = 3.0
+"""what a wrong frame costs that nobody looks at, where a look costs 1: a look pays above a probability of 1 / MISSED"""
+ALWAYS = -4.29
+SIGNS = {"curled": 1.61, "moved": 0.98}
 """logarithm of the odds of a gross error: ALWAYS where no sign tells of one, and what each adds times its size; none subtracts"""
-MOVED_UNKNOWN = 0.54
-"""the sign `moved` of a live frame, which the frames after have yet to move: its mean over frames of that half. 0 would say that they
-won't: of frames so stated as 0.1 to 0.2 probably wrong 0.29 were; by likelihood it is 0.56"""
-PART = (0.4, 0.6)
-"""the same of a part, at 10 mm: always, and times the frame's"""
+MOVED_UNKNOWN = 0.76
+"""the sign `moved` of a live frame, which the frames after have yet to move: its mean over frames of that half"""
+PART = (-3.79, 2.09, 0.36)
+"""logarithm of the odds that a part is 10 mm off: always, times the logarithm of its least sure joint's stated standard deviation in units
+of 3 mm, and times the sign `moved`"""

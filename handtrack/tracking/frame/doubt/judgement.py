@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J, K, P
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.articulated import FINGERS, ArticulatedModel
+from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import is_unmeasured
-from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.observation.observation import ImageKeypoints
 from handtrack.tracking.frame.assessment import assess, odd_size, what_is_open
 from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.doubt.mirrored import mirrored_covariance
@@ -20,17 +21,17 @@ from handtrack.tracking.frame.doubt.wrong import (
     FRAME_OFF_M,
     Off,
     Signs,
+    moved_sign,
     part_of,
     probably_beyond,
     probably_off,
     spread_m,
 )
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.reason import NEAR_SIGMAS, Reason
 from handtrack.tracking.frame.result import PARTS, FrameResult, Status
 
 _WORDS = {**{p: f"{p} finger" for p in PARTS}, "thumb": "thumb", "palm": "palm"}
-_OPEN_M, _MOVED_M = 0.003, 0.005
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +63,10 @@ def judged(
     """
     model, joint = terms.model, terms.model.joint_params(params)
     bad, by_cloud = misfit(energies, terms.views), terms.cloud is not None
-    stated = stated_covariance(model, joint, joint_covariance, bad, by_cloud)
+    hidden = curls(model, joint)
+    if model.has_keypoints21:
+        hidden = hidden * (1.0 - _confirmed(terms, model.bones(params)))
+    stated = stated_covariance(model, hidden, joint_covariance, bad, by_cloud)
     stated += mirrored_covariance(terms, params)
     if is_unmeasured(
         model.scale
@@ -76,11 +80,8 @@ def judged(
     off = None
     if model.has_keypoints21:
         signs = Signs(
-            outline=_outline(terms, params),
-            few=1.0 / max(terms.views, 1),
-            open=_above(spread_m(stated).max(), _OPEN_M),
-            curled=float(curls(model, joint).mean()),
-            moved=figures.MOVED_UNKNOWN if moved_m is None else _above(moved_m, _MOVED_M),
+            curled=float(hidden.mean()),
+            moved=figures.MOVED_UNKNOWN if moved_m is None else moved_sign(moved_m),
         )
         off = probably_off(model, stated, signs)
     if status == Status.TRACKED:
@@ -97,23 +98,23 @@ def judged(
     return Judgement(status, reason, stated, off.frame, off.parts)
 
 
-def _outline(terms: FrameTerms, params: Floats[P]) -> float:
-    if not terms.prepared:
-        return 0.0
-    model = terms.model
-    found = outline_overlap(terms.prepared, model.flesh["fine"], model.bones(params))
-    return float(1.0 - found.iou.min())
-
-
-def _above(length_m: float, usual_m: float) -> float:
-    return float(np.log(max(length_m / usual_m, 1.0)))
+def _confirmed(terms: FrameTerms, bones: BonePoses) -> Floats[K]:
+    """Return of which share of each finger's joints, thumb first, detections of two cameras lie where the model has them."""
+    names = terms.model.joint_names
+    cameras = np.zeros(len(names))
+    for term in terms.keypoints:
+        if isinstance(term.observed, ImageKeypoints):
+            joint, off = term.misses(bones)
+            np.add.at(cameras, joint, off < NEAR_SIGMAS)
+    own = [[name.partition("_")[0] == finger for name in names] for finger in FINGERS]
+    return np.array([(cameras[rows] > 1).mean() for rows in own])
 
 
 def _may_be_off(
     model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], off: Off | None
 ) -> Reason | None:
     """Return what most probably is off, where a look costs less than what may be missed."""
-    if off is None or off.frame <= figures.NEEDLESS_LOOK:
+    if off is None or off.frame * figures.MISSED <= 1.0:
         return None
     worst = PARTS[int(np.argmax(off.parts))]
     own = np.array([part_of(name) == worst for name in model.joint_names])
@@ -127,7 +128,7 @@ def _may_be_far(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3]) ->
         return None
     beyond = probably_beyond(joint_covariance, BODY_OFF_M)
     worst = int(beyond.argmax())
-    if beyond[worst] <= figures.NEEDLESS_LOOK:
+    if beyond[worst] * figures.MISSED <= 1.0:
         return None
     spread_mm = 1e3 * float(spread_m(joint_covariance)[worst])
     name = model.joint_names[worst].replace("_", " ")

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, J, S
+from handtrack.arrays import D3, Array, Floats, J, K, S
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.tracking.frame.doubt import figures
 
@@ -35,20 +35,20 @@ def misfit(energies: Mapping[str, float], views: int) -> float:
 
 def stated_covariance(
     model: ArticulatedModel,
-    joint_params: Floats[S],
+    curled: Floats[K],
     joint_covariance: Floats[J, D3, D3],
     how_bad: float,
     by_cloud: bool = False,
 ) -> Floats[J, D3, D3]:
     """Return each joint's covariance [m²] of all that is known to be wrong.
 
-    joint_covariance: if the model were the hand, and noise what it is said to be; how_bad: `misfit`; by_cloud:
+    curled: `curls`, of fingers of which nothing else tells how they bend; joint_covariance: if the model were the hand, and noise what it
+    is said to be; how_bad: `misfit`; by_cloud:
     whether a cloud was seen.
     """
     seen = figures.CLOUD if by_cloud else figures.MASKS
     if model.kind == "body":
         seen, how_bad = figures.BODY, 1.0
-    curled = curls(model, joint_params)
     closed = _along_fingers(model) @ curled**2
     flesh = seen.flesh_mm + seen.closed_mm * closed + seen.palm_mm * curled.mean() ** 2
     flesh *= 1e-3 * model.scale.overall
@@ -63,7 +63,7 @@ def stated_covariance(
     return scaled + flesh[:, None, None] * np.eye(3)
 
 
-def curls(model: ArticulatedModel, joint_params: Floats[S]) -> Floats[J]:
+def curls(model: ArticulatedModel, joint_params: Floats[S]) -> Floats[K]:
     """Return how far each finger is closed, 0 straight … 1, thumb first."""
     return np.clip(_bends(model) @ joint_params / _CLOSED_RAD, 0.0, 1.0)
 

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, K
+from handtrack.arrays import D3, Axes, Floats, J, K
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.tracking.frame.constants import BODY_BY_HAND
 from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.result import PARTS
 
-FRAME_OFF_M, PART_OFF_M = 0.025, 0.010
+FRAME_OFF_M = 0.025
+_OPEN_M, _CLOSED, _MOVED_M = 0.003, 0.1, 0.005
 BODY_OFF_M = BODY_BY_HAND * FRAME_OFF_M
 
 
@@ -20,16 +21,10 @@ BODY_OFF_M = BODY_BY_HAND * FRAME_OFF_M
 class Signs:
     """What of a solved frame tells that it may be wrong: each is 0 where nothing does, and grows."""
 
-    outline: float = 0.0
-    """1 − intersection over union of model and mask in the worst view"""
-    few: float = 0.0
-    """1 / number of views"""
-    open: float = 0.0
-    """logarithm of the least sure joint's stated standard deviation, in units of 3 mm; 0 below"""
     curled: float = 0.0
-    """how far the fingers are closed, 0 … 1, on average"""
+    """how far the fingers are closed, 0 … 1, on average: those whose joints no two cameras confirm"""
     moved: float = 0.0
-    """logarithm of how far the frames after moved a joint, in units of 5 mm; 0 below"""
+    """`moved_sign`"""
 
 
 @dataclass(frozen=True)
@@ -37,31 +32,30 @@ class Off:
     """How probably a frame is wrong."""
 
     frame: float
-    """that some joint is more than 25 mm off"""
+    """that some joint is more than 25 mm off, beside the constant offset of another definition"""
     parts: Floats[K]
-    """(6,) that some joint of each of PARTS is more than 10 mm off"""
+    """(6,) that some joint of each of PARTS is so more than 10 mm off"""
     telling: str
-    """the sign that says most of it"""
+    """the sign that says most of it, or `open`: what was seen itself"""
 
 
 def probably_off(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], signs: Signs) -> Off:
     """Return the probabilities of a hand's frame. joint_covariance: as stated [m²]."""
-    odds, telling = gross_odds(signs)
-    part = np.array([part_of(name) for name in model.joint_names])
-    own = [part == name for name in PARTS]
-    tail = probably_beyond(joint_covariance, FRAME_OFF_M).max()
-    near = np.array(
-        [probably_beyond(joint_covariance[p], PART_OFF_M).max() if p.any() else 0.0 for p in own]
-    )
-    always, frame = figures.PART
-    gross = _logistic(always + frame * odds)
-    return Off(float(1 - (1 - tail) * (1 - _logistic(odds))), 1 - (1 - near) * (1 - gross), telling)
+    added = {name: weight * getattr(signs, name) for name, weight in figures.SIGNS.items()}
+    gross = float(_logistic(np.array(figures.ALWAYS + sum(added.values()))))
+    tail = float(probably_beyond(joint_covariance, FRAME_OFF_M).max())
+    part, spread = np.array([part_of(n) for n in model.joint_names]), spread_m(joint_covariance)
+    least = np.array([spread[part == p].max() if (part == p).any() else 0.0 for p in PARTS])
+    always, by_spread, by_motion = figures.PART
+    open_by = np.log(np.maximum(least / _OPEN_M, _CLOSED))
+    parts = _logistic(always + by_spread * open_by + by_motion * signs.moved)
+    telling = "open" if tail > gross else max(added, key=lambda name: added[name])
+    return Off(1 - (1 - tail) * (1 - gross), parts, telling)
 
 
-def gross_odds(signs: Signs) -> tuple[float, str]:
-    """Return the logarithm of the odds of an error that no covariance knows of, and the sign that says most of it."""
-    parts = {name: weight * getattr(signs, name) for name, weight in figures.SIGNS.items()}
-    return figures.ALWAYS + sum(parts.values()), max(parts, key=lambda name: parts[name])
+def moved_sign(moved_m: float) -> float:
+    """Return the logarithm of how far the frames after moved a joint, in units of 5 mm; 0 below."""
+    return float(np.log(max(moved_m / _MOVED_M, 1.0)))
 
 
 def part_of(joint: str) -> str:
@@ -74,8 +68,8 @@ def part_of(joint: str) -> str:
     )
 
 
-def _logistic(odds: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-odds)))
+def _logistic(odds: Floats[*Axes]) -> Floats[*Axes]:
+    return 1.0 / (1.0 + np.exp(-odds))
 
 
 def spread_m(covariance: Floats[J, D3, D3]) -> Floats[J]:
