@@ -65,6 +65,10 @@ class Ellipsoids:
             rotation[np.linalg.det(rotation) < 0, :, 2] *= -1.0
         return replace(self, centre=self.centre * factors + shift, rotation=rotation, radii=radii)
 
+    def thicker(self, by_m: float) -> Ellipsoids:
+        """Return the ellipsoids with semi-axes longer by so much, or shorter, by half at most."""
+        return replace(self, radii=np.maximum(self.radii + by_m, 0.5 * self.radii))
+
     def subset(self, keep: Array[E]) -> Ellipsoids:
         """Return only the ellipsoids for which `keep` is True."""
         kept = np.flatnonzero(keep)

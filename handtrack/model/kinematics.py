@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,6 +62,8 @@ class BoneFields:
     """of what is on the bone's ellipsoids"""
     landmarks: Floats[J, D3, N]
     """how the points that a detector sees move besides, in their bones' frames, before these grow [m]"""
+    outline: Floats[N]
+    """by how much farther out outlines are in the images [m]"""
 
     @classmethod
     def of_twists(cls, twists: Floats[B, D6, N], landmarks: int) -> BoneFields:
@@ -70,12 +72,18 @@ class BoneFields:
         none = np.zeros_like(x)
         turn = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1)
         fields = np.concatenate([twists[:, :3], turn], axis=1)
-        return cls(fields, fields, np.zeros((landmarks, 3, twists.shape[2])))
+        count = twists.shape[2]
+        return cls(fields, fields, np.zeros((landmarks, 3, count)), np.zeros(count))
 
     def beside(self, other: BoneFields) -> BoneFields:
         """Return the fields of these unknowns, then those."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
         return BoneFields(*(np.concatenate(pair, axis=-1) for pair in pairs))
+
+    def with_outline(self) -> BoneFields:
+        """Return the fields of these unknowns, then of one by which outlines are farther out [m]."""
+        none = (np.zeros((*fields.shape[:-1], 1)) for fields in vars(self).values())
+        return self.beside(replace(BoneFields(*none), outline=np.ones(1)))
 
     def chosen(self, unknowns: Array[N]) -> BoneFields:
         """Return those of some unknowns."""

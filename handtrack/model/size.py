@@ -196,7 +196,7 @@ class SizeParameters:
         at = moved - np.einsum("bijn,bj->bin", stretch, bones.position - bones.reference)
         stretch = stretch.reshape(len(at), 9, -1)
         joints, flesh = (np.concatenate([v, stretch], axis=1) for v in (at, at + shift))
-        return BoneFields(joints, flesh, self.offset_moves)
+        return BoneFields(joints, flesh, self.offset_moves, np.zeros(joints.shape[2]))
 
     @property
     def _proportions(self) -> slice:

@@ -17,7 +17,7 @@ from tests.derivatives import check_gradient
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_coverage_by_pose_and_shape(rng, side):
+def test_coverage_by_pose_shape_and_outline(rng, side):
     """Pixels change hands between ellipsoids: steps are short, as for twists."""
     size = SizeParameters(load_model("hand26", side, HandScale(1.04, {}, {"thenar": 0.5})))
     pose = size.model.rest_params()
@@ -29,17 +29,21 @@ def test_coverage_by_pose_and_shape(rng, side):
     deviations = size.deviations(size.model.scale) + rng.normal(scale=0.7, size=len(size.names))
     moved = pose + rng.normal(scale=0.01, size=len(pose))
 
+    wider = 0.0015
+
     def cost(both):
-        model = size.grown(both[len(pose) :])
-        return term.cost(model.bones(both[: len(pose)]))
+        model = size.grown(both[len(pose) : -1])
+        return term.wider(both[-1]).cost(model.bones(both[: len(pose)]))
 
     model = size.grown(deviations)
     placed, twists, _ = model.linearize(moved)
     fields = BoneFields.of_twists(twists @ model.transform.matrix, len(model.joint_names))
-    system = term.linearize_sized(placed, fields.beside(size.fields(placed)))
-    both = np.concatenate([moved, deviations])
+    fields = fields.beside(size.fields(placed)).with_outline()
+    term = term.wider(wider)
+    system = term.linearize_sized(placed, fields)
+    both = np.concatenate([moved, deviations, [wider]])
     assert system.cost == pytest.approx(cost(both), rel=1e-10)
-    names = (*model.transform.names, *size.names)
+    names = (*model.transform.names, *size.names, "outline")
     check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=2e-3)
     by_pose = term.linearize(placed).pull_back(twists @ model.transform.matrix)
     count, largest = len(pose), np.abs(by_pose.hessian).max()

@@ -9,7 +9,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import PriorSettings
-from handtrack.tracking.size.cameras import LATE, NOTHING, TIME, CameraChanges, velocities
+from handtrack.tracking.size.cameras import ALL, LATE, TIME, CameraChanges, velocities
 from handtrack.tracking.size.estimate import WholeEstimate
 from handtrack.tracking.size.motion import TURN, Motion, changes, moved
 from handtrack.tracking.size.person import PersonChange
@@ -29,8 +29,8 @@ def _camera(name, around, turn=(0.0, 0.0, 0.0)):
 
 def _changed(rng):
     cameras = (_camera("left", -0.6, (0.1, 0.2, 0.3)), _camera("right", 0.5))
-    scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4])
-    return CameraChanges(cameras, scale * rng.normal(size=(2, 8)), (0, 2))
+    scale = np.array([0.1] * 3 + [0.02] * 3 + [0.05, 0.4, 0.002])
+    return CameraChanges(cameras, scale * rng.normal(size=(2, 9)), (0, 2))
 
 
 def _difference(after, before):
@@ -44,7 +44,7 @@ def test_how_a_camera_sees_the_hand_changes_with_pose_and_camera_as_stated(rng):
     view = cameras.seen_poses(1, pose, speed)
 
     def seen(x):
-        step = np.concatenate([np.zeros(8), x[9:]])
+        step = np.concatenate([np.zeros(9), x[9:]])
         return _difference(
             cameras.stepped(step).seen_poses(1, moved(pose, x[None, :9]), speed).poses[0],
             view.poses[0],
@@ -53,7 +53,7 @@ def test_how_a_camera_sees_the_hand_changes_with_pose_and_camera_as_stated(rng):
     by_pose = np.eye(9)
     by_pose[:6, :6] = view.by_pose[0]
     jacobian = np.concatenate([by_pose, view.by_camera[0]], axis=1)
-    check_jacobian(seen, jacobian, np.zeros(17), rtol=1e-6)
+    check_jacobian(seen, jacobian, np.zeros(18), rtol=1e-6)
 
 
 def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
@@ -75,7 +75,7 @@ def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
 def test_what_is_known_of_cameras_beforehand_has_its_own_gradient(rng):
     cameras = _changed(rng)
     check_gradient(
-        lambda x: cameras.stepped(x).prior().cost, cameras.prior().gradient, np.zeros(16), rtol=1e-5
+        lambda x: cameras.stepped(x).prior().cost, cameras.prior().gradient, np.zeros(18), rtol=1e-5
     )
 
 
@@ -99,7 +99,7 @@ def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
 
 def test_a_camera_that_is_late_by_frames_is_looked_at_in_other_images():
     late = CameraChanges.none((_camera("left", -0.6), _camera("right", 0.5)))
-    late = late.stepped(np.array([0.0] * 7 + [0.3] + [0.0] * 7 + [-1.8])).whole_frames()
+    late = late.stepped(np.array([0.0] * 7 + [0.3] + [0.0] * 8 + [-1.8, 0.0])).whole_frames()
     assert late.ahead == (0, 2)
     np.testing.assert_allclose(late.values[:, LATE], [0.3, 0.2])
     np.testing.assert_allclose(late.late, [0.3, -1.8])
@@ -116,7 +116,7 @@ def test_what_is_known_of_a_cameras_time_costs_nothing():
     assert known.prior().cost == 0.0
     seen = known.seen_poses(1, np.zeros((1, 9)), np.full((1, 9), 0.01))
     assert seen.poses[0, 0] == pytest.approx(-0.005)
-    assert known.finding(NOTHING).count == 0
+    assert known.finding(ALL & ~ALL).count == 0
 
 
 def test_velocities_are_those_of_a_steady_turn():

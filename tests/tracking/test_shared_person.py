@@ -13,7 +13,8 @@ from handtrack.model.model_file import load_model, read_scale, write_scale
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
+from handtrack.simulation.render import render_mask
 from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -25,6 +26,7 @@ from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.size.size_doubt import shape_covariance
 from handtrack.tracking.tracker import Tracker
+from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.evidence import Evidence
 from handtrack.tracking.whole.refined import refined
 from handtrack.tracking.whole.refinement import Refinement
@@ -253,3 +255,23 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng, side):
     for name in ("palm_thickness", "finger_depth", "thumb_flesh_depth"):
         assert abs(front.proportions[name]) < 0.5
         assert front.std[name] > 0.8
+
+
+def test_masks_of_one_camera_that_are_too_wide_make_no_thicker_hand():
+    """A segmentation that takes a rim of background for hand does so in all frames."""
+    poses = waving_poses()[::10]
+    cameras = [camera_at(k) for k in range(3)]
+    flesh = HAND.flesh["fine"]
+    seen = []
+    for frame, pose in enumerate(poses):
+        views = [
+            Silhouette(c, render_mask(c, flesh.thicker(wide).posed(HAND.bones(pose))))
+            for c, wide in zip(cameras, (0.0, 0.003, 0.0), strict=True)
+        ]
+        seen.append(Observation(frame, frame / 3.0, tuple(views)))
+    found = fit_person(replace(WHO, offsets=True), HAND, TrackerSettings(), seen, poses)
+    assert found is not None
+    model = WHO.build(found)
+    assert hand_length_mm(model) == pytest.approx(hand_length_mm(HAND), rel=0.01)
+    thicker = np.log(model.flesh["fine"].radii / flesh.radii)
+    assert abs(thicker.mean()) < 0.02

@@ -54,6 +54,8 @@ class PreparedSilhouette:
     """(2W + 1, 8): sums of x⁰ … x⁴, see `power_sums`."""
     heights: Floats[X, D24]
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
+    wider_m: float = 0.0
+    """by how much the outline of a hand is farther out in it than the hand's own, all along"""
 
     @property
     def outline_px(self) -> float:

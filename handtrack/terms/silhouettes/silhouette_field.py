@@ -79,10 +79,11 @@ def field_system(
         raise HandtrackError(
             f"silhouettes: {len(ellipsoids)} ellipsoids; at most {MOST_ELLIPSOIDS} are handled. Use a coarser model."
         )
-    ellipsoids, count = ellipsoids.grown(bones), len(bones.position) if want_system else 0
+    grown, count = ellipsoids.grown(bones), len(bones.position) if want_system else 0
     system, cost = BoneSystem.zero(count), 0.0
     weights = per_camera(weight, len(silhouettes), "weight")
     for i, seen in enumerate(silhouettes):
+        ellipsoids = grown.thicker(seen.wider_m)
         part = camera_system(
             bones.rotation, bones.position, bones.reference, ellipsoids.bone, ellipsoids.centre, ellipsoids.rotation,
             ellipsoids.radii, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values, seen.edges, seen.powers, seen.heights,
@@ -130,6 +131,12 @@ class FieldTerm:
             found.append(term)
         return found
 
+    def wider(self, by_m: float) -> Self:
+        """Return the term of masks in which the outline of a hand is so much farther out than the hand's own."""
+        term = copy(self)
+        term.silhouettes = tuple(replace(seen, wider_m=by_m) for seen in self.silhouettes)
+        return term
+
     def cost(self, bones: BonePoses) -> float:
         """Return ½ weight Σ (P − Z)²."""
         return field_system(
@@ -143,11 +150,10 @@ class FieldTerm:
     def tables(self) -> list[TermTable]:
         """Return one for each camera."""
         flesh, shape = self.ellipsoids, self.shape
-        own = flesh.bone, flesh.centre, flesh.rotation, flesh.radii
         weights = per_camera(self.weight, len(self.silhouettes), "weight")
         return [
             TermTable(
-                silhouette_kernel, *own, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values,
+                silhouette_kernel, flesh.bone, flesh.centre, flesh.rotation, flesh.thicker(seen.wider_m).radii, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values,
                 seen.edges, seen.powers, seen.heights, levels, np.array([shape.limit, shape.depth_scaled, weights[i], seen.energy(step), step]),
             )
             for i, (seen, levels) in enumerate(zip(self.silhouettes, shape.levels, strict=True))
@@ -156,19 +162,25 @@ class FieldTerm:
 
     def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
         """Return cost, gradient and Hessian by N unknowns that move and deform the flesh."""
-        flesh, count = self.ellipsoids.grown(bones), fields.flesh.shape[-1]
-        centre, shape = np.empty((len(flesh), 3)), np.empty((len(flesh), 3, 3))
-        posed_shapes(
-            bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, centre, shape
-        )  # fmt: skip
-        velocity, gradient = np.split(fields.flesh[flesh.bone], [3], axis=1)
+        grown, count = self.ellipsoids.grown(bones), fields.flesh.shape[-1]
+        centre, shape = np.empty((len(grown), 3)), np.empty((len(grown), 3, 3))
+        velocity, gradient = np.split(fields.flesh[grown.bone], [3], axis=1)
         gradient = gradient.reshape(-1, 3, 3, count)
-        by_centre = velocity + np.einsum("eijn,ej->ein", gradient, centre - bones.reference)
-        by_shape = np.einsum("eikn,ekj->eijn", gradient, shape)
-        by_shape += by_shape.swapaxes(1, 2)
+        turn = 0.5 * (gradient - gradient.swapaxes(1, 2))
         cost, slope, hessian = 0.0, np.zeros(count), np.zeros((count, count))
         weights = per_camera(self.weight, len(self.silhouettes), "weight")
         for i, seen in enumerate(self.silhouettes):
+            flesh = grown.thicker(seen.wider_m)
+            posed_shapes(
+                bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, centre, shape
+            )  # fmt: skip
+            by_centre = velocity + np.einsum("eijn,ej->ein", gradient, centre - bones.reference)
+            axes = bones.rotation[flesh.bone] @ flesh.rotation
+            wide = (axes * flesh.radii[:, None]) @ axes.swapaxes(1, 2)
+            own = (axes * (flesh.radii * grown.radii)[:, None]) @ axes.swapaxes(1, 2)
+            by_shape = np.einsum("eikn,ekj->eijn", turn, shape)
+            by_shape += np.einsum("eikn,ekj->eijn", gradient - turn, own)
+            by_shape += by_shape.swapaxes(1, 2) + 2.0 * wide[..., None] * fields.outline
             ellipses, moments = (np.zeros((len(flesh) + 2, width)) for width in (ELLIPSE, MOMENTS))
             step = self.shape.row_step(i)
             camera_moments(

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.arrays import D6, D8, Array, C, F, Floats, K, P
+from handtrack.arrays import D6, D9, Array, C, F, Floats, K, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
+from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.motion import PLACE, TURN, changes, moved
 
@@ -21,13 +22,17 @@ number: a Cauchy bell, under which one camera that is two frames late costs less
 a frame were found of two real cameras, and 0.1 of a frame and a half of a slow hand"""
 _COMMON_ZOOM = 1e-5
 """what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
-_SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM])
+_WIDER_M = 0.0015
+"""what outlines are off by, as in `silhouettes.outline_sigma_mm`, is the same along all of a mask as well"""
+_SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM, np.inf, _WIDER_M])
 _OTHER_FRAME = 0.75
 """frames by which a camera must be late before its next image is nearer for sure: half a frame, and a margin against going to
 and fro"""
-TURNED, SHIFTED, ZOOMED, LATE = slice(0, 3), slice(3, 6), 6, 7
-ALL, TIME, NOTHING = np.ones(8, bool), np.arange(8) == LATE, np.zeros(8, bool)
-"""which of a camera's numbers are found: all, when it saw, none"""
+TURNED, SHIFTED, ZOOMED, LATE, WIDER = slice(0, 3), slice(3, 6), 6, 7, 8
+NUMBERS = 9
+ALL, TIME, OUTLINE = np.ones(9, bool), np.arange(9) == LATE, np.arange(9) == WIDER
+CALIBRATION = np.arange(9) < LATE
+"""which of a camera's numbers are found: all, when it saw, how wide its masks are, where and what it is"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +43,18 @@ class SeenPoses:
     """solver parameters at which the camera's terms are evaluated"""
     by_pose: Floats[F, D6, D6]
     """by how much place and turn there change with those of the poses; all else is the same"""
-    by_camera: Floats[F, P, D8]
+    by_camera: Floats[F, P, D9]
     """by how much they change with the camera; changes as `motion.moved` makes them"""
+    wider_m: float
+    """see `CameraChanges`"""
+    by_outline: Floats[N, K]
+    """of the camera's free numbers which it is: one row, or none where it is not found"""
 
 
 @dataclass(frozen=True, eq=False)
 class CameraChanges:
-    """Eight numbers a camera: turn [rad] and shift [m] in world axes about its centre, zoom (a share), and how late it is [frames].
+    """Nine numbers a camera: turn [rad] and shift [m] in world axes about its centre, zoom (a share), how late it is [frames], and by how
+    much its masks are wider than the hand, all along their outlines [m].
 
     A camera that is turned and shifted sees what it would see, were the hand moved the opposite way. These are the hand's: of the
     camera they are the opposite (`corrected`). A longer focal length is a hand that is nearer by the same share of its depth:
@@ -54,11 +64,11 @@ class CameraChanges:
 
     cameras: tuple[Camera, ...]
     """as they were calibrated"""
-    values: Floats[C, D8]
+    values: Floats[C, D9]
     ahead: tuple[int, ...]
     """which of a camera's images is looked at beside a frame, in frames after it: what is late by whole frames"""
 
-    free: Array[D8] = field(default_factory=ALL.copy)
+    free: Array[D9] = field(default_factory=ALL.copy)
     """which are found; the others stay as they are"""
     expected: Floats[C] | float = 0.0
     """[frames] by which the cameras are later as far as is known beforehand"""
@@ -69,9 +79,21 @@ class CameraChanges:
     ) -> CameraChanges:
         """Return cameras as they were calibrated; apart: by name, how many frames later they are, as is known."""
         expected = np.array([(apart or {}).get(camera.name, 0.0) for camera in cameras])
-        values = np.zeros((len(cameras), 8))
+        values = np.zeros((len(cameras), NUMBERS))
         values[:, LATE] = expected
         return cls(tuple(cameras), values, (0,) * len(cameras), expected=expected)
+
+    @classmethod
+    def seen(cls, frames: Sequence[Observation]) -> CameraChanges:
+        """Return those that may change, of masks and joints in some frames, where two can tell; as they were calibrated."""
+        seen: dict[str, Camera] = {}
+        for one in frames:
+            joints = [points for points in one.keypoints if isinstance(points, ImageKeypoints)]
+            seen |= {view.camera.name: view.camera for view in (*one.silhouettes, *joints)}
+        apart = {
+            name: float(np.median([one.apart.get(name, 0.0) for one in frames])) for name in seen
+        }
+        return cls.none(tuple(seen.values()) if len(seen) > 1 else (), apart)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,7 +104,7 @@ class CameraChanges:
         """How many numbers there are to find."""
         return len(self.cameras) * int(self.free.sum())
 
-    def finding(self, free: Array[D8]) -> CameraChanges:
+    def finding(self, free: Array[D9]) -> CameraChanges:
         """Return the same, of which other numbers are found from now on."""
         return replace(self, free=free)
 
@@ -92,27 +114,20 @@ class CameraChanges:
         values[:, self.free] += step.reshape(len(values), int(self.free.sum()))
         return replace(self, values=values)
 
-    def prior(self, weight: float = 1.0, time_weight: float = 1.0) -> JointSystem:
-        """Return what is known of them before anything is seen, by the free numbers (K,), of time weighing otherwise."""
-        plain, late = self.values[:, :LATE] / _SIGMA, self.late
-        told = 1.0 / (_LATE_FRAMES**2 + late**2)
-        cost = 0.5 * weight * (plain**2).sum()
-        by_time = 0.5 * np.log1p((late / _LATE_FRAMES) ** 2).sum()
-        gradient = np.column_stack([plain / _SIGMA, late * told])
-        hessian = np.diag(np.column_stack([np.tile(_SIGMA**-2, (len(plain), 1)), told]).ravel())
-        zoomed, count = (
-            float(self.values[:, ZOOMED].mean()) if len(told) else 0.0,
-            max(len(told), 1),
-        )
+    def prior(self, weight: Floats[D9] = np.ones(NUMBERS)) -> JointSystem:
+        """Return what is known of them before anything is seen, each of the nine weighing so much, by the free numbers (K,)."""
+        plain, late = self.values / _SIGMA, self.late
+        told, count = 1.0 / (_LATE_FRAMES**2 + late**2), max(len(late), 1)
+        zoomed = float(self.values[:, ZOOMED].sum()) / count
+        cost = 0.5 * (weight * plain**2).sum() + 0.5 * weight[ZOOMED] * (zoomed / _COMMON_ZOOM) ** 2
+        cost += 0.5 * weight[LATE] * np.log1p((late / _LATE_FRAMES) ** 2).sum()
+        gradient, hessian = plain / _SIGMA, np.tile(_SIGMA**-2, (len(late), 1))
+        gradient[:, LATE], hessian[:, LATE] = late * told, told
         gradient[:, ZOOMED] += zoomed / (count * _COMMON_ZOOM**2)
-        hessian[ZOOMED::8, ZOOMED::8] += 1.0 / (count * _COMMON_ZOOM) ** 2
-        cost += 0.5 * weight * (zoomed / _COMMON_ZOOM) ** 2
-        by = np.tile(np.where(TIME, time_weight, weight), len(told))
-        at = np.flatnonzero(np.tile(self.free, len(told)))
-        found = JointSystem(
-            float(cost + time_weight * by_time), by * gradient.ravel(), by * hessian
-        )
-        return JointSystem(found.cost, found.gradient[at], found.hessian[np.ix_(at, at)])
+        hessian = np.diag((weight * hessian).ravel())
+        hessian[ZOOMED::NUMBERS, ZOOMED::NUMBERS] += weight[ZOOMED] / (count * _COMMON_ZOOM) ** 2
+        at = np.flatnonzero(np.tile(self.free, len(late)))
+        return JointSystem(float(cost), (weight * gradient).ravel()[at], hessian[np.ix_(at, at)])
 
     @property
     def late(self) -> Floats[C]:
@@ -134,7 +149,7 @@ class CameraChanges:
         by_pose = np.zeros((len(poses), 6, 6))
         by_pose[:, PLACE, PLACE] = zoom @ turn
         by_pose[:, TURN, TURN] = turn @ rotation_matrix(on[:, TURN])
-        by_camera = np.zeros((*poses.shape, 8))
+        by_camera = np.zeros((*poses.shape, NUMBERS))
         turned = left_jacobian(values[TURNED])
         by_camera[:, PLACE, TURNED] = -zoom @ skew(arm) @ turned
         by_camera[:, TURN, TURNED] = turned
@@ -143,7 +158,13 @@ class CameraChanges:
         by_camera[:, :, LATE] = velocity
         by_camera[:, PLACE, LATE] = velocity[:, PLACE] @ (zoom @ turn).T
         by_camera[:, TURN, LATE] = velocity[:, TURN] @ turn.T
-        return SeenPoses(found, by_pose, by_camera[:, :, self.free])
+        return SeenPoses(
+            found,
+            by_pose,
+            by_camera[:, :, self.free],
+            float(values[WIDER]),
+            np.eye(NUMBERS)[OUTLINE & self.free][:, self.free],
+        )
 
     @property
     def common(self) -> float:

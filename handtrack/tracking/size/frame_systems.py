@@ -11,10 +11,11 @@ import numpy as np
 from handtrack.arrays import F, Floats, Ints, K, L, M, N, P
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.tracking.size.cameras import SeenPoses
 from handtrack.tracking.size.motion import TURN, by_turn
 from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.size.sized_problem import linearize_sized
+from handtrack.tracking.size.sized_problem import linearize_sized, with_wider
 
 _AT_ONCE = 256
 """frames that are unpacked at once"""
@@ -63,13 +64,15 @@ class FrameProblem:
         for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
             wide = 0 if view is None else view.by_camera.shape[2]
             if problem.observation_terms:
-                seen = _by_changes(person, problem, pose if view is None else view.poses[n])
+                seen = _by_changes(person, problem, pose, view, n)
                 at = np.r_[:size, first : first + wide, grown]
                 if view is not None:
-                    moves = np.zeros((size + person.count, len(at)))
+                    moves = np.zeros((len(seen.gradient), len(at)))
                     moves[:size, :size], moves[:6, :6] = np.eye(size), view.by_pose[n]
                     moves[:size, size : size + wide] = view.by_camera[n]
-                    moves[size:, size + wide :] = np.eye(person.count)
+                    last = size + person.count
+                    moves[size:last, size + wide :] = np.eye(person.count)
+                    moves[last:, size : size + wide] = view.by_outline
                     seen = seen.pull_back(moves)
                 cost += seen.cost
                 gradient[at] += seen.gradient
@@ -165,11 +168,20 @@ def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
     return replace(system, gradient=gradient, hessian=hessian)
 
 
-def _by_changes(person: PersonChange, problem: Problem, pose: Floats[P]) -> JointSystem:
-    """Return what was seen by changes of the pose, and by a person's."""
-    if not person.count:
+def _by_changes(
+    person: PersonChange, problem: Problem, pose: Floats[P], view: SeenPoses | None, n: int
+) -> JointSystem:
+    """Return what was seen by changes of the pose, by a person's, and by how wide masks are where that is found."""
+    finds_outline = False
+    if view is not None:
+        pose, problem = view.poses[n], with_wider(problem, view.wider_m)
+        masks = any(isinstance(term, FieldTerm) for term in problem.observation_terms)
+        finds_outline = masks and len(view.by_outline) > 0
+    if not person.count and not finds_outline:
         return by_changes(problem.linearize(pose), pose)
-    system = linearize_sized(problem, person.model, person.parameters, person.free, pose)
+    system = linearize_sized(
+        problem, person.model, person.parameters, person.free, pose, finds_outline
+    )
     return by_changes(system, pose)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Floats, K
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.size.cameras import TIME, CameraChanges
+from handtrack.tracking.size.cameras import CALIBRATION, NUMBERS, CameraChanges
 from handtrack.tracking.size.person import PersonChange
 
 
@@ -40,13 +40,10 @@ class Shared:
 
     def known(self, weight: Floats[K]) -> JointSystem:
         """Return what is known of them beforehand, weighing so many times; see `alike`."""
-        split, free = self.cameras.count, self.cameras.free
-        timed = np.tile(TIME[free], len(self.cameras.cameras))
-        by_camera, by_time = (
-            float(one[0]) if len(one) else 0.0
-            for one in (weight[:split][~timed], weight[:split][timed])
-        )
-        cameras, person = self.cameras.prior(by_camera, by_time), self.person.prior()
+        split, by_camera = self.cameras.count, np.ones(NUMBERS)
+        if split:
+            by_camera[self.cameras.free] = weight[: int(self.cameras.free.sum())]
+        cameras, person = self.cameras.prior(by_camera), self.person.prior()
         by_person = weight[-1] if len(weight) > split else 0.0
         hessian = np.zeros((self.count, self.count))
         hessian[:split, :split] = cameras.hessian
@@ -59,9 +56,10 @@ class Shared:
 
     def alike(self, frames: float, posture: float) -> Floats[K]:
         """Return of how many frames all together tell as much as one of each number: of where cameras are of all `frames`, of the
-        person, and of when cameras saw, those with one posture: what flesh is off by there goes with the pose, not with how it moves.
+        person, of masks, and of when cameras saw, those with one posture: what flesh is off by there goes with the pose, not with
+        how it moves.
         """
-        once = np.where(TIME, posture, frames)[self.cameras.free]
+        once = np.where(CALIBRATION, frames, posture)[self.cameras.free]
         return np.r_[
             np.tile(once, len(self.cameras.cameras)), np.full(self.person.count, posture)
         ].astype(float)

@@ -13,6 +13,7 @@ from handtrack.model.size import SizeParameters
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import ObservationTerm
 
 
@@ -22,14 +23,18 @@ def linearize_sized(
     size: SizeParameters,
     free: Array[N],
     pose: Floats[P],
+    outline: bool = False,
 ) -> JointSystem:
-    """Return a frame's system in its pose and the free ones of the deviations (K,), P + K numbers, without a size's prior.
+    """Return a frame's system in its pose and the free ones of the deviations (K,), P + K numbers, without a size's prior; then,
+    if wished, by how much its masks are wider.
 
     model: `size.grown`, of the size around which the system holds.
     """
     bones, twists, joint = model.linearize(pose)
     fields = BoneFields.of_twists(twists, len(model.joint_names))
-    fields = fields.beside(size.fields(bones).chosen(free))
+    if free.any():
+        fields = fields.beside(size.fields(bones).chosen(free))
+    fields = fields.with_outline() if outline else fields
     count, both = twists.shape[2], fields.joints.shape[2]
     system = JointSystem.zero(both)
     for term in terms_of(problem, model):
@@ -52,3 +57,11 @@ def terms_of(problem: Problem, model: ArticulatedModel) -> list[ObservationTerm]
         replace(term, model=model) if isinstance(term, KeypointTerm) else term
         for term in problem.observation_terms
     ]
+
+
+def with_wider(problem: Problem, by_m: float) -> Problem:
+    """Return a problem of masks in which the outline of a hand is so much farther out than the hand's own."""
+    if by_m == 0.0:
+        return problem
+    terms = [t.wider(by_m) if isinstance(t, FieldTerm) else t for t in problem.observation_terms]
+    return replace(problem, observation_terms=terms)

@@ -12,6 +12,7 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Observation
 from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.size.cameras import OUTLINE, CameraChanges
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.size.person import SIZE_BANDS_MM, OpenPerson, PersonChange
 from handtrack.tracking.whole.evidence import Evidence
@@ -36,7 +37,7 @@ def fit_person(
     gaps = np.diff([one.time_s for one in seen])
     seconds = float(np.median(gaps)) if len(gaps) else 1.0
     settings = replace(settings, tracker=replace(settings.tracker, smoothing=0.0))
-    scale = None
+    scale, cameras = None, CameraChanges.seen(seen).finding(OUTLINE)
     for stage, band in enumerate(SIZE_BANDS_MM):
         places = [model.bones(pose).position.mean(axis=0) for pose in current]
         person = PersonChange.of(model, list(zip(seen, places, strict=True)), who)
@@ -45,7 +46,7 @@ def fit_person(
         frames = Evidence(
             model, replace(settings, silhouettes=replace(settings.silhouettes, bands_mm=(band,))),
             lambda frame, bones: observed[frame], dict(zip(observed, current, strict=True)), seconds,
-            person=person, follows=False, wide=stage + 1 < len(SIZE_BANDS_MM),
+            cameras=cameras, person=person, follows=False, wide=stage + 1 < len(SIZE_BANDS_MM),
         )  # fmt: skip
         found = estimate_whole(
             frames, list(observed), current, should_stop,
@@ -53,6 +54,6 @@ def fit_person(
         )  # fmt: skip
         if found is None or found.scale is None:
             return None
-        scale, current = found.scale, found.poses
+        scale, current, cameras = found.scale, found.poses, found.cameras
         model = who.build(scale)
     return scale

@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import F, Floats, P
-from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
@@ -26,7 +25,7 @@ from handtrack.tracking.frame.doubt.mirrored import only_camera
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.poor_cloud import poor_cloud_settings
-from handtrack.tracking.size.cameras import CameraChanges
+from handtrack.tracking.size.cameras import WIDER, CameraChanges
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
@@ -70,11 +69,15 @@ class FrameEvidence(FrameProblem):
             self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
         )
 
-    def seen_by(self, cameras: Sequence[Camera], pose: Floats[P]) -> tuple[FrameTerms, Problem]:
-        """Return the terms and the whole problem where these have taken the place of cameras of their names."""
-        named = {camera.name: camera for camera in cameras}
+    def seen_by(self, changes: CameraChanges, pose: Floats[P]) -> tuple[FrameTerms, Problem]:
+        """Return the terms and the whole problem where cameras are as they must have been, and masks as wide as they are."""
+        named = {camera.name: camera for camera in changes.corrected()}
+        wider = dict(zip(changes.names, changes.values[:, WIDER].tolist(), strict=True))
         prepared = [
-            replace(p, camera=named.get(p.camera.name, p.camera)) for p in self.terms.prepared
+            replace(
+                p, camera=named.get(p.camera.name, p.camera), wider_m=wider.get(p.camera.name, 0.0)
+            )
+            for p in self.terms.prepared
         ]
 
         def corrected(term: KeypointTerm) -> KeypointTerm:

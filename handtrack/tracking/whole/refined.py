@@ -8,8 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import D3, D8, Array, F, Floats, P
-from handtrack.geometry.camera import Camera
+from handtrack.arrays import D3, Array, F, Floats, P
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
@@ -22,7 +21,7 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.policy import POOR
 from handtrack.tracking.search.poor_cloud import poor_agreement
-from handtrack.tracking.size.cameras import ALL, NOTHING, TIME, CameraChanges
+from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.size.motion import TURN, by_turn
 from handtrack.tracking.size.person import OpenPerson, PersonChange
@@ -132,7 +131,9 @@ def refined(
     detected = model.kind == "hand" and any(isinstance(one, ImageKeypoints) for one in points)
     evidence = replace(evidence, wide=detected)
     lasted = seconds * len(numbers) if corrects_cameras else 0.0
-    cameras = _cameras(looks, TIME if lasted >= NEW_POSE_S else NOTHING)
+    cameras = CameraChanges.seen([one for one, _ in looks]).finding(
+        OUTLINE | TIME if lasted >= NEW_POSE_S else OUTLINE
+    )
     evidence = evidence.sharing(evidence.shared.through(cameras))
     found = estimate_whole(evidence, numbers, poses, control.should_stop, control.on_refined)
     if found is not None and cameras.count and lasted >= _MOVED_S:
@@ -158,7 +159,7 @@ def refined(
     through = found
     if found is not None and detected:
         evidence = replace(
-            evidence.sharing(found.shared.through(found.cameras.finding(NOTHING))), wide=False
+            evidence.sharing(found.shared.through(found.cameras.finding(OUTLINE))), wide=False
         )
         found = estimate_whole(
             evidence, numbers, found.poses, control.should_stop, control.on_refined
@@ -240,7 +241,7 @@ def _asked_gain(cameras: CameraChanges) -> float:
     """
     from scipy.special import chdtri
 
-    seen = int((~TIME & cameras.free).sum()) * len(cameras.cameras) - _UNSEEN
+    seen = int((CALIBRATION & cameras.free).sum()) * len(cameras.cameras) - _UNSEEN
     return 0.5 * float(chdtri(seen, _BY_CHANCE)) if seen > 0 else float("inf")
 
 
@@ -253,19 +254,6 @@ def _looks(evidence: Evidence, posed: Sequence[int]) -> list[tuple[Observation, 
         bones = evidence.model.bones(evidence.around[posed[k]])
         found.append((evidence.observe(posed[k], bones), bones.position.mean(axis=0)))
     return found
-
-
-def _cameras(looks: Sequence[tuple[Observation, Floats[D3]]], free: Array[D8]) -> CameraChanges:
-    """Return the cameras that may change: those of masks and joints, where two can tell; as they were calibrated. free: what may."""
-    seen: dict[str, Camera] = {}
-    for observed, _ in looks:
-        joints = [one for one in observed.keypoints if isinstance(one, ImageKeypoints)]
-        seen |= {one.camera.name: one.camera for one in (*observed.silhouettes, *joints)}
-    apart = {
-        name: float(np.median([observed.apart.get(name, 0.0) for observed, _ in looks]))
-        for name in seen
-    }
-    return CameraChanges.none(tuple(seen.values()) if len(seen) > 1 else (), apart).finding(free)
 
 
 def _poor_still(
@@ -304,7 +292,7 @@ def _result(
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
     found_at = Judgement(before.status, before.reason, spread.joint_covariance)
     seen = frame.terms.has_seen
-    terms, problem = frame.seen_by(found.cameras.corrected(), pose)
+    terms, problem = frame.seen_by(found.cameras, pose)
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))

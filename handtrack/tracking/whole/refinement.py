@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D3, Floats
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import HandScale, ShapeCovariance
-from handtrack.tracking.size.cameras import SHIFTED, TURNED, ZOOMED, CameraChanges
+from handtrack.tracking.size.cameras import NUMBERS, SHIFTED, TURNED, WIDER, ZOOMED, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate
 
 _SURE = 3.0
@@ -35,11 +35,13 @@ class CameraError:
     late_frames: float
     """its picture of a frame shows what was so many frames before"""
     std: tuple[float, ...]
-    """of these eight, in their units"""
+    """of these eight and the next, in their units"""
+    wider_mm: float = 0.0
+    """its masks are wider than the hand by so much, all along the outline"""
 
     def corrected(self, camera: Camera) -> Camera:
         """Return the camera, as it was calibrated, as it must have been to see what it saw."""
-        values = np.zeros((1, 8))
+        values = np.zeros((1, NUMBERS))
         values[0, TURNED] = -np.deg2rad(self.turn_deg)
         values[0, ZOOMED] = 0.01 * self.zoom_percent
         turned = CameraChanges((camera,), values, (0,)).corrected()[0]
@@ -81,7 +83,7 @@ class Refinement:
         std = np.zeros_like(changes.values)
         known = np.sqrt(np.diag(corrected_by.shared_covariance)[: changes.count])
         std[:, changes.free] = known.reshape(len(std), int(changes.free.sum()))
-        units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0])
+        units = np.array([180.0 / np.pi] * 3 + [1e3] * 3 + [100.0, 1.0, 1e3])
         cameras = []
         for camera, corrected, values, spread, late in zip(
             changes.cameras, changes.corrected(), changes.values, std, changes.late, strict=True
@@ -91,7 +93,7 @@ class Refinement:
             cameras.append(
                 CameraError(
                     camera.name, _three(turn), _three(shift), float(units[ZOOMED] * values[ZOOMED]),
-                    -float(late), tuple((units * spread).round(4).tolist()),
+                    -float(late), tuple((units * spread).round(4).tolist()), float(units[WIDER] * values[WIDER]),
                 )
             )  # fmt: skip
         return cls(found.why, found.sweeps, tuple(cameras), found.scale)
@@ -103,7 +105,7 @@ class Refinement:
         cameras = [
             CameraError(
                 one["name"], _three(one["turn_deg"]), _three(one["shift_mm"]), one["zoom_percent"],
-                one["late_frames"], tuple(one["std"]),
+                one["late_frames"], tuple(one["std"]), one.get("wider_mm", 0.0),
             )
             for one in known["cameras"]
         ]  # fmt: skip
