@@ -34,7 +34,7 @@ class OutlineOverlap:
 def outline_overlap(
     silhouettes: Sequence[Silhouette | PreparedSilhouette], ellipsoids: Ellipsoids, bones: BonePoses
 ) -> OutlineOverlap:
-    """Return the areas of the model's hard outline, of the masks, and of both together."""
+    """Return the areas of the model's hard outline, as far out as masks have it, of the masks, and of both together."""
     return parts_overlap(silhouettes, ellipsoids, [np.arange(len(ellipsoids))], bones)[0]
 
 
@@ -45,11 +45,12 @@ def parts_overlap(
     bones: BonePoses,
 ) -> list[OutlineOverlap]:
     """Return the same of each part alone: the ellipsoids of those numbers."""
-    seen, flesh = prepared(silhouettes), ellipsoids.grown(bones)
+    seen, grown = prepared(silhouettes), ellipsoids.grown(bones)
     starts = np.cumsum([0, *map(len, parts)])
     members = np.concatenate([*parts, np.empty(0, np.int64)]).astype(np.int64)
     areas = np.zeros((len(seen), len(parts), 2))
     for camera, found in zip(seen, areas, strict=True):
+        flesh = grown.thicker(camera.wider_m)
         overlap_areas(
             bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
             camera.camera.projection, camera.valid, camera.begins, camera.ends, camera.values, camera.camera.size[0],

@@ -15,7 +15,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.cameras import OUTLINE, CameraChanges
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.size.person import SIZE_BANDS_MM, OpenPerson, PersonChange
-from handtrack.tracking.whole.evidence import Evidence
+from handtrack.tracking.whole.evidence import Evidence, measured_outlines
 
 
 @one_blas_thread
@@ -48,6 +48,7 @@ def fit_person(
             lambda frame, bones: observed[frame], dict(zip(observed, current, strict=True)), seconds,
             cameras=cameras, person=person, follows=False, wide=stage + 1 < len(SIZE_BANDS_MM),
         )  # fmt: skip
+        frames = replace(frames, outline_mm=measured_outlines(frames, list(observed), current))
         found = estimate_whole(
             frames, list(observed), current, should_stop,
             lambda share, stage=stage: tell((stage + share) / len(SIZE_BANDS_MM)),
