@@ -23,7 +23,7 @@ a frame were found of two real cameras, and 0.1 of a frame and a half of a slow 
 _COMMON_ZOOM = 1e-5
 """what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
 _WIDER_M = 0.0015
-"""what outlines are off by, as in `silhouettes.outline_sigma_mm`, is the same along all of a mask as well"""
+"""the usual error of an outline (`silhouettes.outline_sigma_mm`), all along it; eleven cameras of three recordings: 0.9 mm"""
 _SIGMA = np.array([_TURN_RAD / 3**0.5] * 3 + [_SHIFT_M / 3**0.5] * 3 + [_ZOOM, np.inf, _WIDER_M])
 _OTHER_FRAME = 0.75
 """frames by which a camera must be late before its next image is nearer for sure: half a frame, and a margin against going to
