@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -82,8 +82,9 @@ class BoneFields:
 
     def with_outline(self) -> BoneFields:
         """Return the fields of these unknowns, then of one by which outlines are farther out [m]."""
-        none = (np.zeros((*fields.shape[:-1], 1)) for fields in vars(self).values())
-        return self.beside(replace(BoneFields(*none), outline=np.ones(1)))
+        any_one = self.chosen(np.zeros(1, int))
+        joints, flesh, marks = 0 * any_one.joints, 0 * any_one.flesh, 0 * any_one.landmarks
+        return self.beside(BoneFields(joints, flesh, marks, np.ones(1)))
 
     def chosen(self, unknowns: Array[N]) -> BoneFields:
         """Return those of some unknowns."""
