@@ -72,7 +72,7 @@ def parse_yaml(text: str) -> Any:
         "" if line.startswith("%") else line for line in text.splitlines()
     )  # OpenCV's %YAML:1.0 is none
     try:
-        return yaml.load("\n".join(lines), _Loader)  # noqa: S506: a safe loader
+        return yaml.load("\n".join(lines), _Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"line {mark.line + 1}: " if mark is not None else ""
