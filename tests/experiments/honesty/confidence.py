@@ -261,6 +261,8 @@ def main() -> None:
     halves = {half: Half.read(tracks / half) for half in sys.argv[3:] or HALVES}
     for half, read in halves.items():
         print(f"{half}, as it is: {table(read)}", flush=True)
+    if "tune" not in halves:
+        return
     fit(halves["tune"])
     for name in ("MASKS", "ALWAYS", "SIGNS", "MOVED_UNKNOWN", "PART"):
         print(f"{name} = {getattr(figures, name)}")
