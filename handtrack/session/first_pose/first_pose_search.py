@@ -19,9 +19,12 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.seen.seen_keypoints import NO_JOINTS, of_model
 from handtrack.session.session import Session
 from handtrack.tracking.find_pose import SURE, spread_order
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.auto_start import Progress, StartCandidate, auto_start
 from handtrack.tracking.search.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
+from handtrack.tracking.sequence import track_frames
+from handtrack.tracking.tracker import CONFIRMED_BY
 
 _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
@@ -79,6 +82,21 @@ def find_first_poses(
         best = surer(best, best_seen, best[0].model.scale, _MOST_TRIED)
     tell(1.0, "done")
     return best
+
+
+def confirmed_by_tracking(
+    run: TrackingRun, frames: range, should_stop: Callable[[], bool] | None = None
+) -> bool:
+    """Return whether frames in a row, tracked from a run's first pose that is not sure, confirm it by their own evidence."""
+    frame, start = run.initial()
+    row = range(frame, frame + CONFIRMED_BY)
+    if row.stop > frames.stop:  # backward from it
+        row = range(frame + 1 - CONFIRMED_BY, frame + 1)
+    if row.start < frames.start:
+        return False
+    control = Control(should_stop=should_stop) if should_stop else Control()
+    tracked = [*track_frames(run.tracker, run.observation, frame, start, row, control)]
+    return len(tracked) == CONFIRMED_BY and tracked[-1].status == Status.TRACKED
 
 
 def _is_size_known(run: TrackingRun) -> bool:

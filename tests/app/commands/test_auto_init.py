@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
+from handtrack.tracking.frame.result import Status
+from handtrack_app.commands.terminal import first_pose
 from handtrack_app.commands.terminal.first_pose import described, percent
 from tests.app.command_line import CommandLine
 
@@ -57,7 +63,7 @@ def test_a_start_that_is_not_sure_is_not_tracked_from_in_silence(
     text = (session / "session.toml").read_text().split("[[camera]]")
     (session / "session.toml").write_text("[[camera]]".join(text[:2]))
     out = tmp_path / "poses.npz"
-    asked = ("track", session, "--init", "auto", "--frames", "0:1", "--out", out)
+    asked = ("track", session, "--init", "auto", "--frames", "0:5", "--out", out)
     refused = handtrack(*asked)
     assert refused.code == 2
     assert "nothing was tracked from it" in refused.err
@@ -69,6 +75,21 @@ def test_a_start_that_is_not_sure_is_not_tracked_from_in_silence(
     assert sure is not None
     assert 0.0 < sure < 0.85
     assert f"from a first pose that was {percent(sure)} sure" in ended.out
+
+
+def test_a_start_that_is_not_sure_is_taken_where_the_next_frames_confirm_it(
+    handtrack: CommandLine, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unsure(*given: Any) -> list[FirstPoseCandidate]:
+        return [replace(one, confidence=0.5) for one in find_first_poses(*given)]
+
+    monkeypatch.setattr(first_pose, "find_first_poses", unsure)
+    asked = ("track", session, "--init", "auto", "--out", tmp_path / "poses.npz", "--frames")
+    assert handtrack(*asked, "0:4").code == 2, "too few to confirm it"
+    ended = handtrack(*asked, "0:5")
+    assert ended.code == 0
+    assert "% sure" in ended.err
+    assert (read_npz(tmp_path / "poses.npz").status == Status.TRACKED).all()
 
 
 def test_joints_in_images_as_the_first_pose(

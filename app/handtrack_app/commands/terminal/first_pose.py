@@ -8,7 +8,12 @@ from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_hand import check_side_of
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
-from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses, no_hand_found
+from handtrack.session.first_pose.first_pose_search import (
+    SURE,
+    confirmed_by_tracking,
+    find_first_poses,
+    no_hand_found,
+)
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -22,7 +27,7 @@ def found_first_pose(
     session: Session, overrides: Mapping[str, object], frames: range, stop: Stop, yes: bool
 ) -> FirstPose | None:
     """Return the surest pose in a range of frames; None when the user stopped it. HandtrackError where there is no hand, or the
-    surest is not sure and nobody says that it is to be taken. yes: it is.
+    surest is not sure, tracking from it does not confirm it, and nobody says that it is to be taken. yes: it is.
     """
     run = TrackingRun.open(session, overrides, use_init=False)
     begun: list[float] = []
@@ -39,7 +44,14 @@ def found_first_pose(
         raise no_hand_found(run)
     for line in described(found):
         say(line)
-    if found[0].confidence < SURE and not yes and not confirmed(_ANYWAY):
+    first = found[0].first_pose
+    if found[0].confidence >= SURE or yes:
+        return first
+    unfitted = {**overrides, "model.fit_size": False}
+    begun_there = TrackingRun.open(session, unfitted, first, stop)
+    if confirmed_by_tracking(begun_there, frames, stop):
+        say("Tracking from it confirms it: the next frames fit, each by its own evidence.")
+    elif not stop() and not confirmed(_ANYWAY):
         is_body = found[0].model.kind == "body"
         more = "add another camera's joints" if is_body else "give joints (`handtrack detect`)"
         raise HandtrackError(
@@ -47,7 +59,7 @@ def found_first_pose(
             f"nothing was tracked from it. Look at it in the workbench (`handtrack open`), {more}, give a "
             "pose (--init FILE), name other frames with --frames, or take it all the same with --yes."
         )
-    return found[0].first_pose
+    return None if stop() else first
 
 
 def ask_for_other_side(session: Session, first: FirstPose | None, yes: bool) -> None:
