@@ -16,7 +16,7 @@ from handtrack.session.formats.tables import read_npz, write_arrays
 from tests.app.command_line import FRAMES, refused
 from tests.session.small_session import edit
 
-VIDEO = bundled_session() / "cam0.mp4"
+VIDEO = bundled_session("open_fist_open") / "cam0.mp4"
 
 
 @pytest.fixture
@@ -204,7 +204,7 @@ def changed_poses(path: Path, **changes: object) -> None:
         ({"format": 3}, ["poses.npz: format 3", "reads formats 1 and 2", "Update handtrack"]),
         ({"parameters": None}, ["arrays are missing: parameters"]),
         ({"frame": np.arange(4)}, ["has the shape", "expected"]),
-        ({"status": np.full(FRAMES, 9)}, ["status has values other than 0 to 4"]),
+        ({"status": np.full(FRAMES, 9)}, ["status has values other than 0 to 3"]),
     ],
 )
 def test_damaged_poses(handtrack, session: Path, changes: dict, expected: list[str]) -> None:

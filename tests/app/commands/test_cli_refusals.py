@@ -13,7 +13,7 @@ from handtrack.session.bundled import bundled_session
 from tests.app.command_line import refused
 from tests.session.small_session import edit
 
-VIDEO = bundled_session() / "cam0.mp4"
+VIDEO = bundled_session("open_fist_open") / "cam0.mp4"
 BENCH = "silhouette_iteration_vs_blas"
 
 

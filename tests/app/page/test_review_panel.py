@@ -55,6 +55,7 @@ def test_the_queue_goes_on_and_around(bench: Workbench) -> None:
     seen = []
     for by in (1, 1, 1, 1, -1, -1):
         review.step(by)
+        eventually(lambda: bench.stage.pose.frame == state.frame == cards[review.at].worst, "shown")
         seen.append(state.frame)
     assert seen == [5, 1, 9, 5, 9, 1]
     assert review.current == cards[1]
