@@ -108,10 +108,11 @@ def refined(
     evidence = replace(evidence, outline_mm=outlines)
     evidence = replace(evidence, new=new_share(evidence, numbers, poses))
     ways = Ways(evidence, tracked, poses, control)
-    lattice = ways.gathered()
-    if lattice is None:
+    gathered = ways.gathered()
+    if gathered is None:
         return list(live)
-    best = ways.best(lattice)
+    lattice = ways.moving_as_found(gathered)
+    best = lattice.best
     way = [row[k] for row, k in zip(lattice.minima, best.tolist(), strict=True)]
     silent = lost & {n for n, one in zip(numbers, way, strict=True) if one.origin == "bridged"}
     poses = lattice.way(best)

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, Ints, P
+from handtrack.arrays import Array, F, Floats, P
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.assessment import assess, energy_ratio
 from handtrack.tracking.frame.control import Control
@@ -83,15 +83,14 @@ class Ways:
             self._try_fingers(n)
         usual = Lattice(self.minima, self.motion.pushes)
         for _ in range(_ROUNDS):
-            if not self._bridge(usual.way(self.best(usual))):
+            if not self._bridge(usual.way(self.moving_as_found(usual).best)):
                 break
             usual = Lattice(self.minima, self.motion.pushes)
         return None if self.control.should_stop() else usual
 
-    def best(self, usual: Lattice) -> Ints[F]:
-        """Return the most probable way where frames change as they do on the most probable way by what is usual."""
-        change = self._change(usual.way(usual.best))
-        return replace(usual, change=change).best
+    def moving_as_found(self, usual: Lattice) -> Lattice:
+        """Return the lattice where frames change as they do on the most probable way by what is usual."""
+        return replace(usual, change=self._change(usual.way(usual.best)))
 
     def _change(self, poses: Floats[F, P]) -> Floats[P, P]:
         """Return what a frame changes on a way, a variance: nine in ten changes are within 1.645 standard deviations, the others
