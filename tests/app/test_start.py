@@ -122,6 +122,7 @@ def test_a_recording_is_made_in_the_browser(start: StartPage, folder: Path, tmp_
     with WireClient(start.door.url) as client:
         client.set_value(start.folder, str(tmp_path / "away"))
         eventually(lambda: start.folder.value == str(tmp_path / "away"), "typed")
+        eventually(lambda: client.button("Look into it") is not None, "the page's widgets came")
         client.set_value(client.button("Look into it"), True)
         eventually(lambda: "no such folder" in start.output.content, "nothing there")
         client.set_value(start.folder, str(folder))

@@ -52,6 +52,7 @@ def chromium(size: tuple[int, int]) -> Iterator[tuple[Any, list[str]]]:
             page = browser.new_context(
                 viewport={"width": size[0], "height": size[1]}, accept_downloads=True
             ).new_page()
+            page.set_default_timeout(90_000)  # [ms]; other tests may have the processor meanwhile
             errors: list[str] = []
             page.on("pageerror", lambda error: errors.append(str(error)))
             page.on("console", lambda said: _hear(said, errors))
