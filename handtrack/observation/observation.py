@@ -132,7 +132,7 @@ class Observation:
     """only where edges or intensity are looked at"""
     pins: tuple[ImagePins, ...] = ()
     """where a person said that joints and segments lie"""
-    apart: Mapping[str, float] = field(default_factory=dict)
+    frames_later: Mapping[str, float] = field(default_factory=dict)
     """by camera, how many frames later than this one its image was taken, as far as is known"""
     terms: tuple[Any, ...] = ()
     """the caller's own costs of bone poses (`terms.term.ObservationTerm`), which count as they are"""

@@ -346,8 +346,10 @@ class Session:
             return self._with_cloud(self._kept(frame, silhouettes, False), None)
         views = self.views if silhouettes else ()
         seen = tuple(s for view in views if (s := view.silhouette(frame)) is not None)
-        apart = {v.name: v.times.apart(frame) for v in self.views if v.times is not None}
-        return Observation(frame, self.time_s(frame), weighed(seen), apart=apart)
+        frames_later = {
+            v.name: v.times.frames_later(frame) for v in self.views if v.times is not None
+        }
+        return Observation(frame, self.time_s(frame), weighed(seen), frames_later=frames_later)
 
     def _with_cloud(self, seen: Observation, hand_distance: HandDistance | None) -> Observation:
         assert self._clouds is not None

@@ -122,12 +122,11 @@ def test_a_recording_is_made_in_the_browser(start: StartPage, folder: Path, tmp_
     with WireClient(start.door.url) as client:
         client.set_value(start.folder, str(tmp_path / "away"))
         eventually(lambda: start.folder.value == str(tmp_path / "away"), "typed")
-        eventually(lambda: client.button("Look into it") is not None, "the page's widgets came")
-        client.set_value(client.button("Look into it"), True)
+        client.press("Look into it")
         eventually(lambda: "no such folder" in start.output.content, "nothing there")
         client.set_value(start.folder, str(folder))
         eventually(lambda: start.folder.value == str(folder), "typed")
-        client.set_value(client.button("Look into it"), True)
+        client.press("Look into it")
         eventually(lambda: start.make.visible, "found")
         assert (
             "take3_cam0.mp4" in start.found.content
@@ -151,9 +150,9 @@ def test_what_is_refused_is_told_in_the_page(start: StartPage, tmp_path: Path) -
     with WireClient(start.door.url) as client:
         client.set_value(start.path, str(tmp_path))
         eventually(lambda: start.path.value == str(tmp_path), "typed")
-        client.set_value(client.button("Open this folder"), True)
+        client.press("Open this folder")
         eventually(lambda: "it is no session" in start.output.content, "told")
-        client.set_value(client.button("Check this folder"), True)
+        client.press("Check this folder")
         eventually(lambda: "It was refused" in start.output.content, "told", 60.0)
         assert "session.toml" in start.output.content and start.chosen is None
 

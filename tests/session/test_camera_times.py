@@ -73,7 +73,7 @@ def test_c8_masks_and_keypoints_go_with_the_images(folder: Path) -> None:
 
 def test_c8_half_a_frame_is_not_too_far_and_more_is(folder: Path) -> None:
     session = second_camera(folder, "lag_s = 0.05", range(COUNT))
-    assert session.observation(1).apart == {"cam1": pytest.approx(-0.5)}
+    assert session.observation(1).frames_later == {"cam1": pytest.approx(-0.5)}
     assert shown(session, "cam1") == list(range(COUNT))
     edit(folder / "session.toml", "lag_s = 0.05", "lag_s = 0.04\nfps = 5.0")
     joined = shown(Session.open(folder), "cam1", range(7))

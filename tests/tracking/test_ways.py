@@ -150,7 +150,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
         posed_result(HAND, seen, pose, Status.TRACKED, None, joint_covariance=known)
         for seen in views
     ]
-    alone, two, apart = with_other_ways(HAND, results, lattice, lattice.best)
+    alone, two, apart = with_other_ways(HAND, results, lattice)
     assert not alone.alternatives
     assert alone.status == two.status == Status.TRACKED
     assert len(two.alternatives) == len(apart.alternatives) == 2
@@ -181,7 +181,7 @@ def test_poses_that_were_asked_for_differ_in_shape():
     ]
     lattice = Lattice([minima], 100.0 * np.eye(len(pose)))
     result = posed_result(HAND, Observation(0, 0.0), pose, Status.TRACKED, None)
-    (found,) = with_other_ways(HAND, [result], lattice, lattice.best, shown=2)
+    (found,) = with_other_ways(HAND, [result], lattice, shown=2)
     np.testing.assert_array_equal(found.alternatives[1].parameters, HAND.joint_params(turned))
     assert len(found.alternatives) == 5, "others above 3 % stay as well"
 

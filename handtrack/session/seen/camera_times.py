@@ -40,9 +40,9 @@ class CameraTimes:
     def off_frames(self) -> float:
         """How far the frames that are joined lie apart on average, in the session's frames: only whole frames are taken."""
         joined = [f for f in range(_LOOKED_AT) if self.own_frame(f) is not None]
-        return float(np.mean([abs(self.apart(f)) for f in joined])) if joined else 0.0
+        return float(np.mean([abs(self.frames_later(f)) for f in joined])) if joined else 0.0
 
-    def apart(self, frame: int) -> float:
+    def frames_later(self, frame: int) -> float:
         """Return how many of the session's frames later the camera's image was taken; 0 where it has none."""
         own = self.own_frame(frame)
         return (

@@ -58,9 +58,10 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
     search, why = finger_search(settings, number, summary.cost, terms.views, task.previous)
     if why and terms.cloud is not None:
         seen = agreement(terms.cloud, task.model, task.model.bones(summary.params))
-        why *= (
-            seen.explained >= DOUBTFUL_CLOUD
-        )  # among points of other things another finger often fits better
+        if (
+            seen.explained < DOUBTFUL_CLOUD
+        ):  # a wrong finger often fits points of other things better
+            why = ""
     if why and control.searches:
         found = with_fingers_found(terms, summary.params, control, number, why, search)
         if found is not summary.params:

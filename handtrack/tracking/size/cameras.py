@@ -75,10 +75,10 @@ class CameraChanges:
 
     @classmethod
     def none(
-        cls, cameras: Sequence[Camera] = (), apart: Mapping[str, float] | None = None
+        cls, cameras: Sequence[Camera] = (), frames_later: Mapping[str, float] | None = None
     ) -> CameraChanges:
-        """Return cameras as they were calibrated; apart: by name, how many frames later they are, as is known."""
-        expected = np.array([(apart or {}).get(camera.name, 0.0) for camera in cameras])
+        """Return cameras as they were calibrated; frames_later: by name, how many frames later they are, as is known."""
+        expected = np.array([(frames_later or {}).get(camera.name, 0.0) for camera in cameras])
         values = np.zeros((len(cameras), NUMBERS))
         values[:, LATE] = expected
         return cls(tuple(cameras), values, (0,) * len(cameras), expected=expected)
@@ -90,10 +90,11 @@ class CameraChanges:
         for one in frames:
             joints = [points for points in one.keypoints if isinstance(points, ImageKeypoints)]
             seen |= {view.camera.name: view.camera for view in (*one.silhouettes, *joints)}
-        apart = {
-            name: float(np.median([one.apart.get(name, 0.0) for one in frames])) for name in seen
+        frames_later = {
+            name: float(np.median([one.frames_later.get(name, 0.0) for one in frames]))
+            for name in seen
         }
-        return cls.none(tuple(seen.values()) if len(seen) > 1 else (), apart)
+        return cls.none(tuple(seen.values()) if len(seen) > 1 else (), frames_later)
 
     @property
     def names(self) -> tuple[str, ...]:

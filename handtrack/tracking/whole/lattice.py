@@ -42,7 +42,7 @@ class Lattice:
     change: Floats[P, P]
     """S [m², rad²]: covariance of what a pose changes from a frame to the next"""
 
-    @property
+    @cached_property
     def best(self) -> Ints[F]:
         """Which minimum of each frame lies on the most probable way (Viterbi)."""
         least, back = -self._masses[0], []

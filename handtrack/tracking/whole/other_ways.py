@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, Ints, K, P
+from handtrack.arrays import Floats, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.doubt import figures
@@ -26,21 +26,20 @@ def with_other_ways(
     model: ArticulatedModel,
     results: Sequence[FrameResult],
     lattice: Lattice,
-    best: Ints[F],
     shown: int = 1,
     refined: Sequence[Way] = (),
 ) -> list[FrameResult]:
     """Return refined frames with the other poses that all frames together leave open, the most probable first, behind the
     frame's own. What is stated contains them.
 
-    best: which minimum of each frame the refined way went through; shown: how many poses a frame has that were asked for,
+    lattice: on whose most probable way the frames were refined; shown: how many poses a frame has that were asked for,
     however probable: such as differ in shape come first. refined: of ways that were refined as a whole, the frames' own first, the
     others are what is shown.
     """
     found = []
     several = len(refined) > 1
     weights = np.exp(min((w.cost for w in refined), default=0.0) - np.array([w.cost for w in refined]))  # fmt: skip
-    rows = zip(results, lattice.minima, lattice.probabilities, best.tolist(), strict=True)
+    rows = zip(results, lattice.minima, lattice.probabilities, lattice.best.tolist(), strict=True)
     for n, (result, minima, share, own) in enumerate(rows):
         poses = [m.pose for m in minima]
         others = _shown(model, result, poses, share, own, 0 if several else shown - 1)

@@ -180,7 +180,7 @@ def refined(
         model = who.build(refinement.scale)
         evidence = evidence.by(model, dict(zip(numbers, found.poses, strict=True)))
     results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
-    results = with_other_ways(model, results, lattice, best, settings.tracker.hypotheses, several)
+    results = with_other_ways(model, results, lattice, settings.tracker.hypotheses, several)
     if held or pinned:
         every = {**held, **(pinned or {})}
         again = refined_near(model, settings, observe, results, held, list(every), control, pinned)

@@ -256,9 +256,9 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(page: Workbench) -> No
         eventually(lambda: len(view.points.points) < before, "fewer points")
         eventually(lambda: "cells" in panel.counts.content, "counted")
         eventually(lambda: "voxel_m" in panel.saved.content, "told as not saved")
+        client.set_value(panel.filters.sliders.known["voxel_m"][1], math.nan)
         client.set_value(panel.widgets["colour"], "plain")
         eventually(lambda: len(np.unique(view.points.colors, axis=0)) == 1, "plain")
-        client.set_value(panel.filters.sliders.known["voxel_m"][1], math.nan)
         client.set_value(panel.widgets["on"], False)
         eventually(lambda: not view.points.visible, "hidden")
 

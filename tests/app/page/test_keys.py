@@ -62,19 +62,12 @@ def test_tracking_by_key(bench: Workbench) -> None:
         )
 
 
-def pressed(wire: WireClient, label: str) -> None:
-    eventually(lambda: wire.button(label) is not None, label)
-    uuid = wire.button(label)
-    assert uuid is not None
-    wire.set_value(uuid, True)
-
-
 def test_help_is_one_page_and_closes(bench: Workbench) -> None:
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
         page.press("Help: all keys")
         eventually(lambda: bool(said(wire, "GuiModalMessage")), "open")
-        pressed(wire, "Close")
+        wire.press("Close")
         eventually(lambda: bool(said(wire, "GuiCloseModalMessage")), "closed")
 
 
@@ -89,8 +82,8 @@ def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench: Workb
         eventually(lambda: wire.button("Leave the tour") is not None, "it begins")
         for _ in range(2):
             before = wire.button("Next")
-            pressed(wire, "Next")
+            wire.press("Next")
             eventually(lambda before=before: wire.button("Next") not in (None, before), "a step on")
-        pressed(wire, "Leave the tour")
+        wire.press("Leave the tour")
         eventually(lambda: wire.button("Leave the tour") is None, "left")
         eventually(lambda: bool(said(wire, "LocalStorageSetItemMessage")), "and remembered")

@@ -55,7 +55,7 @@ def made(bare_arm: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
         with WireClient(page.door.url) as client:
             client.set_value(page.folder, str(material))
             eventually(lambda: page.folder.value == str(material), "typed")
-            client.set_value(client.button("Look into it"), True)
+            client.press("Look into it")
             eventually(lambda: page.make.visible, "found")
             client.set_value(page.masks, "skin colour")
             client.set_value(page.tracked, "a right hand")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from dataclasses import dataclass, field
 
 import numpy as np
 import viser
@@ -24,6 +25,8 @@ class CloudView:
     points: viser.PointCloudHandle
     dropped: viser.PointCloudHandle
     cloud: CloudSnapshot | None = None
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    """frames come on one thread, display options on others: the colours shown are of the latest of both"""
 
 
 def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
@@ -41,10 +44,11 @@ def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
 
 def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> None:
     """Take a frame's cloud; where only the hand moved, the points stay and their colours change."""
-    before, view.cloud = view.cloud, cloud
-    if before is None or not np.array_equal(before.points, cloud.points):
-        view.points.points = cloud.points
-    view.points.colors = cloud_colours(cloud, display.cloud_colour)
+    with view.lock:
+        before, view.cloud = view.cloud, cloud
+        if before is None or not np.array_equal(before.points, cloud.points):
+            view.points.points = cloud.points
+        view.points.colors = cloud_colours(cloud, display.cloud_colour)
     if before is None or not np.array_equal(before.dropped, cloud.dropped):
         view.dropped.points = cloud.dropped
 
@@ -58,8 +62,10 @@ def show_cloud(view: CloudView, display: Display, moments: Moments, recolour: bo
     size = 1e-3 * display.cloud_size_mm
     if view.points.point_size != size:
         view.points.point_size, view.dropped.point_size = size, 0.7 * size
-    if recolour and cloud is not None:
-        view.points.colors = cloud_colours(cloud, display.cloud_colour)
+    if recolour:
+        with view.lock:
+            if view.cloud is not None:
+                view.points.colors = cloud_colours(view.cloud, display.cloud_colour)
 
 
 def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:
