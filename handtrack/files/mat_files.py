@@ -56,6 +56,44 @@ def read_mat(path: Path) -> dict[str, Any]:
         ) from None
 
 
+def read_mat_objects(path: Path) -> dict[str, Any]:
+    """Return the same with MATLAB's objects as dict of their properties, by mat-io. Raises HandtrackError without it."""
+    try:
+        from matio import load_from_mat
+    except ImportError:
+        raise HandtrackError(
+            f"{path} holds objects of MATLAB's classes, which are read with mat-io: pip install mat-io"
+        ) from None
+    check_given(path, "a .mat file")
+    try:
+        return {name: _plain(value, 0) for name, value in load_from_mat(str(path)).items()}
+    except Exception as error:  # a library's own, of many kinds, for a file that is damaged
+        raise HandtrackError(
+            f"{path}: mat-io cannot read it ({type(error).__name__}: {error}). Was it cut off while it was copied?"
+        ) from None
+
+
+def _plain(value: Any, depth: int) -> Any:
+    """Return what mat-io gives as dict, list, text and arrays of numbers."""
+    if depth > _DEEPEST:
+        raise ValueError(f"nested more than {_DEEPEST} times")
+    properties = getattr(value, "properties", None)
+    if (
+        properties is not None
+    ):  # an object; classes that save themselves do so as a struct named `any`
+        table = {name: _plain(inner, depth + 1) for name, inner in properties.items()}
+        inner = table.pop("any", None)
+        return {**table, **inner} if isinstance(inner, dict) else table
+    if not isinstance(value, np.ndarray):
+        return value
+    if value.dtype.names:
+        rows = [{n: _plain(row[n], depth + 1) for n in value.dtype.names} for row in value.ravel()]
+        return rows[0] if len(rows) == 1 else rows
+    if value.dtype == object:
+        return [_plain(inner, depth + 1) for inner in value.ravel()]
+    return "".join(value.ravel()[:1].tolist()) if value.dtype.kind == "U" else value
+
+
 def _variables(data: bytes, order: str) -> dict[str, Any]:
     found, at = dict[str, Any](), _HEADER
     while at < len(data):

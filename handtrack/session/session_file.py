@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from msgspec import Meta
 
+from handtrack.capture.calibration.formats.settle import LensView
 from handtrack.capture.images.bayer import METHODS, PATTERNS
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.masks.mask_cleaning import Roi
@@ -26,6 +28,8 @@ from handtrack.files.toml_table import (
     shown,
 )
 from handtrack.files.toml_text import read_toml, toml_item
+from handtrack.geometry.rotation import rotation_vector
+from handtrack.geometry.source_lens import SourceLens
 from handtrack.model.model_file import MODELS
 from handtrack.model.others.read_other import OTHERS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
@@ -76,6 +80,41 @@ class HandSettings:
 
 
 @dataclass(frozen=True)
+class LensSettings:
+    """[camera.lens]: the lens that took a camera's images, where the calibration's camera is a pinhole view of them."""
+
+    model: Annotated[str, one_of(("fisheye", "plain"))]
+    size: Annotated[tuple[int, int], _SIZE]
+    matrix: Annotated[
+        list[list[float]], Meta(min_length=3, max_length=3, description="3 x 3 numbers [px]")
+    ]
+    coefficients: Annotated[
+        list[float],
+        Meta(description="numbers: of a fisheye k1 k2 k3 k4, of a plain lens k1 k2 p1 p2 k3 …"),
+    ]
+    rotation: Annotated[
+        list[float],
+        Meta(min_length=3, max_length=3, description="a rotation vector, lens to view [rad]"),
+    ]
+
+    @classmethod
+    def of(cls, seen: LensView) -> LensSettings:
+        """Return the settings of a view made by `pinholes`."""
+        lens = seen.lens
+        return cls(
+            "fisheye" if lens.fisheye else "plain", lens.size, lens.matrix.tolist(), lens.coefficients.tolist(),
+            rotation_vector(seen.view.rotation).tolist(),
+        )  # fmt: skip
+
+    @property
+    def source(self) -> SourceLens:
+        """The lens. Raises HandtrackError for numbers that are none's."""
+        return SourceLens(
+            self.size, np.array(self.matrix), np.array(self.coefficients), self.model == "fisheye"
+        )
+
+
+@dataclass(frozen=True)
 class CameraSettings:
     """[[camera]]: what one camera gave; whatever is absent is not observed."""
 
@@ -111,6 +150,8 @@ class CameraSettings:
     lag_s: Annotated[float, _FINITE_S] | None = None
     """by how much the camera's clock is late, or its recording began early [s]: what happened at a time stands this much
     later in it."""
+    lens: LensSettings | None = None
+    """the lens of its images, files of masks included, where the calibration's camera is a pinhole view of them."""
 
 
 @dataclass(frozen=True)
@@ -183,7 +224,8 @@ def write_session_file(path: Path, file: SessionFile) -> None:
 def _camera_values(camera: CameraSettings) -> dict[str, Any]:
     masks = camera.masks
     return vars(camera) | {
-        "masks": masks if isinstance(masks, str | None) else mask_method_table(masks)
+        "masks": masks if isinstance(masks, str | None) else mask_method_table(masks),
+        "lens": camera.lens and vars(camera.lens),
     }
 
 
@@ -240,7 +282,10 @@ def _camera(table: Any, path: Path, number: int) -> CameraSettings:
     masks = table.get("masks")
     if masks is not None and (not isinstance(masks, str) or not masks):
         masks = read_mask_method(masks, f"{where}, masks")
-    camera = read_table(CameraSettings, table, where, masks=masks)
+    lens = table.get("lens")
+    if lens is not None:
+        lens = read_table(LensSettings, lens, f"{where}, lens")
+    camera = read_table(CameraSettings, table, where, masks=masks, lens=lens)
     wrong = wrong_together(camera)
     if wrong is not None:
         raise HandtrackError(f"{where}: {wrong}")
@@ -258,6 +303,8 @@ def wrong_together(camera: CameraSettings) -> str | None:
         return f"roi = {list(roi)}; expected [x, y, w, h] in pixels, inside the image."
     if camera.depth is not None and camera.depth_scale_m is None:
         return "depth needs `depth_scale_m`, the metres in one unit of its files."
+    if camera.lens is not None and camera.depth is not None:
+        return "depth through a `lens` is not read: it is measured along the lens's axis, not along the view's."
     for key in ("demosaic", "white_level"):
         if camera.bayer is None and getattr(camera, key) is not None:
             return (

@@ -20,6 +20,7 @@ from handtrack.capture.images.frames import (
     ImageFiles,
 )
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
+from handtrack.capture.images.straightened import StraightenedFrames
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
 from handtrack.capture.masks.mask_cleaning import Roi
@@ -27,6 +28,8 @@ from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.capture.masks.segmentation import MaskMethod, Segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.geometry.source_lens import PinholeView, SourceLens
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
@@ -87,6 +90,7 @@ class View:
         """of the masks, by the camera's own frames"""
         self._learning = threading.Lock()
         self._check_roi()
+        self._lens, self._view = self._lens_and_view()
         recorded = self._source(folder, settings.images, COLOUR)
         self.images = recorded if live is None else live
         self._taught_by = None if recorded is None else recording_of(recorded)
@@ -284,6 +288,28 @@ class View:
         except HandtrackError as error:
             raise HandtrackError(f"{self._where}: {error}") from None
 
+    @property
+    def _taken_size(self) -> tuple[int, int]:
+        """Width, height [px] of the images as they were taken."""
+        return self.camera.size if self._lens is None else self._lens.size
+
+    def _lens_and_view(self) -> tuple[SourceLens | None, PinholeView]:
+        """Return the lens of the images, where it is another than the camera's, and the view of it that the camera is."""
+        settings = self.settings.lens
+        rotation = rotation_matrix(np.array([0.0] * 3 if settings is None else settings.rotation))
+        view = PinholeView(self.camera.size, self.camera.matrix, rotation)
+        if settings is None:
+            return None, view
+        if self.camera.is_distorted:
+            raise HandtrackError(
+                f"{self._where}: `lens` says that the camera is a pinhole view, but the calibration gives it distortions. Make "
+                "the session again with `handtrack new`."
+            )
+        try:
+            return settings.source, view
+        except HandtrackError as error:
+            raise HandtrackError(f"{self._where}: {error}") from None
+
     def _check_roi(self) -> None:
         if self.settings.roi is None:
             return
@@ -305,6 +331,8 @@ class View:
         if setting is None:
             return None
         source = self._recording(folder, setting, kind)
+        if self._lens is not None:
+            source = StraightenedFrames(source, self._lens, self._view)
         return source if self.times is None else JoinedByTime(source, self.times)
 
     def _recording(self, folder: Path, setting: str, kind: str) -> FrameSource:
@@ -330,15 +358,15 @@ class View:
                 'mosaics; expected numbered files without loss, such as "cam0/*.png". A video\'s compression mixes the '
                 "colours of a mosaic: unpack it to files, or leave `bayer` away if it is in colour."
             )
-        return VideoFile(path, self.camera.size, f"{where}, {path}", read_audit(folder, path))
+        return VideoFile(path, self._taken_size, f"{where}, {path}", read_audit(folder, path))
 
     def _files(self, files: list[Path], kind: str, where: str) -> FrameSource:
         pattern = self.settings.bayer
         if kind != COLOUR or pattern is None:
-            return ImageFiles(files, kind, self.camera.size, where)
+            return ImageFiles(files, kind, self._taken_size, where)
         method = self.settings.demosaic or MosaicSettings.method
         settings = MosaicSettings(pattern.upper(), self.settings.white_level, method)
-        return MosaicFiles(files, settings, self.camera.size, where)
+        return MosaicFiles(files, settings, self._taken_size, where)
 
 
 class Lessons:

@@ -83,7 +83,7 @@ def test_four_coefficients_are_taken_where_their_lens_is_said(
         table["dist"] = table["dist"][:4]
     path.write_text(json.dumps(tables))
     words = ["new", *videos, "--calibration", path, "--out"]
-    for more in ([], ["--yes"], ["--lens", "fisheye"]):
+    for more in ([], ["--yes"]):
         assert handtrack(*words, tmp_path / "no", *more).code == 2
         assert not (tmp_path / "no").exists()
     assert handtrack(*words, tmp_path / "out", "--lens", "plain").code == 0

@@ -10,11 +10,17 @@ import numpy as np
 import pytest
 
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.settle import named, sized, unit_of
+from handtrack.capture.calibration.formats.settle import named, pinholes, sized, unit_of
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
-from tests.capture.calibration_forms.writers import WRITERS, kalibr, plain_json, rig_of_two
+from tests.capture.calibration_forms.writers import (
+    WRITERS,
+    colmap_text,
+    kalibr,
+    plain_json,
+    rig_of_two,
+)
 
 SIZES = {"cam0": (640, 480), "cam1": (640, 480)}
 
@@ -145,3 +151,104 @@ def test_a_real_file_of_qualisys_is_read(data_dir: Path) -> None:
     person = np.array([0.0, 0.0, 1.0])  # on the treadmill, z up
     assert all(c.to_camera(person)[2] > 2 for c in rig)
     assert all((np.abs(c.project(person) - np.array(c.size) / 2) < 500).all() for c in rig)
+
+
+def test_a_camera_without_a_pose_is_left_out_and_said(tmp_path: Path) -> None:
+    path = WRITERS["json"](tmp_path, rig_of_two())
+    tables = json.loads(path.read_text())
+    tables["spare"] = {**tables["cam1"], "R": None, "t": None}
+    path.write_text(json.dumps(tables))
+    given = read_calibration([path])
+    assert [c.name for c in given.cameras] == ["cam0", "cam1"]
+    assert "spare" in named(given, ["cam0", "cam1"], "it")[1]
+    with pytest.raises(HandtrackError, match="spare"):
+        named(given, ["cam0", "spare"], "it")
+
+
+def test_older_tables_are_named_by_their_headings(tmp_path: Path) -> None:
+    path = WRITERS["anipose"](tmp_path, rig_of_two())
+    path.write_text(path.read_text().replace("name = ", "port_name = "))
+    assert [c.name for c in read_calibration([path]).cameras] == ["cam_0", "cam_1"]
+
+
+def test_cameras_json_of_splatting_is_of_camera_poses(tmp_path: Path) -> None:
+    rig = CameraRig(tuple(
+        replace(c, distortions=np.zeros(5), matrix=np.array([[600.0, 0, 319.5], [0, 601.0, 239.5], [0, 0, 1]])) for c in rig_of_two()
+    ))  # fmt: skip
+    rows = [
+        {"id": i, "img_name": f"{c.name}.png", "width": 640, "height": 480, "position": c.centre.tolist(),
+         "rotation": c.rotation.T.tolist(), "fx": c.matrix[0, 0], "fy": c.matrix[1, 1]}
+        for i, c in enumerate(rig)
+    ]  # fmt: skip
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps(rows))
+    assert largest_difference_px(rig, taken_in(path, tmp_path, 1.0)[0]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("content", "missing"),
+    [({"R": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "T": [1, 2, 3]}, "the lenses.*missing"), (
+            {f"{key}{i}": value for i in (1, 2) for key, value in {"M": np.eye(3).tolist(), "D": [0.0] * 5}.items()},
+            "no pose",
+        ),
+    ],
+)  # fmt: skip
+def test_half_of_a_pair_says_which_half_is_missing(
+    content: dict, missing: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "half.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(HandtrackError, match=missing):
+        read_calibration([path])
+
+
+def fisheyes(rig: CameraRig) -> dict[str, dict[str, object]]:
+    """Return tables of two fisheyes at the places of a rig's cameras."""
+    return {
+        c.name: {
+            "name": c.name, "size": list(c.size), "matrix": [[310.0, 0, 318.5], [0, 311.0, 240.25], [0, 0, 1]], "fisheye": True,
+            "distortions": [0.02, -0.011, 0.004, -0.0006], "rotation": c.rotation.tolist(), "translation": c.translation.tolist(),
+        }
+        for c in rig
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("form", ["json", "kalibr", "colmap"])
+def test_fisheyes_are_seen_through_pinholes(form: str, tmp_path: Path) -> None:
+    import cv2
+
+    rig = rig_of_two()
+    tables = fisheyes(rig)
+    bent = CameraRig(tuple(
+        replace(c, matrix=np.array(t["matrix"]), distortions=np.array(t["distortions"]))
+        for c, t in zip(rig, tables.values(), strict=True)
+    ))  # fmt: skip
+    if form == "json":
+        path = tmp_path / "fisheye.json"
+        path.write_text(json.dumps(tables))
+    elif form == "kalibr":
+        path = kalibr(tmp_path, bent)
+        path.write_text(path.read_text().replace("radtan", "equidistant"))
+    else:
+        path = colmap_text(tmp_path, rig)
+        rows = [
+            f"{i} OPENCV_FISHEYE 640 480 310 311 319 240.75 0.02 -0.011 0.004 -0.0006\n"
+            for i in (1, 2)
+        ]
+        numbers = [
+            r.split()[0] for r in (path / "cameras.txt").read_text().splitlines() if r[:1] != "#"
+        ]
+        rows = [row.replace(row.split()[0], n, 1) for row, n in zip(rows, numbers, strict=True)]
+        (path / "cameras.txt").write_text("".join(rows))
+    given, views = pinholes(read_calibration([path]), {})
+    seen = given.rig(1.0)
+    points = np.random.default_rng(0).uniform([-0.3, -0.3, 0.3], [0.3, 0.3, 0.7], (2000, 3))
+    for camera in seen:
+        source, lens = rig[views[camera.name].camera], tables[views[camera.name].camera]
+        taken, _ = cv2.fisheye.projectPoints(
+            source.to_camera(points)[:, None], np.zeros(3), np.zeros(3), np.array(lens["matrix"]), np.array(lens["distortions"])
+        )  # fmt: skip
+        moved = views[camera.name].view.pixels(views[camera.name].lens.rays(taken[:, 0]))
+        shown = ((camera.project(points) > 0) & (camera.project(points) < camera.size)).all(axis=1)
+        assert shown.sum() > 300
+        assert np.abs(moved - camera.project(points))[shown].max() < 1e-6

@@ -10,6 +10,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 import scipy.io
 import tomlkit
 
@@ -196,6 +197,61 @@ def matlab_mat(folder: Path, rig: CameraRig) -> Path:
     return folder / "stereo.mat"
 
 
+def matlab_object(folder: Path, rig: CameraRig) -> Path:
+    """As MATLAB saves stereoParams itself: an object, here below a session as the calibrator app does."""
+    matio = pytest.importorskip("matio")
+    from matio.utils.matclass import MatlabOpaque
+
+    table = matlab_struct(rig)
+    for i in (1, 2):
+        lens = {
+            k: np.atleast_2d(v) if isinstance(v, np.ndarray) else v
+            for k, v in table[f"CameraParameters{i}"].items()
+            if k not in ("Version", "WorldPoints", "RotationVectors")
+        }
+        table[f"CameraParameters{i}"] = MatlabOpaque(lens, "cameraParameters")
+    table["TranslationOfCamera2"] = np.atleast_2d(table["TranslationOfCamera2"])
+    del table["Version"], table["RectificationParams"]
+    session = {"CameraParameters": MatlabOpaque(table, "stereoParameters")}
+    matio.save_to_mat(
+        str(folder / "calibrationSession.mat"), {"calibrationSession": session}, version="v7"
+    )
+    return folder / "calibrationSession.mat"
+
+
+def bouguet(folder: Path, rig: CameraRig) -> Path:
+    """As stereo_gui of Bouguet's toolbox saves it, in metres here."""
+    table: dict[str, Any] = {"nx": 640.0, "ny": 480.0}
+    for side, c in zip(("left", "right"), rig, strict=True):
+        table |= {
+            f"fc_{side}": c.matrix[[0, 1], [0, 1]].reshape(2, 1), f"cc_{side}": c.matrix[:2, 2].reshape(2, 1),
+            f"alpha_c_{side}": 0.0, f"kc_{side}": c.distortions.reshape(5, 1),
+        }  # fmt: skip
+    _, second = rig
+    table |= {"R": second.rotation, "T": second.translation.reshape(3, 1)}
+    scipy.io.savemat(folder / "Calib_Results_stereo.mat", table)
+    return folder / "Calib_Results_stereo.mat"
+
+
+def handpose3d(folder: Path, rig: CameraRig) -> Path:
+    """A folder with two files of rows a camera."""
+    folder = folder / "camera_parameters"
+    folder.mkdir(exist_ok=True)
+    for i, c in enumerate(rig):
+
+        def rows(values: Any) -> str:
+            return "".join(
+                " ".join(map(repr, row)) + " \n" for row in np.atleast_2d(values).tolist()
+            )
+
+        _text(
+            folder / f"c{i}.dat", f"intrinsic:\n{rows(c.matrix)}distortion:\n{rows(c.distortions)}"
+        )
+        pose = f"R:\n{rows(c.rotation)}T:\n{rows(c.translation.reshape(3, 1))}"
+        _text(folder / f"rot_trans_c{i}.dat", f"#below is a pose\n{pose}")
+    return folder
+
+
 def matlab_json(folder: Path, rig: CameraRig) -> Path:
     return _text(
         folder / "matlab.json", json.dumps(matlab_struct(rig), default=lambda array: array.tolist())
@@ -258,5 +314,6 @@ WRITERS: dict[str, Callable[[Path, CameraRig], Path | list[Path]]] = {
     "anipose": anipose, "freemocap": freemocap, "caliscope": caliscope, "opencv yaml": opencv_stereo(".yml"),
     "opencv xml": opencv_stereo(".xml"), "opencv json": opencv_stereo(".json"), "opencv a file a camera": opencv_files,
     "colmap text": colmap_text, "colmap binary": colmap_binary, "matlab mat": matlab_mat, "matlab json": matlab_json,
-    "qualisys": qualisys, "json": plain_json, "npz": plain_npz,
+    "qualisys": qualisys, "json": plain_json, "npz": plain_npz, "bouguet": bouguet, "handpose3d": handpose3d,
+    "matlab object": matlab_object,
 }  # fmt: skip

@@ -9,17 +9,23 @@ from pathlib import Path
 from handtrack.capture.calibration.formats.given_rig import GivenRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import (
+    LensView,
     Unit,
-    check_lenses,
     named,
+    pinholes,
     sized,
     unit_of,
+    with_lens,
 )
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.joints.subject import subject_length
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
-from handtrack_app.commands.new_session.joints import GivenSubject
+from handtrack_app.commands.new_session.joints import (
+    GivenSubject,
+    joint_regions,
+    subject_in_views,
+)
 from handtrack_app.commands.new_session.side_of_hand import USUAL
 from handtrack_app.commands.terminal.progress import say
 from handtrack_app.commands.terminal.questions import can_ask, question
@@ -33,8 +39,9 @@ def given_rig(
     unit_m: float | None,
     lens: str | None,
     yes: bool,
-) -> tuple[CameraRig, list[str]]:
-    """Return all cameras of a calibration, with the recording's names, in metres; and what was assumed, in sentences.
+) -> tuple[CameraRig, GivenSubject, dict[str, LensView], list[str]]:
+    """Return all cameras of a calibration, with the recording's names, in metres; the subject with its joints in their images;
+    which of them are pinhole views of other lenses; and what was assumed, in sentences.
 
     sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. unit_m: what the user
     said. lens: `plain` or `fisheye`, where the user says it. yes: take proposals without asking. Raises HandtrackError where something cannot be known.
@@ -42,9 +49,11 @@ def given_rig(
     where = " and ".join(map(str, paths))
     try:
         given, assumed = named(read_calibration(paths), cameras, where)
-        _check_lenses(given, lens, where)
+        given = _with_lens(given, lens, where)
         given = sized(given, sizes, where)
-        in_units = given.rig(1.0)
+        shown, views = pinholes(given, joint_regions(subject, given))
+        subject = subject_in_views(subject, views)
+        in_units = shown.rig(1.0)
         length = _length(in_units, subject)
         found = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
         chosen = (
@@ -52,7 +61,7 @@ def given_rig(
             if found.sure and found.unit_m
             else _asked(found, where, yes, subject.kind.word)
         )
-        rig = given.rig(chosen)
+        rig = shown.rig(chosen)
     except HandtrackError as error:
         text = str(error)
         raise HandtrackError(
@@ -67,7 +76,16 @@ def given_rig(
             f"note: with {chosen:g} m a unit, the joints make a {subject.kind.word} {100 * length * chosen:.3g} cm long; expected "
             f"{subject.kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
         )
-    return rig, [text for text in notes if text not in ("", "unit: ")]
+    for name in dict.fromkeys(seen.camera for seen in views.values()):
+        tiles = [(tile, seen.view.size) for tile, seen in views.items() if seen.camera == name]
+        shown = ", ".join(f"{tile} ({w} × {h})" for tile, (w, h) in tiles)
+        kind = (
+            "a fisheye lens"
+            if next(v for v in views.values() if v.camera == name).lens.fisheye
+            else "a lens with skew"
+        )
+        notes.append(f"camera '{name}' has {kind}: its images are seen through a pinhole, {shown}.")
+    return rig, subject, views, [text for text in notes if text not in ("", "unit: ")]
 
 
 def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
@@ -78,10 +96,10 @@ def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
     return subject_length(rig, pixels, layouts, subject.kind)
 
 
-def _check_lenses(given: GivenRig, lens: str | None, where: str) -> None:
+def _with_lens(given: GivenRig, lens: str | None, where: str) -> GivenRig:
     """Ask for the lens model where the calibration leaves it open; no proposal is made, so nothing is taken unasked."""
     try:
-        check_lenses(given, lens, where)
+        return with_lens(given, lens, where)
     except HandtrackError as error:
         if lens is not None:
             raise
@@ -90,7 +108,10 @@ def _check_lenses(given: GivenRig, lens: str | None, where: str) -> None:
                 f"{error} Say which with --lens plain or --lens fisheye. Nothing was written."
             ) from None
         say(str(error))
-        check_lenses(given, question("Which lens, plain or fisheye?", ""), where)
+        answer = question("Which lens, plain or fisheye?", "")
+        if answer not in ("plain", "fisheye"):
+            raise HandtrackError(f"the lens '{answer}'; expected plain or fisheye.") from None
+        return with_lens(given, answer, where)
 
 
 def _asked(found: Unit, where: str, yes: bool, what: str) -> float:

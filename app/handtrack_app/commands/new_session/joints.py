@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from handtrack.arrays import D3, Floats, N
+from handtrack.capture.calibration.formats.given_rig import GivenRig
+from handtrack.capture.calibration.formats.settle import LensView
 from handtrack.capture.images.openpose import LAYOUTS, is_body
 from handtrack.capture.joints.body_points import layout_of
 from handtrack.capture.joints.given_joints import GivenJoints, in_pixels, write_joints
@@ -67,6 +71,49 @@ class GivenSubject:
     def side(self) -> str | None:
         """Which hand it is, where a file says it."""
         return next((found.side for found in self.joints.values() if found.side), None)
+
+
+def joint_regions(
+    subject: GivenSubject, rig: GivenRig
+) -> dict[str, tuple[float, float, float, float]]:
+    """Return x, y, width, height [px] around all joints of each camera, half as much again on each side, inside its images."""
+    sizes = {str(camera.name): camera.size for camera in rig.cameras}
+    regions = {}
+    for name, joints in subject.joints.items():
+        size = sizes.get(name)
+        if size is None:
+            continue
+        points = np.concatenate(list(joints.pixels(size).values()))
+        points = points[np.isfinite(points[:, :2]).all(axis=1) & (points[:, 2] > 0), :2]
+        if not len(points):
+            continue
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = 0.5 * float((high - low).max())
+        low, high = np.maximum(low - margin, 0), np.minimum(high + margin, np.array(size) - 1.0)
+        regions[name] = (*low.tolist(), *(high - low + 1).tolist())
+    return regions
+
+
+def subject_in_views(subject: GivenSubject, views: Mapping[str, LensView]) -> GivenSubject:
+    """Return the subject with joints of bent images where the pinhole views of these show them."""
+    if not views:
+        return subject
+    bent = {view.camera for view in views.values()}
+    found = {name: joints for name, joints in subject.joints.items() if name not in bent}
+    for name, seen in views.items():
+        joints = subject.joints.get(seen.camera)
+        if joints is not None:
+            frames = {f: _in_view(p, seen) for f, p in joints.pixels(seen.lens.size).items()}
+            found[name] = replace(joints, frames=frames, is_share=False)
+    return replace(subject, joints=found)
+
+
+def _in_view(points: Floats[N, D3], seen: LensView) -> Floats[N, D3]:
+    moved = points.copy()
+    moved[:, :2] = seen.view.pixels(seen.lens.rays(points[:, :2]))
+    inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(seen.view.size) - 0.5)).all(axis=1)
+    moved[~inside] = [np.nan, np.nan, 0.0]
+    return moved
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
+    LensSettings,
     RecordingSettings,
     SessionFile,
     write_session_file,
@@ -37,6 +38,7 @@ from handtrack_app.commands.new_session.sources import (
     Recorded,
     check_sizes,
     copied,
+    in_views,
     linked_setting,
     recorded_cameras,
     settings_of,
@@ -64,14 +66,17 @@ def run(args: argparse.Namespace) -> int:
     model = given_model(args.model)
     kind = None if model is None else model.kind
     subject = given_subject(recorded, _wished(args, kind, project))
-    joints, is_hand = subject.joints, subject.kind is HAND
+    is_hand = subject.kind is HAND
     side = (args.side or subject.side) if is_hand else None
     truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
-    seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
-    rig, notes = given_rig(
+    rig, subject, views, notes = given_rig(
         args.calibration, sizes, list(recorded), subject, unit_m, args.lens, args.yes
     )
+    joints = subject.joints
+    recorded = in_views(recorded, views)
+    sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
+    seen = [name for name, cam in recorded.items() if is_hand and cam.images and name not in joints]
     rig, padded = without_padding(rig, recorded)
     _check_cameras(recorded, rig, args)
     fps, own = _frame_rates(args.fps, recorded)
@@ -98,8 +103,9 @@ def run(args: argparse.Namespace) -> int:
     cameras = tuple(
         CameraSettings(
             name,
-            setting(cam.images, _place(i, name)),
+            setting(cam.images, _place(i, cam.given_as)),
             masks if cam.images else None,
+            lens=LensSettings.of(views[name]) if name in views and cam.images else None,
             image_size=scaled.get(name),
             depth=setting(cam.depth, f"depth/{_place(i, name)}"),
             depth_scale_m=args.depth_scale if cam.depth else None,

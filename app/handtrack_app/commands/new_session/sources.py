@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from handtrack.capture.calibration.formats.settle import LensView
 from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError
@@ -46,10 +47,21 @@ class Recorded:
     images: Given | None = None
     depth: Given | None = None
     keypoints: str | None = None
+    taken_by: str | None = None
+    """the camera whose images it is a view of; None: its own"""
+    view_size: tuple[int, int] | None = None
+    """width, height [px] of that view"""
+
+    @property
+    def given_as(self) -> str:
+        """The camera's name in the options."""
+        return self.taken_by or self.camera
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """Width, height [px] of what was taken."""
+        """Width, height [px] of what is tracked: of what was taken, or of a pinhole view of it."""
+        if self.view_size is not None:
+            return self.view_size
         return next((given.size for given in (self.images, self.depth) if given is not None), None)
 
 
@@ -87,6 +99,35 @@ def recorded_cameras(
             "--depth or its --keypoints."
         )
     return cameras
+
+
+def in_views(
+    recorded: Mapping[str, Recorded], views: Mapping[str, LensView]
+) -> dict[str, Recorded]:
+    """Return what is given by camera with each bent lens's images once for each pinhole view of them. Raises HandtrackError
+    for depth, which is measured along the axis of the lens and not of the view.
+    """
+    bent = {seen.camera for seen in views.values()}
+    for name, cam in recorded.items():
+        if name in bent and cam.depth is not None:
+            raise HandtrackError(
+                f"{cam.depth.where}: depth of a fisheye lens, or of one with skew, is not read. Give its point clouds "
+                "instead."
+            )
+    lenses = {seen.camera: seen.lens for seen in views.values()}
+    found = {}
+    for name, cam in recorded.items():
+        if name in lenses and cam.images is not None and cam.size not in (None, lenses[name].size):
+            (w, h), (width, height) = cam.size or (0, 0), lenses[name].size
+            raise HandtrackError(
+                f"{cam.images.where}: images of {w} x {h}; its fisheye lens is calibrated for {width} x {height}. Calibrate it at "
+                "the size that it records."
+            )
+        tiles = [tile for tile, seen in views.items() if seen.camera == name]
+        for tile in tiles or [name]:
+            size = views[tile].view.size if tiles else None
+            found[tile] = replace(cam, camera=tile, taken_by=cam.camera, view_size=size)
+    return found
 
 
 def camera_and_file(option: str, pair: str, example: str) -> tuple[str, str]:
@@ -147,7 +188,7 @@ def image_files(text: str, where: str) -> tuple[Path, ...]:
 def check_sizes(recorded: Recorded, camera: Camera, scaled: bool) -> None:
     """Raise HandtrackError where images are not of the calibration's size. scaled: whether they may be it, scaled."""
     for given in (recorded.images, recorded.depth):
-        if given is None or given.size in (None, camera.size):
+        if given is None or given.size in (None, camera.size) or recorded.view_size is not None:
             continue
         if scaled and scaled_by(camera.size, given.size) is not None:
             continue

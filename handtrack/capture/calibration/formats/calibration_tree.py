@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 from handtrack.errors import HandtrackError
 from handtrack.files.given_files import MOST_BYTES, check_given, first_bytes
-from handtrack.files.mat_files import read_mat
+from handtrack.files.mat_files import read_mat, read_mat_objects
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.text_files import read_json, read_text
 from handtrack.files.toml_text import read_toml
@@ -18,6 +18,7 @@ from handtrack.files.yaml_text import parse_yaml
 _WHAT = "a calibration"
 _TOML = re.compile(r"\[+\s*[\w.\"'-]+\s*\]+\s*(#.*)?$|[\w.\"'-]+\s*=")
 _YAML = re.compile(r"""(- |[\w."'/ -]+:(\s|$)|\{)""")
+_ROWS = re.compile(r"(?:#.*\r?\n)*[A-Za-z]+:[ \t]*\r?\n[ \t]*[-+.\d]+[eE\d.+-]*[ \t]+[-+.\d]")
 _STORAGE = "opencv_storage"
 
 
@@ -25,7 +26,7 @@ class Tree(NamedTuple):
     """A file's content."""
 
     form: str
-    """toml, yaml, json, xml, npz or mat."""
+    """toml, yaml, json, xml, npz, mat or rows."""
     content: Any
     """nested dict and list; of other XML than OpenCV's the root element."""
 
@@ -37,11 +38,15 @@ def calibration_tree(path: Path) -> Tree | None:
     if start[:4] == b"PK\3\4":
         return Tree("npz", {key: _plain(value) for key, value in read_arrays(path).items()})
     if start[:10] == b"MATLAB 5.0":
-        return Tree("mat", read_mat(path))
-    if start[:10] == b"MATLAB 7.3" or start[:4] == b"\x89HDF":
+        variables = read_mat(path)
+        return Tree("mat", read_mat_objects(path) if _holds_object(variables) else variables)
+    if start[:10] == b"MATLAB 7.3":
+        return Tree("mat", read_mat_objects(path))
+    if start[:1] == b"\x80" and start[1:2] in b"\2\3\4\5":
         raise HandtrackError(
-            f"{path} is a .mat file of version 7.3 (HDF5), which is not read. Save it in MATLAB with '-v7': "
-            "s = toStruct(stereoParams); save('stereo.mat', 's', '-v7')."
+            f"{path} is a Python pickle, which may run any program when it is read, so it is not. Where you trust it, write it "
+            "as JSON: for each camera K, dist, R, t and size, as lists (OpenCap's: intrinsicMat, distortion, rotation, "
+            "translation in mm, imageSize as height, width)."
         )
     if b"\0" in start:
         return None
@@ -57,7 +62,31 @@ def calibration_tree(path: Path) -> Tree | None:
     )
     if _TOML.match(first.strip()):
         return Tree("toml", read_toml(path, _WHAT))
+    if _ROWS.match(text):
+        return Tree("rows", _rows(path))
     return _yaml(path) if _YAML.match(first.strip()) else None
+
+
+def _holds_object(value: Any) -> bool:
+    """Return whether something that `read_mat` returned has an object of a class in it, which it gives as None."""
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return value is None or any(map(_holds_object, inner))
+
+
+def _rows(path: Path) -> dict[str, list[list[float]]]:
+    """Return what stands below each `word:`, rows of numbers, as handpose3d writes a camera's lens and its pose."""
+    found: dict[str, list[list[float]]] = {}
+    key = ""
+    for line in read_text(path, _WHAT).splitlines():
+        if line.strip().endswith(":"):
+            key = line.strip()[:-1]
+            found[key] = []
+        elif key and line.strip() and line.strip()[0] != "#":
+            try:
+                found[key].append([float(word) for word in line.split(None, MOST_BYTES)])
+            except ValueError:
+                raise HandtrackError(f"{path}: '{line[:60]}'; expected a row of numbers.") from None
+    return found
 
 
 def _plain(value: Any) -> Any:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,14 @@ from handtrack.arrays import D3, Floats
 from handtrack.capture.calibration.formats.given_rig import (
     GivenCamera,
     GivenRig,
-    check_model,
+    is_fisheye,
     matrix_of,
     numbers,
     rotation_of,
     whole_size,
 )
 from handtrack.errors import HandtrackError
+from handtrack.geometry.source_lens import FISHEYE_COUNT
 
 _NAMES = {
     "matrix": "k matrix cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicsmatrix mtx kmatrix kmat cammatrix m",
@@ -41,7 +43,6 @@ _MEANS = {name: field for field, names in _NAMES.items() for name in names.split
 _GIVEN_BY_CENTRE = {"c2w", "cameratoworld", "camtoworld", "tworldcamera", "tworldcam", "twc"}
 _STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
 _LIMIT = 64  # cameras
-_FISHEYE_COUNT = 4  # coefficients of cv2.fisheye; `k1 k2 p1 p2` of the standard model are as many
 UNITS_M = {
     "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3,
     "millimetre": 1e-3, "millimetres": 1e-3, "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "in": 0.0254,
@@ -66,12 +67,47 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     if not tables or len(tables) > _LIMIT:
         return None
     posed = len(tables) > 1
+    placed = [_has_pose(table) or not posed for _, table in tables]
+    if not any(placed):
+        placed = [True] * len(tables)  # which camera_of refuses, and says what it expects
     cameras = tuple(
-        camera_of(t, name, f"{where}, camera {name or i + 1}", posed)
-        for i, (name, t) in enumerate(tables)
+        camera_of(table, name, f"{where}, camera {name or i + 1}", posed)
+        for i, (name, table) in enumerate(tables)
+        if placed[i]
     )
-    rig = GivenRig("one table a camera", cameras)
+    unposed = tuple(name or f"{i + 1}" for i, (name, _) in enumerate(tables) if not placed[i])
+    rig = GivenRig("one table a camera", cameras, unposed=unposed)
     return _in_unit(rig, tree, where) if isinstance(tree, Mapping) else rig
+
+
+def read_splatting(tree: Any, where: str) -> GivenRig | None:
+    """Return the cameras of Gaussian splatting's cameras.json, an image each; None for anything else.
+
+    Its poses are the cameras' (camera to world), its lenses have no distortion and their axis in the image's middle.
+    Raises HandtrackError.
+    """
+    keys = {"img_name", "width", "height", "position", "rotation", "fx", "fy"}
+    if (
+        not isinstance(tree, list)
+        or not tree
+        or not all(isinstance(t, Mapping) and keys <= t.keys() for t in tree)
+    ):
+        return None
+    if len(tree) > _LIMIT:
+        raise HandtrackError(
+            f"{where}: {len(tree)} images; expected one of each camera of a rig that stands still, at most {_LIMIT}."
+        )
+    cameras = []
+    for table in tree:
+        place = f"{where}, image '{table['img_name']}'"
+        turned = rotation_of(table["rotation"], f"{place}, rotation")
+        centre = numbers(table["position"], f"{place}, position").ravel()
+        size = whole_size([table["width"], table["height"]], f"{place}, width and height")
+        fx, fy = numbers([table["fx"], table["fy"]], f"{place}, fx and fy").tolist()
+        matrix = matrix_of(fx, fy, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+        name = str(table["img_name"]).rsplit(".", 1)[0]
+        cameras.append(GivenCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre))
+    return GivenRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
 
 
 def _in_unit(rig: GivenRig, tree: Mapping[str, Any], where: str) -> GivenRig:
@@ -81,7 +117,7 @@ def _in_unit(rig: GivenRig, tree: Mapping[str, Any], where: str) -> GivenRig:
     unit = UNITS_M.get(str(said).lower()) if not isinstance(said, int | float) else float(said)
     if unit is None or not unit > 0:
         raise HandtrackError(f"{where}: unit = {said!r}; expected one of {', '.join(UNITS_M)}.")
-    return GivenRig(rig.family, rig.cameras, unit)
+    return replace(rig, unit_m=unit)
 
 
 def _tables(
@@ -191,11 +227,10 @@ def _stereo(tree: Mapping[str, Any], where: str) -> GivenRig | None:
 def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: bool) -> GivenCamera:
     """Return the camera of a table. posed: whether it must say where it stands. Raises HandtrackError."""
     known = _known(table)
-    for field in ("model", "fisheye"):
-        if field in known:
-            said = known[field]
-            check_model("fisheye" if field == "fisheye" and said not in (False, 0, "false", None) else
-                        ("" if field == "fisheye" else said), where)  # fmt: skip
+    said = [
+        str(known[field]) for field in ("model", "fisheye") if known.get(field) not in (None, "")
+    ]
+    models = [is_fisheye(word if word != "0" else "", where) for word in said]
     if "distortions" in known:
         distortions = numbers(known["distortions"] or [] if isinstance(known["distortions"], list) else
                               known["distortions"], f"{where}, distortion").ravel()  # fmt: skip
@@ -205,11 +240,17 @@ def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: boo
             "where the images have none."
         )
     rotation, translation = _pose(table, known, where, posed)
-    said = [known[field] for field in ("model", "fisheye") if known.get(field) not in (None, "")]
-    lens_open = len(distortions) == _FISHEYE_COUNT and bool(distortions.any()) and not said
+    lens_open = len(distortions) == FISHEYE_COUNT and bool(distortions.any()) and not said
     matrix = _matrix(table, known, where)
     return GivenCamera(
-        name, _size(known, where), matrix, distortions, rotation, translation, lens_open
+        name,
+        _size(known, where),
+        matrix,
+        distortions,
+        rotation,
+        translation,
+        any(models),
+        lens_open,
     )
 
 
@@ -262,6 +303,15 @@ def _pose(
             "camera: p_camera = R p_world + t."
         )
     return np.eye(3), np.zeros(3)
+
+
+def _has_pose(table: Mapping[str, Any]) -> bool:
+    """Return whether a table says where its camera stands; null, as for one that was not found, says nothing."""
+    known = {field for field, value in _known(table).items() if value is not None}
+    centre = any(
+        _plain(key) in _GIVEN_BY_CENTRE and value is not None for key, value in table.items()
+    )
+    return {"rotation", "translation"} <= known or "pose" in known or centre
 
 
 def _known(table: Mapping[str, Any]) -> dict[str, Any]:

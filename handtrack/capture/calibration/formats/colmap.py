@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.capture.calibration.formats.given_rig import (
     GivenCamera,
     GivenRig,
-    check_model,
+    is_fisheye,
     matrix_of,
 )
 from handtrack.errors import HandtrackError
@@ -31,8 +31,10 @@ _COUNTS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12)
 _PLACES = {
     "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
     "OPENCV": "fx fy cx cy k1 k2 p1 p2", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4", "SIMPLE_RADIAL_FISHEYE": "f cx cy k1", "RADIAL_FISHEYE": "f cx cy k1 k2",
 }  # fmt: skip
 _BENT = ["k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"]
+_FISHEYE = ["k1", "k2", "k3", "k4"]
 
 
 class _Lens(NamedTuple):
@@ -180,7 +182,7 @@ def _camera(lenses: dict[int, _Lens], image: _Image, name: str, path: Path) -> G
         )
     lens = lenses[image.camera]
     if lens.model not in _PLACES:
-        check_model(f"{lens.model} (COLMAP)", where)
+        is_fisheye(f"{lens.model} (COLMAP)", where)  # raises: of no model that is read
     places = _PLACES[lens.model].split()
     if len(lens.parameters) != len(places):
         raise HandtrackError(
@@ -193,6 +195,8 @@ def _camera(lenses: dict[int, _Lens], image: _Image, name: str, path: Path) -> G
     matrix = matrix_of(
         values.get("fx", focal), values.get("fy", focal), values["cx"] - _HALF, values["cy"] - _HALF
     )
-    bent = np.array([values.get(key, 0.0) for key in _BENT])
+    fisheye = lens.model.endswith("FISHEYE")
+    bent = np.array([values.get(key, 0.0) for key in (_FISHEYE if fisheye else _BENT)])
     rotation = matrix_from_quaternion(np.array(image.pose[:4]))
-    return GivenCamera(name, lens.size, matrix, bent, rotation, np.array(image.pose[4:]))
+    moved = np.array(image.pose[4:])
+    return GivenCamera(name, lens.size, matrix, bent, rotation, moved, fisheye)

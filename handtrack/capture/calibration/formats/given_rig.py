@@ -14,6 +14,7 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 
 _ROUGH = 1e-3  # how far a matrix of four written digits may be from a rotation
+_SKEW = 1e-9  # of the focal length: what rounding leaves
 _DIGITS = 13  # decimals that are the same whatever the form: 1e-13 rad are 3e-10 px at a focal length of 3000
 _MOST_NUMBERS = 64  # in one value of a camera
 PLAIN_MODELS = {
@@ -21,6 +22,10 @@ PLAIN_MODELS = {
     "pinholeradtan", "rationalpolynomial", "rational", "regular", "linear", "fullopencv", "simplepinhole", "false",
 }  # fmt: skip
 """names of lenses that OpenCV's polynomial describes without loss, small and without punctuation"""
+FISHEYE_MODELS = {
+    "fisheye", "opencvfisheye", "equidistant", "equi", "pinholeequi", "kannalabrandt", "kannalabrandt4", "kb", "kb4", "true",
+}  # fmt: skip
+"""the same of `cv2.fisheye`'s polynomial in the angle"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +41,21 @@ class GivenCamera:
     rotation: Floats[D3, D3]
     translation: Floats[D3]
     """in the file's unit."""
+    fisheye: bool = False
+    """whether the distortions are cv2.fisheye's k1 k2 k3 k4, of the angle from the axis."""
     lens_open: bool = False
     """whether its four coefficients may be k1 k2 p1 p2 or a fisheye's k1 k2 k3 k4: the file does not say which."""
+
+    @property
+    def needs_view(self) -> bool:
+        """Whether its images must be brought into a pinhole's before they are tracked: a fisheye's, or with skew."""
+        return self.fisheye or abs(self.matrix[0, 1]) > _SKEW * self.matrix[0, 0]
+
+    def without_lens(self) -> GivenCamera:
+        """Return a pinhole at its place that looks where it does."""
+        matrix = self.matrix.copy()
+        matrix[0, 1] = 0.0
+        return replace(self, matrix=matrix, distortions=np.zeros(5), fisheye=False)
 
 
 @dataclass(frozen=True)
@@ -51,6 +69,8 @@ class GivenRig:
     """metres in one unit, where the form fixes it."""
     any_unit: bool = False
     """whether the form's unit means nothing: then lengths tell nothing either."""
+    unposed: tuple[str, ...] = ()
+    """cameras of the file that are left out, for it does not say where they stand."""
 
     def rig(self, unit_m: float) -> CameraRig:
         """Return the cameras in metres. All must have names and sizes. Raises HandtrackError.
@@ -63,6 +83,11 @@ class GivenRig:
 def _camera(given: GivenCamera, unit_m: float) -> Camera:
     assert given.name is not None
     assert given.size is not None
+    if given.needs_view:
+        raise HandtrackError(
+            f"camera '{given.name}' has {'a fisheye lens' if given.fisheye else 'a matrix with skew'}, which no pinhole has. "
+            "`handtrack new` makes a session of it, in which its images are seen through a pinhole."
+        )
     turned = np.round(rotation_vector(nearest_rotation(given.rotation, given.name)), _DIGITS)
     return Camera(
         name=given.name,
@@ -98,16 +123,20 @@ def with_names(rig: GivenRig, names: Iterable[str]) -> GivenRig:
     return replace(rig, cameras=tuple(replace(camera, name=name) for camera, name in pairs))
 
 
-def check_model(name: Any, where: str) -> None:
-    """Raise HandtrackError for a lens that OpenCV's polynomial does not describe."""
-    words = str(name)
+def is_fisheye(model: Any, where: str) -> bool:
+    """Return whether a lens model's name means `cv2.fisheye`'s polynomial, and not the standard one.
+
+    Raises HandtrackError for a model that is neither.
+    """
+    words = str(model)
     plain = "".join(sign for sign in words.lower() if sign.isalnum())
-    if plain not in PLAIN_MODELS:
+    if plain not in PLAIN_MODELS and plain not in FISHEYE_MODELS:
         raise HandtrackError(
-            f"{where}: the lens model '{words[:40]}' cannot be written without loss as k1 k2 p1 p2 k3 (k4 k5 k6), so it is "
-            "refused. Calibrate with the standard model (pinhole with radial and tangential distortion, in OpenCV 8 "
-            "coefficients for wide lenses), or undistort the images and give their new matrix without distortion."
+            f"{where}: the lens model '{words[:40]}' cannot be written without loss as k1 k2 p1 p2 k3 (k4 k5 k6), nor as "
+            "cv2.fisheye's k1 k2 k3 k4, so it is refused. Calibrate with one of these models, or undistort the images and give "
+            "their new matrix without distortion."
         )
+    return plain in FISHEYE_MODELS
 
 
 def numbers(value: Any, where: str) -> Array[*Axes]:

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.capture.calibration.formats.given_rig import (
     GivenCamera,
     GivenRig,
-    check_model,
+    is_fisheye,
     matrix_of,
     numbers,
     whole_size,
@@ -57,12 +57,13 @@ def _camera(
     if model == "omni" and len(values) == 5 and values[0] == 0:  # a mirror that is none
         values = values[1:]
     else:
-        check_model(model, where)
-    check_model(table["distortion_model"], where)
+        is_fisheye(model, where)  # raises: of no model that is read
+    fisheye = is_fisheye(table["distortion_model"], where)
     if len(values) != 4:
         raise HandtrackError(f"{where}: {len(values)} intrinsics; expected fx, fy, cx, cy.")
     bent = numbers(table.get("distortion_coeffs") or [], f"{where}, distortion_coeffs").ravel()
     size = (
         whole_size(table["resolution"], f"{where}, resolution") if "resolution" in table else None
     )
-    return GivenCamera(name, size, matrix_of(*values.tolist()), bent, pose[:3, :3], pose[:3, 3])
+    matrix = matrix_of(*values.tolist())
+    return GivenCamera(name, size, matrix, bent, pose[:3, :3], pose[:3, 3], fisheye)

@@ -1,4 +1,7 @@
-"""MATLAB's stereoParameters as a struct, in a .mat file or as JSON: vectors stand in rows, and the first pixel is (1, 1)."""
+"""MATLAB's stereoParameters, as an object, as a struct or as JSON: vectors stand in rows, and the first pixel is (1, 1).
+
+And the stereo calibration of Bouguet's toolbox (Calib_Results_stereo.mat), whose first pixel is (0, 0).
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from handtrack.capture.calibration.formats.given_rig import (
     GivenRig,
     matrix_of,
     numbers,
+    rotation_of,
     whole_size,
 )
 from handtrack.errors import HandtrackError
@@ -46,11 +50,44 @@ def read_matlab(tree: Any, where: str) -> GivenRig | None:
     return GivenRig("MATLAB's stereoParameters", cameras, UNITS_M[said])
 
 
-def _found(tree: Any) -> Mapping[str, Any] | None:
-    if not isinstance(tree, Mapping):
+def read_bouguet(tree: Any, where: str) -> GivenRig | None:
+    """Return the two cameras of Bouguet's toolbox; None for anything else. Raises HandtrackError for one camera alone."""
+    if not isinstance(tree, Mapping) or not any(key.startswith(("fc", "fc_left")) for key in tree):
         return None
-    tables = [tree, *(value for value in tree.values() if isinstance(value, Mapping))]
-    return next((table for table in tables if _MARK in table), None)
+    if not {"fc_left", "fc_right", "R", "T"} <= tree.keys():
+        raise HandtrackError(
+            f"{where}: a lens of Bouguet's toolbox, without the cameras' places. Give Calib_Results_stereo.mat, which "
+            "stereo_gui saves."
+        )
+    size = None
+    if "nx" in tree and "ny" in tree:
+        size = whole_size(
+            [float(np.ravel(tree[key])[0]) for key in ("nx", "ny")], f"{where}, nx ny"
+        )
+    poses = {"left": (np.eye(3), np.zeros(3)), "right": (rotation_of(tree["R"], f"{where}, R"),
+             _shaped(tree["T"], (3,), f"{where}, T"))}  # fmt: skip
+    cameras = []
+    for side, (rotation, translation) in poses.items():
+        focal, centre = (
+            _shaped(tree[f"{n}_{side}"], (2,), f"{where}, {n}_{side}") for n in ("fc", "cc")
+        )
+        matrix = matrix_of(*focal.tolist(), *centre.tolist())
+        skew = numbers(tree.get(f"alpha_c_{side}", 0.0), f"{where}, alpha_c_{side}").ravel()
+        matrix[0, 1] = focal[0] * skew[0]
+        bent = _row(tree, f"kc_{side}", where)
+        cameras.append(GivenCamera(None, size, matrix, bent, rotation, translation))
+    return GivenRig("Bouguet's stereo calibration", tuple(cameras))
+
+
+def _found(tree: Any) -> Mapping[str, Any] | None:
+    """Return the first table with two cameras, at most three levels down: calibrationSession.mat has it below its session."""
+    tables = [tree] if isinstance(tree, Mapping) else []
+    for _ in range(4):
+        for table in tables:
+            if _MARK in table:
+                return table
+        tables = [v for table in tables for v in table.values() if isinstance(v, Mapping)]
+    return None
 
 
 def _pose(table: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,40 +11,24 @@ from typing import Any
 import numpy as np
 
 from handtrack.capture.calibration.formats.calibration_tree import Tree, calibration_tree
-from handtrack.capture.calibration.formats.camera_tables import read_tables
+from handtrack.capture.calibration.formats.camera_tables import read_splatting, read_tables
 from handtrack.capture.calibration.formats.colmap import colmap_folder, read_colmap
 from handtrack.capture.calibration.formats.given_rig import GivenCamera, GivenRig
 from handtrack.capture.calibration.formats.kalibr import read_kalibr
-from handtrack.capture.calibration.formats.matlab import read_matlab
+from handtrack.capture.calibration.formats.matlab import read_bouguet, read_matlab
 from handtrack.capture.calibration.formats.qualisys import read_qualisys
-from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.errors import HandtrackError
 
 ACCEPTED = (
     "TOML of Anipose, Pose2Sim, FreeMoCap and Caliscope; OpenCV's YAML, XML and JSON (a stereo pair, or a file a camera); "
-    "Kalibr's camchain YAML; a COLMAP model (folder, text or binary); MATLAB's stereoParameters (toStruct, as .mat or JSON); "
-    "Qualisys XML; JSON, YAML or NPZ with K, dist, R and t of each camera"
+    "Kalibr's camchain YAML; a COLMAP model (folder, text or binary); MATLAB's stereoParameters (.mat or JSON) "
+    "and Bouguet's Calib_Results_stereo.mat; Qualisys XML; handpose3d's c0.dat with rot_trans_c0.dat; cameras.json of Gaussian "
+    "splatting; EasyMocap's intri.yml with extri.yml; JSON, YAML or NPZ with K, dist, R and t of each camera"
 )
 CONVERT = (
     'To convert another one, write JSON: {"cam0": {"K": 3x3, "dist": [k1, k2, p1, p2, k3], "R": 3x3, "t": [x, y, z], "size": '
     "[w, h]}, …}, with p_camera = R p_world + t."
 )
-_ANIPOSE = {"matrix", "distortions", "rotation", "translation", "name"}
-
-
-def _anipose(path: Path, tree: Any) -> GivenRig | None:
-    tables = (
-        [t for t in tree.values() if isinstance(t, Mapping) and "matrix" in t]
-        if isinstance(tree, Mapping)
-        else []
-    )
-    if not tables or not any(len(_ANIPOSE & t.keys()) >= 4 for t in tables):
-        return None
-    cameras = tuple(
-        GivenCamera(c.name, c.size, c.matrix, c.distortions, c.rotation, c.translation)
-        for c in read_rig(path)
-    )
-    return GivenRig("TOML of Anipose's form", cameras)
 
 
 def _tables(path: Path, tree: Any) -> GivenRig | None:
@@ -51,11 +36,12 @@ def _tables(path: Path, tree: Any) -> GivenRig | None:
 
 
 FORMS: tuple[tuple[tuple[str, ...], Callable[[Path, Any], GivenRig | None]], ...] = (
-    (("toml",), _anipose),
     (("yaml",), lambda path, tree: read_kalibr(tree, str(path))),
     (("mat", "json"), lambda path, tree: read_matlab(tree, str(path))),
+    (("mat",), lambda path, tree: read_bouguet(tree, str(path))),
+    (("json",), lambda path, tree: read_splatting(tree, str(path))),
     (("xml",), lambda path, tree: read_qualisys(tree, str(path))),
-    (("toml", "yaml", "json", "xml", "npz", "mat"), _tables),
+    (("toml", "yaml", "json", "xml", "npz", "mat", "rows"), _tables),
 )
 """what a file may be written in, and who may know it; the first that does reads it"""
 
@@ -67,7 +53,7 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
     """
     if len(paths) == 1:
         return _one(paths[0])
-    trees = {path: calibration_tree(path) for path in paths}
+    trees = {path: _by_camera(calibration_tree(path), path) for path in paths}
     single = [_single(path, tree) for path, tree in trees.items()]
     cameras = tuple(camera for camera in single if camera is not None)
     if len(cameras) == len(paths):
@@ -79,8 +65,16 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
         merged |= {str(key): value for key, value in tree.content.items()}
     rig = read_tables(merged, " and ".join(map(str, paths)), paths[0].stem)
     if rig is None or len(rig.cameras) < 2:
-        raise _unknown(paths[0])
+        raise _half(merged, " and ".join(map(str, paths))) or _unknown(paths[0])
     return rig
+
+
+def _by_camera(tree: Tree | None, path: Path) -> Tree | None:
+    """Return a file of rows with its camera in its keys: handpose3d's c0.dat and rot_trans_c0.dat are of `c0`."""
+    camera = re.search(r"[A-Za-z]+\d+$", path.stem)
+    if tree is None or tree.form != "rows" or camera is None:
+        return tree
+    return Tree("rows", {f"{key}_{camera[0]}": rows for key, rows in tree.content.items()})
 
 
 def _one(path: Path) -> GivenRig:
@@ -88,6 +82,9 @@ def _one(path: Path) -> GivenRig:
     if folder is not None:
         return read_colmap(folder)
     if path.is_dir():
+        rows = sorted(path.glob("*.dat"))
+        if rows:
+            return read_calibration(rows)
         raise HandtrackError(
             f"{path} is a folder without a COLMAP model; expected a calibration. Accepted: {ACCEPTED}."
         )
@@ -97,7 +94,8 @@ def _one(path: Path) -> GivenRig:
         if rig is not None:
             _check_names(rig, path)
             return rig
-    raise _unknown(path)
+    content = None if tree is None else tree.content
+    raise _half(content, str(path)) or _unknown(path)
 
 
 def _single(path: Path, tree: Tree | None) -> GivenCamera | None:
@@ -130,6 +128,46 @@ def _check_names(rig: GivenRig, path: Path) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise HandtrackError(f"{path}: two cameras have the name '{twice}'; expected one each.")
+
+
+def _half(content: Any, where: str) -> HandtrackError | None:
+    """Return what to say of a file that holds lenses or poses alone; None for one that holds neither."""
+    keys = [str(key) for key in content] if isinstance(content, Mapping) else []
+    plain = {re.sub(r"[\W_\d]|left|right", "", key.lower()) for key in keys}
+    lenses = plain & {
+        "k",
+        "m",
+        "cameramatrix",
+        "mtx",
+        "intrinsic",
+        "intrinsics",
+        "matrix",
+        "d",
+        "dist",
+        "distcoeffs",
+    }
+    poses = plain & {
+        "r",
+        "t",
+        "rot",
+        "trans",
+        "rvec",
+        "tvec",
+        "rotation",
+        "translation",
+        "extrinsics",
+        "rt",
+        "tcni",
+    }
+    if bool(lenses) == bool(poses):
+        return None
+    here, missing = (
+        ("the poses", "the lenses (K, dist)") if poses else ("the lenses", "the poses (R, t)")
+    )
+    return HandtrackError(
+        f"{where}: only {here} of a calibration ({', '.join(keys[:6])}); {missing} are missing. Give both files: "
+        "--calibration INTRINSICS EXTRINSICS."
+    )
 
 
 def _unknown(path: Path) -> HandtrackError:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from handtrack.capture.calibration.formats.given_rig import with_names
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.settle import check_lenses, sized, unit_of
+from handtrack.capture.calibration.formats.settle import sized, unit_of, with_lens
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 
@@ -29,7 +29,7 @@ def read_cameras(
     names = [camera.name or f"cam{i}" for i, camera in enumerate(given.cameras)]
     given = with_names(given, names)
     try:
-        check_lenses(given, lens, where)
+        given = with_lens(given, lens, where)
     except HandtrackError as error:
         raise HandtrackError(f'{error} Are they k1 k2 p1 p2? Then lens="plain".') from None
     given = sized(given, {} if size is None else dict.fromkeys(names, size), where)

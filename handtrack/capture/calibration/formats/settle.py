@@ -11,10 +11,16 @@ from typing import NamedTuple
 import numpy as np
 
 from handtrack.arrays import D3, C, Floats
-from handtrack.capture.calibration.formats.given_rig import GivenRig, with_names
+from handtrack.capture.calibration.formats.given_rig import (
+    GivenCamera,
+    GivenRig,
+    five_or_more,
+    with_names,
+)
 from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
+from handtrack.geometry.source_lens import FISHEYE_COUNT, PinholeView, SourceLens, pinhole_views
 
 _WITH_JOINTS = (1.0, 0.01, 0.001)  # of which at most one fits somebody's size
 UNITS_M = {1.0: "metres", 0.001: "millimetres"}
@@ -43,8 +49,16 @@ def named(rig: GivenRig, wished: Sequence[str], where: str) -> tuple[GivenRig, s
     A name that differs in spelling alone (`cam_0`, `Camera 0`, `0` for `cam0`) is taken. Cameras without names get those of
     the recording in order: by the numbers in them, where all have some. Raises HandtrackError where there are fewer cameras.
     """
+    for name in wished:
+        if any(_bare(name) == _bare(left) for left in rig.unposed):
+            raise HandtrackError(
+                f"{where}: it does not say where camera '{name}' stands (no pose), so its images cannot be used. Cameras with a "
+                f"pose: {', '.join(str(c.name) for c in rig.cameras)}. Leave it away, or calibrate it with the others."
+            )
+    left = f"no pose, so left out: {', '.join(rig.unposed)}." if rig.unposed else ""
     if all(camera.name is not None for camera in rig.cameras):
-        return _respelled(rig, wished)
+        found, said = _respelled(rig, wished)
+        return found, " ".join(text for text in (said, left) if text)
     if len(wished) > len(rig.cameras):
         raise HandtrackError(
             f"{where} has {len(rig.cameras)} cameras without names, but {len(wished)} are recorded: {', '.join(wished)}."
@@ -103,20 +117,76 @@ def sized(rig: GivenRig, sizes: Mapping[str, tuple[int, int]], where: str) -> Gi
     return replace(rig, cameras=cameras)
 
 
-def check_lenses(rig: GivenRig, lens: str | None, where: str) -> None:
-    """Raise HandtrackError where a camera's lens model is open and not said to be `plain`; always for `fisheye`."""
-    if lens == "fisheye":
-        raise HandtrackError(
-            f"{where}: fisheye lenses are not supported. Undistort the images (cv2.fisheye.undistortImage) and give their new "
-            "matrix with zeros for the distortion, or calibrate with the standard model (8 coefficients for wide lenses)."
-        )
-    cameras = enumerate(rig.cameras)
-    names = [f"camera '{camera.name or i}'" for i, camera in cameras if camera.lens_open]
-    if names and lens != "plain":
+def with_lens(rig: GivenRig, lens: str | None, where: str) -> GivenRig:
+    """Return the rig with the lens model that the user says, `plain` or `fisheye`, where the file leaves it open.
+
+    Raises HandtrackError where it is open and nobody says it, and for a fisheye's coefficients that are not four.
+    """
+    names = [f"camera '{c.name or i}'" for i, c in enumerate(rig.cameras) if c.lens_open]
+    if names and lens is None:
         raise HandtrackError(
             f"{where}: four distortion coefficients of {', '.join(names)}, and the file does not say of which lens model. Of the "
             "standard model they are k1 k2 p1 p2; `cv2.fisheye` writes k1 k2 k3 k4 in the same place."
         )
+    for camera in rig.cameras:
+        if (
+            camera.fisheye
+            and len(camera.distortions) > FISHEYE_COUNT
+            and camera.distortions[FISHEYE_COUNT:].any()
+        ):
+            raise HandtrackError(
+                f"{where}: camera '{camera.name}' is a fisheye of {len(camera.distortions)} coefficients; expected k1 k2 k3 k4 of "
+                "cv2.fisheye."
+            )
+    said = lens == "fisheye"
+    cameras = (replace(c, fisheye=said, lens_open=False) if c.lens_open else c for c in rig.cameras)
+    return replace(rig, cameras=tuple(cameras))
+
+
+class LensView(NamedTuple):
+    """One pinhole view of a camera whose lens is not a pinhole's."""
+
+    camera: str
+    """whose images it shows"""
+    lens: SourceLens
+    view: PinholeView
+
+
+def pinholes(
+    rig: GivenRig, regions: Mapping[str, tuple[float, float, float, float]]
+) -> tuple[GivenRig, dict[str, LensView]]:
+    """Return the rig with each fisheye, and each lens with skew, as the pinholes through which it is tracked, and these by name.
+
+    regions: x, y, width, height [px] around what is tracked, where that is known; else all of an image is shown. A lens whose
+    view is wider than 100° becomes several cameras, `NAME_1`, `NAME_2` …, of the same images. All must have names and sizes.
+    """
+    cameras: list[GivenCamera] = []
+    views: dict[str, LensView] = {}
+    for camera in rig.cameras:
+        name = str(camera.name)
+        if not camera.needs_view:
+            cameras.append(camera)
+            continue
+        assert camera.size is not None
+        bent = camera.distortions
+        bent = (
+            np.resize(np.append(bent, np.zeros(FISHEYE_COUNT)), FISHEYE_COUNT)
+            if camera.fisheye
+            else five_or_more(bent)
+        )
+        lens = SourceLens(camera.size, camera.matrix, bent, camera.fisheye)
+        tiles = pinhole_views(lens, regions.get(name))
+        for i, view in enumerate(tiles):
+            tile = name if len(tiles) == 1 else f"{name}_{i + 1}"
+            views[tile] = LensView(name, lens, view)
+            rotation, translation = (
+                view.rotation @ camera.rotation,
+                view.rotation @ camera.translation,
+            )
+            cameras.append(
+                GivenCamera(tile, view.size, view.matrix, np.zeros(5), rotation, translation)
+            )
+    return replace(rig, cameras=tuple(cameras)), views
 
 
 def unit_of(rig: GivenRig, length: float | None = None, subject: Subject = HAND) -> Unit:
@@ -128,7 +198,8 @@ def unit_of(rig: GivenRig, length: float | None = None, subject: Subject = HAND)
         return Unit(rig.unit_m, True, f"{rig.family}: its unit is {_words(rig.unit_m)}.")
     if len(rig.cameras) == 1:  # its own frame may be the world; no length shows
         return Unit(1.0, True, "")
-    in_units = rig.rig(1.0)
+    axes = tuple(c.without_lens() if c.needs_view else c for c in rig.cameras)
+    in_units = replace(rig, cameras=axes).rig(1.0)
     likely = likely_units(in_units, subject.size_m)
     guess = likely[0] if len(likely) == 1 else None
     what = "hands" if subject is HAND else "bodies"

@@ -1,0 +1,91 @@
+"""`handtrack new` with fisheye lenses: images, masks and joints as pinhole views show them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from handtrack.session.session import Session
+from tests.app.command_line import CommandLine
+from tests.capture.calibration_forms.test_calibration_forms import fisheyes
+from tests.capture.calibration_forms.writers import rig_of_two
+
+SPOTS = np.array([[0.0, 0.0, 0.5], [0.12, 0.05, 0.5], [-0.2, 0.1, 0.6], [0.05, -0.15, 0.45]])
+
+
+def taken(table: dict, places: np.ndarray) -> np.ndarray:
+    """Return the pixels (N, 2) at which a fisheye shows points of the world."""
+    turned = places @ np.array(table["rotation"]).T + np.array(table["translation"])
+    lens = np.array(table["matrix"]), np.array(table["distortions"])
+    return cv2.fisheye.projectPoints(turned[:, None], np.zeros(3), np.zeros(3), *lens)[0][:, 0]
+
+
+def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them(
+    handtrack: CommandLine, tmp_path: Path
+) -> None:
+    tables = fisheyes(rig_of_two())
+    (tmp_path / "rig.json").write_text(json.dumps(tables))
+    options = []
+    for name, table in tables.items():
+        (tmp_path / name).mkdir()
+        pixels = taken(table, SPOTS)
+        rows, columns = np.mgrid[:480, :640]
+        image = np.sum(
+            [120 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 18) for u, v in pixels], axis=0
+        )
+        cv2.imwrite(
+            str(tmp_path / name / "000.png"), np.repeat(image[..., None], 3, 2).astype(np.uint8)
+        )
+        options += ["--images", f"{name}={tmp_path / name}/*.png"]
+    made = handtrack(
+        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", tmp_path / "rig.json", "--masks", "none"
+    )  # fmt: skip
+    assert made.code == 0, made.err
+    session = Session.open(tmp_path / "s")
+    shown = set()
+    for view in session.views:
+        image = view.image(0)
+        assert image is not None
+        assert image.shape[:2] == view.camera.size[::-1]
+        for i, spot in enumerate(SPOTS):
+            u, v = view.camera.project(spot)
+            if not (12 < u < view.camera.size[0] - 12 and 12 < v < view.camera.size[1] - 12):
+                continue
+            patch = image[round(v) - 9 : round(v) + 10, round(u) - 9 : round(u) + 10, 0].astype(
+                float
+            )
+            rows, columns = np.mgrid[-9:10, -9:10]
+            middle = np.array([(patch * columns).sum(), (patch * rows).sum()]) / patch.sum()
+            assert np.abs(middle + [round(u) - u, round(v) - v]).max() < 0.4
+            shown.add(i)
+    assert len(shown) == len(SPOTS)
+
+
+def test_joints_of_a_fisheye_choose_its_view(handtrack: CommandLine, tmp_path: Path) -> None:
+    tables = fisheyes(rig_of_two())
+    (tmp_path / "rig.json").write_text(json.dumps(tables))
+    hand = np.random.default_rng(0).uniform([-0.06, -0.06, 0.48], [0.1, 0.08, 0.56], (21, 3))
+    options = []
+    for name, table in tables.items():
+        points = np.column_stack([taken(table, hand), np.ones(21)])
+        people = [{"hand_right_keypoints_2d": points.ravel().tolist()}]
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "x_000000000000_keypoints.json").write_text(
+            json.dumps({"people": people})
+        )
+        options += ["--keypoints", f"{name}={tmp_path / name}"]
+    made = handtrack(
+        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", tmp_path / "rig.json", "--side", "right"
+    )  # fmt: skip
+    assert made.code == 0, made.err
+    session = Session.open(tmp_path / "s")
+    assert session.rig.names == tuple(tables)
+    for view in session.views:
+        written = json.loads(
+            next((tmp_path / "s" / "joints" / view.name).glob("*.json")).read_text()
+        )
+        found = np.array(written["people"][0]["hand_right_keypoints_2d"]).reshape(21, 3)
+        assert np.abs(found[:, :2] - view.camera.project(hand)).max() < 1e-3
