@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 import viser
 
 from handtrack.session.bundled import working_folder
+from handtrack_app.door.access import Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
-from handtrack_app.door.browser import show_in_browser
-from handtrack_app.door.door import Door, open_door
 from handtrack_app.door.log import logging_to
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.page.editing import Editing
@@ -103,9 +102,17 @@ class Workbench:
         self.door = open_door(self.host, self.wanted_port, token=self._token)
         self.server = self.door.server
         self.page = Page(
-            self.server, self.state, self.send, self.redraw, self.go_to, self.door.gate.said
+            self.server,
+            self.state,
+            self.send,
+            self.redraw,
+            self.go_to,
+            self.door.messages.sent_value,
         )
-        self.door.gate.own, self.door.gate.everyones = self.page.own_widgets, self.page.everyones
+        self.door.messages.own, self.door.messages.everyones = (
+            self.page.own_widgets,
+            self.page.everyones,
+        )
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage)
         self.page.on(self.layout.session.others, lambda _: self.left.set())
@@ -119,7 +126,7 @@ class Workbench:
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
         self.editing = Editing(self.page)
-        self.door.gate.may_edit, self.door.gate.looked_on = (
+        self.door.messages.may_edit, self.door.messages.looked_on = (
             self.editing.may_edit,
             self.editing.refuse,
         )

@@ -19,7 +19,7 @@ from handtrack_app.protocol.log_file import ENGINE_LOG
 from handtrack_app.start.recent import remember
 
 if TYPE_CHECKING:
-    from handtrack_app.door.door import Door
+    from handtrack_app.door.access import Door
 
 
 def run(args: argparse.Namespace) -> int:

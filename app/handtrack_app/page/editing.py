@@ -11,8 +11,8 @@ import time
 from dataclasses import dataclass, field
 
 import viser
-from viser._messages import GuiUpdateMessage, SetOrientationMessage, SetPositionMessage
 
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page
 
 _AGAIN_S = 5.0
@@ -83,14 +83,14 @@ class Editing:
         client = self.page.server.get_clients().get(client_id)
         if client is None:
             return
-        widget = self.page.gui._gui_input_handle_from_uuid.get(name)
-        node = self.page.server.scene._handle_from_node_name.get(name)
-        page = self.page
-        if widget is not None and not widget._impl.is_button:
-            page.tell(client, GuiUpdateMessage(name, {"value": widget.value}))
+        widget = internals.widgets(self.page.server).get(name)
+        node = internals.nodes(self.page.server).get(name)
+        if widget is not None and not internals.is_button(widget):
+            internals.show_value(client, widget, widget.value)
         if node is not None:
-            page.tell(client, SetPositionMessage(name, tuple(node.position.tolist())))
-            page.tell(client, SetOrientationMessage(name, tuple(node.wxyz.tolist())))
+            internals.show_pose(
+                client, name, tuple(node.position.tolist()), tuple(node.wxyz.tolist())
+            )
         now = time.monotonic()
         if now - self._told.get(client_id, -_AGAIN_S) >= _AGAIN_S:
             self._told[client_id] = now

@@ -14,16 +14,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import viser
-from viser._messages import GuiUpdateMessage
 
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.state import UserState
 from handtrack_app.page.worded import Worded
 from handtrack_app.protocol.commands import Command, LookBefore, Redo, SetPose, Undo
 from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:
-    from viser._gui_handles import GuiModalHandle
-    from viser._messages import HotkeyKey, KeyModifier, Message
+    from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
 
 log = logging.getLogger(__name__)
 _ASKED_S = 60.0  # a browser is waited for
@@ -130,10 +129,6 @@ class Page:
         for target in clients:
             target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
 
-    def tell(self, client: viser.ClientHandle, message: Message) -> None:
-        """Send one page what no other gets."""
-        client._websock_connection.queue_message(message)
-
     def remembered(
         self, client: viser.ClientHandle, name: str, act: Callable[[str | None], None]
     ) -> None:
@@ -161,17 +156,9 @@ class Page:
         def call(client_id: int, value: object) -> None:
             client = self.server.get_clients().get(client_id)
             if client is not None:
-                self.gui._thread_executor.submit(
-                    self._tried, client, partial(action, client, str(value))
-                )
+                internals.submit(self.gui, self._tried, client, partial(action, client, str(value)))
 
-        self.own_widgets[widget._impl.uuid] = call
-
-    def show_own(
-        self, client: viser.ClientHandle, widget: viser.GuiInputHandle[str], value: str
-    ) -> None:
-        """Show a page the value that it has of a widget of its own."""
-        self.tell(client, GuiUpdateMessage(widget._impl.uuid, {"value": value}))
+        self.own_widgets[internals.id_of(widget)] = call
 
     def on(self, widget: Any, action: Action) -> None:
         """Call back when a user presses a button, or changes the value of another widget."""
@@ -244,7 +231,7 @@ class Keys:
         if key is not None:
             shown = _KEY_WORDS.get(key, key)
             self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))
-        return command._impl.uuid
+        return internals.id_of(command)
 
     def table(self) -> str:
         """Return the list of keys for the page."""

@@ -8,8 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from viser._messages import LocalStorageGetItemRequestMessage, LocalStorageGetItemResponseMessage
-
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page
 from handtrack_app.page.state import UserState
 from handtrack_app.protocol.commands import Track
@@ -42,9 +41,7 @@ class InFlight:
         """by question: the client that is to answer it, the frame, and how often it answered for that"""
         self._count = 0
         self._lock = threading.Lock()
-        page.server._websock_server.register_handler(
-            LocalStorageGetItemResponseMessage, self._answered
-        )
+        internals.on_storage(page.server, self._answered)
 
     @property
     def has_room(self) -> bool:
@@ -82,12 +79,10 @@ class InFlight:
             self._count += 1
             question = f"drawn {self._count % 8}"  # viser keeps one of each for those who come
             self._asked[question] = client, frame, times
-        self._page.server._websock_server.queue_message(
-            LocalStorageGetItemRequestMessage(_QUESTION, question)
-        )
+        internals.ask_storage(self._page.server, _QUESTION, question)
 
-    def _answered(self, client: int, message: LocalStorageGetItemResponseMessage) -> None:
-        of, frame, times = self._asked.get(message.request_uuid, (None, -1, 0))
+    def _answered(self, client: int, question: str) -> None:
+        of, frame, times = self._asked.get(question, (None, -1, 0))
         if of != client or frame != self._drawing:
             return
         if times < _TIMES:

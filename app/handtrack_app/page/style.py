@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 
 import viser
-from viser._messages import RunJavascriptMessage
+
+from handtrack_app import viser_internals as internals
 
 _STYLE_SHEET = """
 p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spacing: 0 !important; }
@@ -86,4 +87,4 @@ if (document.getElementById("handtrack-style") === null) {
 def dress(server: viser.ViserServer) -> None:
     """Give all pages of a server the workbench's style, which no folded panel takes along, and its dialogs their keys."""
     source = _SCRIPT % json.dumps(_STYLE_SHEET)
-    server._websock_server.queue_message(RunJavascriptMessage(source))
+    internals.run_javascript(server, source)

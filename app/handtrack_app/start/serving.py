@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from handtrack_app.door.access import Door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
-from handtrack_app.door.browser import show_in_browser
-from handtrack_app.door.door import Door
 from handtrack_app.door.log import logging_to
 from handtrack_app.protocol.log_file import LOG_FILE
 from handtrack_app.start.start_page import StartPage

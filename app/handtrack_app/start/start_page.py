@@ -15,7 +15,7 @@ import viser
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack.errors import HandtrackError
 from handtrack.session.layout import SESSION_FILE
-from handtrack_app.door.door import open_door
+from handtrack_app.door.access import open_door
 from handtrack_app.page.style import dress
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.start.found_files import FoundFiles, find_files

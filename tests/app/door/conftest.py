@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 import viser
 
-from handtrack_app.door.door import Door, open_door
+from handtrack_app.door.access import Door, open_door
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.door import address
+from handtrack_app.door.access import open_door
 from handtrack_app.door.address import choose_port, host_warning, is_loopback, own_names
-from handtrack_app.door.door import open_door
 
 
 @pytest.fixture

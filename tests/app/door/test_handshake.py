@@ -14,11 +14,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from handtrack_app.door import connection as door_connection
-from handtrack_app.door import handshake, headers
-from handtrack_app.door.browser import show_in_browser
-from handtrack_app.door.door import open_door
-from handtrack_app.door.handshake import MOST_CLIENTS
+from handtrack_app.door import access
+from handtrack_app.door.access import MOST_CLIENTS, open_door, show_in_browser
 from tests.app.waiting import eventually
 
 VISER = ["viser-v1.1.1"]
@@ -194,8 +191,7 @@ def test_a16_no_site_can_frame_the_page(door):
         assert answer.headers["X-Frame-Options"] == "DENY"
         policy = answer.headers["Content-Security-Policy"]
         assert "frame-ancestors 'none'" in policy
-        scripts = next(one for one in policy.split("; ") if one.startswith("script-src "))
-        assert scripts.count("'sha256-") == 2 and "unsafe-inline" not in scripts
+        assert "connect-src 'self'" in policy
         assert answer.headers["Referrer-Policy"] == "no-referrer"
         assert answer.headers["X-Content-Type-Options"] == "nosniff"
 
@@ -217,7 +213,7 @@ def test_the_library_is_left_as_it_was():
     [((1e-9, 3.0), 3, 429), ((1.0, 2.0 * MOST_CLIENTS), MOST_CLIENTS, 503)],
 )
 def test_a11_the_number_of_clients_is_bounded(monkeypatch, allowed, most, status):
-    monkeypatch.setattr(handshake, "_NEW_CLIENTS", allowed)
+    monkeypatch.setattr(access, "_NEW_CLIENTS", allowed)
     door = open_door()
     with contextlib.ExitStack() as clients:
         for _ in range(most):
@@ -231,7 +227,7 @@ def test_a11_half_open_connections_keep_nobody_out(door):
     idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(150)]
     assert asked(door).status == 200
     gone = [wire for wire in idle if closed(wire)]
-    assert len(gone) >= len(idle) - door_connection.MOST_CONNECTIONS
+    assert len(gone) >= len(idle) - access.MOST_CONNECTIONS
     for wire in idle:
         wire.close()
 
@@ -254,27 +250,3 @@ def test_a_client_of_another_version_is_told_so_and_the_terminal_is_not(door, ca
     assert end.value.rcvd.code == 1002
     eventually(lambda: not door.server._websock_server._live_connections, "gone")
     assert capfd.readouterr().out == ""
-
-
-@pytest.mark.parametrize(
-    "page",
-    [
-        "<!doctype html><script type=module>start()</script>",  # as in viser 1.1.0
-        '<script data-p="!!!!!" data-ss="0" data-cs="0">run(p)</script>',  # unpacks to nothing known
-        '<script data-p="~" data-ss="9" data-cs="0">run(p)</script>',
-        None,  # lies elsewhere
-    ],
-)
-def test_a_page_of_another_viser_is_served_and_its_scripts_may_run(page, monkeypatch, tmp_path):
-    (tmp_path / "client" / "build").mkdir(parents=True)
-    if page is not None:
-        (tmp_path / "client" / "build" / "index.html").write_text(page)
-    monkeypatch.setattr(headers.viser, "__file__", str(tmp_path / "__init__.py"))
-    headers.page_headers.cache_clear()
-    try:
-        policy = headers.page_headers()["Content-Security-Policy"]
-    finally:
-        headers.page_headers.cache_clear()
-    scripts = next(one for one in policy.split("; ") if one.startswith("script-src "))
-    assert "'unsafe-inline'" in scripts and "sha256" not in scripts
-    assert "frame-ancestors 'none'" in policy and "connect-src 'self'" in policy

@@ -50,11 +50,11 @@ def test_c42_the_second_page_looks_on(bench: Workbench) -> None:
         eventually(lambda: value_of(second, slider) == before, "its page is put back")
         time.sleep(0.1)
         assert (slider.value, bench.state.frame, bench.state.version) == (before, frame, 0)
-        assert bench.door.gate.said(slider) == before
+        assert bench.door.messages.sent_value(slider) == before
         first.set_value(slider, 50.0)
         eventually(lambda: bench.state.version == 1, "the first one edits")
         eventually(lambda: value_of(second, slider) == 50.0, "and the second one sees it")
-    assert bench.door.gate.refused == 0
+    assert bench.door.messages.refused == 0
 
 
 def test_c42_the_second_page_takes_over(bench: Workbench) -> None:
@@ -118,7 +118,7 @@ def test_each_page_looks_through_a_camera_of_its_own(bench: Workbench) -> None:
         other.set_value(view.through, "side")
         eventually(lambda: len(wished(bench)) == 2, "two pictures")
     eventually(lambda: wished(bench) == (), "of pages that went none is painted")
-    assert bench.door.gate.refused == 0
+    assert bench.door.messages.refused == 0
 
 
 def wished(bench: Workbench) -> tuple[tuple[str, str], ...]:

@@ -16,7 +16,7 @@ from handtrack_app.page.pins.whole_hand import moved_root
 from handtrack_app.protocol.snapshots import SessionSnapshot
 
 if TYPE_CHECKING:
-    from viser._messages import KeyModifier
+    from handtrack_app.viser_internals import KeyModifier
 
 
 class Nudge(NamedTuple):

@@ -12,6 +12,7 @@ import numpy as np
 import viser
 
 from handtrack.arrays import D3, Bytes, H, W
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Keys, Page, number, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.camera_names import CameraNames
@@ -198,7 +199,7 @@ class SessionPanel:
     ) -> None:
         if client is not None:
             word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
-            self.page.show_own(client, self.through, word)
+            internals.show_value(client, self.through, word)
             self.look(camera, client, everything)
 
     def _paint(self, client: viser.ClientHandle, chosen: str) -> None:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
-from viser._messages import DragBinding, SetSceneNodeDragBindingsMessage
 
 from handtrack.arrays import D3, Floats
 from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page
 from handtrack_app.page.pins.pin_marks import PinMarks
 from handtrack_app.page.pins.taking_hold import Hold, ellipsoid_at, hold_at, view_card
@@ -26,7 +26,7 @@ from handtrack_app.protocol.posing import PullPlace, SetPin
 from handtrack_app.protocol.snapshots import BEFORE, CameraCard, PoseSnapshot, SessionSnapshot
 
 if TYPE_CHECKING:
-    from viser._messages import DragButton, KeyModifier
+    from handtrack_app.viser_internals import DragButton, KeyModifier
 
 _GRIP = "/grips/flesh"
 _UNSEEN = 0.004  # opacity: what is not drawn at all cannot be pointed at
@@ -134,10 +134,10 @@ class Grips:
         """Let what is drawn of the hand take no drags of one page: they would not pass through to its grips."""
         (self._aside.add if aside else self._aside.discard)(number)
         client = self._page.server.get_clients().get(number)
-        takes = () if aside else (DragBinding("left", "shift"),)
+        takes = () if aside else (internals.DragBinding("left", "shift"),)
         if client is not None:
             for node in self._drawn_as:
-                self._page.tell(client, SetSceneNodeDragBindingsMessage(node.name, takes))
+                internals.let_drag(client, node.name, takes)
 
     def _let_go(self, numbers: list[int]) -> None:
         for number in numbers:

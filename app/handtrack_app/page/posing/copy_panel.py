@@ -17,7 +17,7 @@ from handtrack_app.page.posing.mirrored import mirrored
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
 if TYPE_CHECKING:
-    from viser._messages import KeyModifier
+    from handtrack_app.viser_internals import KeyModifier
 
 COPY, PASTE, MIRROR = "Copy", "Paste", "Mirror"
 _NOTHING = "Nothing was copied yet that fits here: show a pose and press Copy first."

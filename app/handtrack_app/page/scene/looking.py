@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import viser
 import viser.transforms as vtf
-from viser._messages import DragButton, SetSceneNodeVisibilityMessage
 
 from handtrack.arrays import D3, Bytes, Floats, H, W
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page
 from handtrack_app.page.pins.taking_hold import view_card
 from handtrack_app.page.scene.moments import Moments
@@ -90,7 +90,7 @@ class Looking:
             state.looks[number] = replace(state.look(number), through=camera)
         card = self.card(number)
         for name in _IN_THE_WAY:
-            self._page.tell(client, SetSceneNodeVisibilityMessage(name, card is None))
+            internals.show_node(client, name, card is None)
         if card is None:
             self.views.leave(client)
         if camera == ALL:
@@ -183,7 +183,7 @@ class Looking:
                 self._drags_turn(client, image, "right")
 
     def _drags_turn(
-        self, client: viser.ClientHandle, image: viser.ImageHandle, button: DragButton
+        self, client: viser.ClientHandle, image: viser.ImageHandle, button: internals.DragButton
     ) -> None:
         """Let a drag of the picture move it under the pointer."""
 

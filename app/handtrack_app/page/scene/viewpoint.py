@@ -7,14 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 import viser
-from viser._messages import (
-    SetCameraFovMessage,
-    SetCameraLookAtMessage,
-    SetCameraPositionMessage,
-    SetCameraUpDirectionMessage,
-)
 
 from handtrack.arrays import D3, D5, Floats
+from handtrack_app import viser_internals as internals
 from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
 
 _LEAST = 0.35  # share of the picture's height that a hand reaches over at least if cameras are shown with it at first: bent, it fills two thirds of that
@@ -183,12 +178,12 @@ def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
     )
     with client.atomic():
         for message in (
-            SetCameraUpDirectionMessage(up),
-            SetCameraPositionMessage(position),
-            SetCameraLookAtMessage(target),
-            SetCameraFovMessage(view.fov),
+            internals.SetCameraUpDirectionMessage(up),
+            internals.SetCameraPositionMessage(position),
+            internals.SetCameraLookAtMessage(target),
+            internals.SetCameraFovMessage(view.fov),
         ):
-            client._websock_connection.queue_message(message)
+            internals.send(client, message)
 
 
 def begin_at(server: viser.ViserServer, view: Viewpoint) -> None:

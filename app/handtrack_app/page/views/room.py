@@ -9,12 +9,8 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 
 import viser
-from viser._messages import (
-    GuiSetPanelCollapsedMessage,
-    GuiSetPanelWidthMessage,
-    RunJavascriptMessage,
-)
 
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Keys, Page
 from handtrack_app.protocol.palette import BRAND
 
@@ -149,19 +145,13 @@ class Room:
             gui = self.page.gui
             for name, panel in self.panels.items():
                 if (name in taste.folded) != (name in before.folded):
-                    stamp = gui._next_layout_counter(), gui._layout_run_id
-                    uuid, folded = panel._placement_uuid, name in taste.folded
-                    self.page.tell(client, GuiSetPanelCollapsedMessage(uuid, folded, *stamp))
+                    internals.place_panel(client, gui, panel, folded=name in taste.folded)
             if taste.colours != before.colours:
                 colours(client.gui, taste.colours)
-                self.page.show_own(client, self.colours, taste.colours)
+                internals.show_value(client, self.colours, taste.colours)
             if taste.text != before.text:
-                self.page.show_own(client, self.text, taste.text)
+                internals.show_value(client, self.text, taste.text)
                 factor = _LARGER if taste.text == LARGE else 1.0
                 for name, panel in self.panels.items():
-                    stamp = gui._next_layout_counter(), gui._layout_run_id
-                    width = factor * WIDTHS[name]
-                    self.page.tell(
-                        client, GuiSetPanelWidthMessage(panel._placement_uuid, width, *stamp)
-                    )
-                self.page.tell(client, RunJavascriptMessage(_LARGE.format(factor)))
+                    internals.place_panel(client, gui, panel, width=factor * WIDTHS[name])
+                internals.run_javascript(client, _LARGE.format(factor))

@@ -16,16 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import viser
 import viser.transforms as vtf
-from viser._messages import (
-    SetCameraFovMessage,
-    SetCameraLookAtMessage,
-    SetCameraMaxOrbitDistanceMessage,
-    SetCameraMinOrbitDistanceMessage,
-    SetCameraPositionMessage,
-    SetCameraUpDirectionMessage,
-)
 
 from handtrack.arrays import D3, Floats, N
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page
 from handtrack_app.page.views.zoom import (
     MOST,
@@ -123,8 +116,8 @@ class Views:
             here = self._page.server.get_clients()
             self._through = {one: view for one, view in self._through.items() if one in here}
             if self._through.pop(client.client_id, None) is not None:
-                self._page.tell(client, SetCameraMaxOrbitDistanceMessage(_FREE_M[1]))
-                self._page.tell(client, SetCameraMinOrbitDistanceMessage(_FREE_M[0]))
+                internals.send(client, internals.SetCameraMaxOrbitDistanceMessage(_FREE_M[1]))
+                internals.send(client, internals.SetCameraMinOrbitDistanceMessage(_FREE_M[0]))
                 self.changed(client, None)
 
     def show_hand(self, points: Floats[N, D3], radii: Floats[N]) -> None:
@@ -234,7 +227,7 @@ class Views:
                 return  # half of what it was told: the other half comes with the next frame that it draws
             self._take(client, through, way, near)
             if abs(camera.fov - through.eye.fov) > 1e-5:
-                self._page.tell(client, SetCameraFovMessage(through.eye.fov))
+                internals.send(client, internals.SetCameraFovMessage(through.eye.fov))
 
     def _take(
         self, client: viser.ClientHandle, through: Through, way: Floats[D3], near: float
@@ -268,14 +261,14 @@ class Views:
         near = _NEAR_M / MOST ** (1 / _NOTCHES)
         with client.atomic():
             for message in (
-                SetCameraMinOrbitDistanceMessage(near),
-                SetCameraUpDirectionMessage(_three(-seen.rotation[:, 1])),
-                SetCameraPositionMessage(_three(centre)),
-                SetCameraLookAtMessage(_three(centre + way)),
-                SetCameraMaxOrbitDistanceMessage(_NEAR_M),
-                SetCameraFovMessage(seen.fov),  # the page answers to this one: last
+                internals.SetCameraMinOrbitDistanceMessage(near),
+                internals.SetCameraUpDirectionMessage(_three(-seen.rotation[:, 1])),
+                internals.SetCameraPositionMessage(_three(centre)),
+                internals.SetCameraLookAtMessage(_three(centre + way)),
+                internals.SetCameraMaxOrbitDistanceMessage(_NEAR_M),
+                internals.SetCameraFovMessage(seen.fov),  # the page answers to this one: last
             ):
-                self._page.tell(client, message)
+                internals.send(client, message)
         self.changed(client, through)
 
     def _at_hand(self, through: Through) -> Zoom | None:

@@ -17,7 +17,7 @@ from handtrack_app.protocol.commands import (
 )
 
 if TYPE_CHECKING:
-    from viser._messages import KeyModifier
+    from handtrack_app.viser_internals import KeyModifier
 
 _TEN = 10
 _Entry = tuple[str, str | None, "KeyModifier | None", Action]

@@ -15,8 +15,16 @@ import pytest
 import viser
 from websockets.exceptions import ConnectionClosed
 
-from handtrack_app.door.flow import BURST, MOST_WAITING, RATE, Allowance, Flow
-from handtrack_app.door.gate import LARGEST_MESSAGE, LooksOn, NotForUs
+from handtrack_app.door.access import (
+    BURST,
+    LARGEST_MESSAGE,
+    MOST_WAITING,
+    RATE,
+    Allowance,
+    Flow,
+    ReadOnly,
+    Rejected,
+)
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -36,7 +44,7 @@ MOVE = {
 
 
 def examined(small, message):
-    kind, packed = small.door.gate.examine(msgspec.msgpack.encode(message))
+    kind, packed = small.door.messages.check(msgspec.msgpack.encode(message))
     return kind, msgspec.msgpack.decode(packed)
 
 
@@ -92,7 +100,7 @@ def test_a_value_of_the_widgets_kind_passes_within_its_limits(small, widget, val
     ],
 )
 def test_a11_a_value_of_another_kind_is_refused(small, widget, value):
-    with pytest.raises(NotForUs):
+    with pytest.raises(Rejected):
         examined(small, update(getattr(small, widget), value=value))
 
 
@@ -101,7 +109,7 @@ def test_a11_a_value_of_another_kind_is_refused(small, widget, value):
     [{"update_cb": []}, {"value": 1.0, "removed": True}, {"props": {}}, {}, {"__class__": 1}],
 )
 def test_a11_only_the_value_can_be_set(small, updates):
-    with pytest.raises(NotForUs):
+    with pytest.raises(Rejected):
         examined(small, update(small.slider, **updates))
 
 
@@ -135,19 +143,19 @@ def test_a11_only_the_value_can_be_set(small, updates):
 def test_a11_c49_other_messages_are_refused(small, message):
     if isinstance(message, dict) and message.get("source_component_uuid"):
         message = message | {"source_component_uuid": small.slider._impl.uuid}
-    with pytest.raises(NotForUs):
+    with pytest.raises(Rejected):
         examined(small, message)
 
 
 @pytest.mark.parametrize("raw", [b"", b"\xc1", b"\x91" * 60_000, "text", b"\xdd\xff\xff\xff\xff"])
 def test_a11_what_is_no_message_is_refused(small, raw):
-    with pytest.raises(NotForUs):
-        small.door.gate.examine(raw)
+    with pytest.raises(Rejected):
+        small.door.messages.check(raw)
 
 
 def test_a_widget_that_is_switched_off_stays(small):
     small.slider.disabled = True
-    with pytest.raises(NotForUs, match="switched off"):
+    with pytest.raises(Rejected, match="disabled"):
         examined(small, update(small.slider, value=2.0))
 
 
@@ -205,7 +213,7 @@ def test_a11_no_client_can_take_a_widgets_callbacks(small):
         client.send(update(small.slider, value=math.nan))
         client.set_value(small.slider, 4.0)
         eventually(lambda: 4.0 in small.heard, "the callback lives")
-    assert small.door.gate.refused == 2
+    assert small.door.messages.refused == 2
 
 
 def test_a11_a_number_too_large_for_the_wire_ends_nobody(small):
@@ -249,7 +257,7 @@ def test_a11_a_large_message_ends_its_sender_only(small):
 @pytest.fixture
 def at_once(monkeypatch):
     """However slow the machine, all that is sent comes at one moment."""
-    monkeypatch.setattr("handtrack_app.door.connection.Flow", partial(Flow, Clock()))
+    monkeypatch.setattr("handtrack_app.door.access.Flow", partial(Flow, Clock()))
 
 
 def test_a11_who_floods_is_sent_away_and_the_others_go_on(at_once, small):
@@ -284,8 +292,8 @@ def test_what_the_page_said_outlives_what_the_program_writes(small):
         client.set_value(small.slider, 3.0)
         eventually(lambda: small.slider.value == 3.0, "came")
     small.slider.value = 9.0
-    assert small.door.gate.said(small.slider) == 3.0
-    assert small.door.gate.said(small.whole) == 1
+    assert small.door.messages.sent_value(small.slider) == 3.0
+    assert small.door.messages.sent_value(small.whole) == 1
 
 
 @pytest.mark.parametrize("bad", ["text", b"\xc1"])
@@ -301,7 +309,7 @@ def test_a11_nothing_reaches_the_terminal(small, capfd, bad):
 
 
 def test_a11_who_does_not_read_is_given_up_and_the_others_go_on(small, monkeypatch):
-    monkeypatch.setattr("handtrack_app.door.connection._SLOW_S", 2.0)
+    monkeypatch.setattr("handtrack_app.door.access._SLOW_S", 2.0)
     live = small.door.server._websock_server._live_connections
     noise = np.random.default_rng(0).integers(0, 255, (1500, 1500, 3), dtype=np.uint8)
     with WireClient(small.url) as other, silent(small.url):
@@ -333,12 +341,12 @@ def test_a_node_of_one_page_alone_is_moved_by_that_page_which_must_edit(small):
         first, second = sorted(small.door.server.get_clients())
         own = small.door.server.get_clients()[first]
         own.scene.add_image("/screen", np.zeros((4, 4, 3), np.uint8), 1.0, 1.0)
-        drag, gate = msgspec.msgpack.encode({**DRAG, "name": "/screen"}), small.door.gate
-        assert gate.examine(drag, first)[0] == ("drag", "/screen")
-        with pytest.raises(NotForUs, match="an unknown node"):
-            gate.examine(drag, second)
+        drag, gate = msgspec.msgpack.encode({**DRAG, "name": "/screen"}), small.door.messages
+        assert gate.check(drag, first)[0] == ("drag", "/screen")
+        with pytest.raises(Rejected, match="an unknown node"):
+            gate.check(drag, second)
         gate.may_edit = lambda client: client == second
-        with pytest.raises(LooksOn, match="/screen"):
-            gate.examine(drag, first)
+        with pytest.raises(ReadOnly, match="/screen"):
+            gate.check(drag, first)
         assert one
         assert other

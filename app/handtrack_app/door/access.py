@@ -1,0 +1,648 @@
+"""Access control: who may connect to the workbench, and how much of what a client sends reaches viser.
+
+viser has no log-in and ignores `Origin`. Here each request needs the token: in its address, as it is printed and opened, or
+in the cookie that the page got for it. `Host` must be a name of this machine, so that another site's name made to point here
+does not help; `Origin` must be the same place.
+
+Whoever has the token may do what the user can, so messages are limited only against faults: in size, number and rate; to the
+kinds that a page sends, with finite numbers; to widgets and nodes that exist; and to the value of a widget, of its kind and
+within its limits. viser itself sets whatever attribute a client names and fails on numbers too large for its wire.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hmac
+import html
+import io
+import logging
+import math
+import os
+import secrets
+import threading
+import time
+import webbrowser
+from collections.abc import Awaitable, Callable, Hashable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field, fields
+from functools import partial
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import parse_qs, urlencode, urlsplit
+
+import msgspec
+import viser
+import websockets.asyncio.server as library
+from websockets.asyncio.server import Server, ServerConnection
+from websockets.frames import Frame, Opcode
+from websockets.http11 import Request, Response
+from websockets.protocol import CONNECTING, Event
+from websockets.server import ServerProtocol
+
+from handtrack.errors import HandtrackError
+from handtrack.files.user_folder import user_data_folder
+from handtrack_app import viser_internals as internals
+from handtrack_app.door.address import LOOPBACK, own_names
+
+log = logging.getLogger(__name__)
+
+LARGEST_MESSAGE = 64 * 1024
+"""[bytes]; a camera, the largest message of the page, has 300"""
+_LARGEST_NUMBER = 1e9
+"""far below what 64 bits hold"""
+_LONGEST_TEXT, _LONGEST_LIST, _DEEPEST = 4096, 64, 4
+_MOST_VALUES = 2000
+"""widgets whose last value is kept; the page has about 200"""
+RATE, BURST = 200.0, 400.0
+"""messages a second, and at once. viser's page sends at most 20 values, 20 drags, 50 clicks and 50 cameras a second"""
+MOST_READ, MOST_READ_AT_ONCE = 1000.0, 4000.0
+"""messages that are looked at; a client that sends more is disconnected"""
+MOST_BYTES, MOST_BYTES_AT_ONCE = 1e6, 4e6
+"""of all that comes, pings too; the page sends at most some 30 kB a second"""
+MOST_WAITING = 256
+"""different things that wait; the page has about as many widgets"""
+MOST_CLIENTS = 16
+"""pages and programs at a time; each costs a copy of what is on its way to it"""
+_NEW_CLIENTS = (4.0, 12.0)
+"""a second, and at once: each is sent the whole scene"""
+MOST_CONNECTIONS = 64
+"""with those whose handshake is not done yet"""
+_HANDSHAKE_S = 5.0
+_SLOW_S = 20.0
+"""a client that has not taken one packet by then (a few MB at most) is given up; its page reconnects"""
+_FAREWELL_S = 1.0
+
+_PAGE = "<!doctype html><title>handtrack</title><p>handtrack: {}</p>\n"
+_HEADERS = {
+    "Content-Security-Policy": "; ".join((
+        "default-src 'none'",
+        # the page is one file with its scripts in it; zstd in WebAssembly, functions made from strings
+        "script-src 'self' 'unsafe-inline' blob: 'wasm-unsafe-eval' 'unsafe-eval'",
+        "worker-src 'self' blob:",  # the connection lives in a worker
+        "style-src 'self' 'unsafe-inline'",
+        "img-src 'self' data: blob:",
+        "font-src 'self' data:",
+        "connect-src 'self' data: blob:",  # nothing leaves this machine; the environment's light is a data URL
+        "base-uri 'none'", "form-action 'none'", "frame-ancestors 'none'",
+    )),
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}  # fmt: skip
+_starting = threading.Lock()
+Passed = bytes | Callable[[], None]
+"""a message for viser, or what is to be called instead"""
+_Inner = Callable[[ServerConnection, Request], Response | None]
+
+
+# ---- requests
+
+
+class _Refused(Exception):
+    """A request that is answered with a sentence."""
+
+    def __init__(self, status: HTTPStatus, message: str) -> None:
+        super().__init__(message)
+        self.status, self.message = status, message
+
+
+@dataclass
+class Allowance:
+    """A number of things allowed a second, and at once after a pause."""
+
+    rate: float
+    burst: float
+    clock: Callable[[], float] = time.monotonic
+    left: float = field(init=False)
+    _then: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.left, self._then = self.burst, self.clock()
+
+    def take(self, amount: float = 1.0) -> bool:
+        """Return whether so much more is allowed now, and count it."""
+        if self.wait(amount) > 0:
+            return False
+        self.left -= amount
+        return True
+
+    def wait(self, amount: float = 1.0) -> float:
+        """Return the seconds until so much more is allowed."""
+        now = self.clock()
+        self.left = min(self.burst, self.left + (now - self._then) * self.rate)
+        self._then = now
+        return max(0.0, (amount - self.left) / self.rate)
+
+
+@dataclass
+class Handshake:
+    """Checks each request before viser sees it."""
+
+    names: frozenset[str]
+    """names of this machine, in lower case"""
+    token: str = field(repr=False)
+    hide_address: Callable[[], object] = lambda: None
+    """removes what leads to the address with the token; called when a page has come by it, and at the end"""
+    _new: Allowance = field(default_factory=lambda: Allowance(*_NEW_CLIENTS))
+
+    def wrap(self, inner: _Inner | None) -> _Inner:
+        """Return viser's own handling of requests behind this one."""
+
+        def answer(connection: ServerConnection, request: Request) -> Response | None:
+            host = None
+            try:
+                host = self._checked_host(connection, request)
+                asked = parse_qs(request.path.partition("?")[2])
+                self._check_token(request, host, asked.pop("token", []))
+                response = None
+                if (_only(request, "Upgrade") or "").lower() == "websocket":
+                    self._check_room(connection)
+                elif "token=" in request.path:  # it is not to stay in the address
+                    response = connection.respond(HTTPStatus.SEE_OTHER, "")
+                    response.headers["Location"] = f"/?{urlencode(asked, doseq=True)}".rstrip("?")
+                    self.hide_address()
+                elif inner is not None:
+                    response = inner(connection, request)
+            except _Refused as refused:
+                response = connection.respond(refused.status, _PAGE.format(refused.message))
+                del response.headers["Content-Type"]
+                response.headers["Content-Type"] = "text/html; charset=utf-8"
+                host = None
+            if response is not None:
+                for name, value in _HEADERS.items():
+                    response.headers[name] = value
+                if host is not None:
+                    cookie = f"{cookie_name(host)}={self.token}; Path=/; HttpOnly; SameSite=Lax"
+                    response.headers["Set-Cookie"] = cookie
+            return response
+
+        return answer
+
+    def _checked_host(self, connection: ServerConnection, request: Request) -> str:
+        """Return `Host`, which must be a name of this machine; a page's `Origin` must be the same."""
+        host, origin = _only(request, "Host"), _only(request, "Origin")
+        reached = str(connection.local_address[0]).lower() if connection.local_address else ""
+        name = _name(f"//{host}")
+        if host is None or not name or (name not in self.names and name != reached):
+            raise _Refused(
+                HTTPStatus.FORBIDDEN,
+                "The workbench does not know itself by this name. Use the address that it printed.",
+            )
+        if origin is not None and (
+            _name(origin) != name or urlsplit(origin).netloc.lower() != host.lower()
+        ):
+            raise _Refused(HTTPStatus.FORBIDDEN, "This page does not belong to the workbench.")
+        return host
+
+    def _check_token(self, request: Request, host: str, asked: list[str]) -> None:
+        cookies = (_only(request, "Cookie") or "").split(";")
+        parts = [one.strip().partition("=") for one in cookies]
+        kept = [value for name, _, value in parts if name == cookie_name(host)]
+        if not any(hmac.compare_digest(one.encode(), self.token.encode()) for one in asked + kept):
+            raise _Refused(
+                HTTPStatus.FORBIDDEN,
+                "Open the workbench by the whole address that it printed, with the token at its end. Each start has a "
+                "new token.",
+            )
+
+    def _check_room(self, connection: ServerConnection) -> None:
+        if len(connection.server.connections) >= MOST_CLIENTS:
+            raise _Refused(
+                HTTPStatus.SERVICE_UNAVAILABLE,
+                f"{MOST_CLIENTS} pages show this workbench already; close one.",
+            )
+        if not self._new.take():
+            raise _Refused(
+                HTTPStatus.TOO_MANY_REQUESTS, "Too many pages open at once; try again in a second."
+            )
+
+
+def cookie_name(host: str) -> str:
+    """Return the cookie's name by the port in `Host`: the ports of a host share their cookies."""
+    return f"handtrack_{urlsplit(f'//{host}').port or 80}"
+
+
+def _only(request: Request, name: str) -> str | None:
+    """Return a header; None where it is missing. Raises _Refused where it stands twice."""
+    found = request.headers.get_all(name)
+    if len(found) > 1:
+        raise _Refused(HTTPStatus.BAD_REQUEST, f"The request has {len(found)} headers {name}.")
+    return found[0] if found else None
+
+
+def _name(url: str) -> str:
+    """Return the host of a URL in lower case; empty where there is none, or a port that is no number."""
+    try:
+        parts = urlsplit(url)
+        _ = parts.port
+        return (parts.hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+# ---- messages
+
+
+class Rejected(Exception):
+    """A message that no page of ours would send."""
+
+
+class ReadOnly(Rejected):
+    """An edit by a page that only looks on: the name of its widget or node."""
+
+
+@dataclass
+class MessageFilter:
+    """Which messages reach a viser server, and what its pages sent last."""
+
+    server: viser.ViserServer | None = None
+    """None while it starts"""
+    refused: int = 0
+    """messages"""
+    may_edit: Callable[[int], bool] = lambda _: True
+    """whether a client may do more than look"""
+    looked_on: Callable[[int, str], None] = lambda _client, _name: None
+    """called where it did more"""
+    own: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
+    """widgets that each page has for itself: what is called with a client's value, which no other page gets"""
+    everyones: set[str] = field(default_factory=set)
+    """commands and nodes that also pages use that look on"""
+    _values: dict[str, Any] = field(default_factory=dict)
+
+    def check(self, raw: bytes | str, client: int | None = None) -> tuple[Hashable, Passed]:
+        """Return a message's kind, of which only the newest counts, and what passes. Raises Rejected."""
+        if isinstance(raw, str) or self.server is None:
+            raise Rejected("text")
+        try:
+            content = msgspec.msgpack.decode(raw)
+            declared: Any = internals.FROM_PAGES[content.pop("type")]
+            if content.keys() - {one.name for one in fields(declared)}:
+                raise Rejected("unknown fields")
+            _check_sizes(content, math.inf if declared.__name__ == "GuiUpdateMessage" else _LARGEST_NUMBER)  # fmt: skip
+            message: Any = msgspec.convert(content, declared)
+        except (
+            msgspec.MsgspecError, UnicodeDecodeError, RecursionError, KeyError, AttributeError, TypeError,
+        ) as error:  # fmt: skip
+            raise Rejected(repr(error)) from None
+        page = None if client is None else self.server.get_clients().get(client)
+        name = getattr(message, "uuid", None) or getattr(message, "name", "")
+        kind: Hashable = object()  # unlike any other: each of these counts
+        looks = name in self.everyones
+        match declared.__name__:
+            case "GuiUpdateMessage":
+                private = {} if page is None else internals.widgets(page)
+                widget = internals.widgets(self.server).get(name) or private.get(name)
+                value = self._value(widget, message.updates)
+                content, looks = content | {"updates": {"value": value}}, looks or name in private
+                if not internals.is_button(widget):
+                    kind = name
+                if name in self.own and client is not None:
+                    return kind, partial(self.own[name], client, value)
+            case "ViewerCameraMessage":
+                turned = any(message.wxyz) and any(message.up_direction)
+                if not turned or not 0 < message.fov < math.pi or min(message.image_width, message.image_height) < 0:  # fmt: skip
+                    raise Rejected("no camera")
+                kind, looks = "camera", True
+            case "LocalStorageGetItemResponseMessage":
+                kind, looks = "storage", True
+            case "CommandTriggerMessage":
+                if not internals.has_command(self.server, name):
+                    raise Rejected("an unknown command")
+            case "ScenePointerMessage":
+                rays = None not in (message.ray_origin, message.ray_direction)
+                if not (rays if message.event_type == "click" else len(message.screen_pos) == 2):
+                    raise Rejected("half a click")
+                looks = looks or (message.modifier or "").startswith("cmd/ctrl")  # zooms its view
+            case of_node:
+                if name not in internals.nodes(self.server) and (
+                    page is None or name not in internals.nodes(page)
+                ):
+                    raise Rejected("an unknown node")
+                if of_node == "TransformControlsUpdateMessage":
+                    if not any(message.wxyz):
+                        raise Rejected("a pose without a direction")
+                    kind = "control", name
+                elif getattr(message, "phase", "") == "update":
+                    kind = "drag", name
+        if not (looks or client is None or self.may_edit(client)):
+            raise ReadOnly(name)
+        if declared.__name__ == "GuiUpdateMessage":
+            self._keep(name, content["updates"]["value"])
+        return kind, msgspec.msgpack.encode({"type": declared.__name__, **content})
+
+    def refuse(self, why: Rejected, client: int | None) -> None:
+        """Count a message that does not pass; the log has the 1st, 2nd, 4th, 8th …"""
+        if isinstance(why, ReadOnly) and client is not None:
+            self.looked_on(client, str(why))
+            return
+        self.refused += 1
+        if self.refused & (self.refused - 1) == 0:
+            log.warning(
+                "%d messages refused; the last, of client %s: %.200s", self.refused, client, why
+            )
+
+    def sent_value(self, handle: Any) -> Any:
+        """Return the value that a page last gave to a widget, a list where the widget has a tuple.
+
+        The widget's own may be another by now: the program moves it, too.
+        """
+        return self._values.get(internals.id_of(handle), handle.value)
+
+    def _keep(self, uuid: str, value: object) -> None:
+        if len(self._values) >= _MOST_VALUES and self.server is not None:
+            known = internals.widgets(self.server)
+            self._values = {one: kept for one, kept in self._values.items() if one in known}
+        self._values[uuid] = value
+
+    def _value(self, widget: Any, updates: dict[str, Any]) -> Any:
+        """Return a page's value for a widget, of its kind and within its limits. Raises Rejected."""
+        if widget is None or updates.keys() != {"value"} or isinstance(widget, viser.GuiUploadButtonHandle):  # fmt: skip
+            raise Rejected("an unknown widget, or more than its value")
+        value, now, drawn = updates["value"], widget.value, internals.properties(widget)
+        if getattr(drawn, "disabled", False):
+            raise Rejected("a widget that is disabled")
+        options: tuple[str, ...] | None = getattr(drawn, "options", None)
+        match value, now:
+            case bool(), bool():
+                return value
+            case bool(), _:
+                pass
+            case str(), str() if options is None or value in options:
+                return value
+            case ((int() | float()), (int() | float())) if not isinstance(now, bool):
+                return _limited(value, now, drawn)
+            case list(), tuple() if len(value) == len(now):
+                return [_limited(one, other, drawn) for one, other in zip(value, now, strict=True)]
+        raise Rejected(f"{type(value).__name__} for a widget that has {type(now).__name__}")
+
+
+def _check_sizes(value: object, largest: float, depth: int = 0) -> None:
+    """Raise Rejected for what is too long or deep, a number that is not finite or too large, or bytes."""
+    match value:
+        case bool() | None:
+            return
+        case int() | float():
+            if not math.isfinite(value) or abs(value) > largest:
+                raise Rejected("a number out of range")
+        case str() if len(value) <= _LONGEST_TEXT:
+            return
+        case list() | dict() if len(value) <= _LONGEST_LIST and depth < _DEEPEST:
+            for one in value.values() if isinstance(value, dict) else value:
+                _check_sizes(one, largest, depth + 1)
+        case _:
+            raise Rejected(f"{type(value).__name__} of this size")
+
+
+def _limited(value: object, now: object, drawn: object) -> float:
+    """Return a number within a widget's limits, whole where it was."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isinstance(now, int | float):  # fmt: skip
+        raise Rejected("no number")
+    low, high = getattr(drawn, "min", None), getattr(drawn, "max", None)
+    low = -_LARGEST_NUMBER if low is None else low
+    high = _LARGEST_NUMBER if high is None else high
+    inside = min(max(value, low), high)
+    return round(inside) if isinstance(now, int) else float(inside)
+
+
+# ---- rates
+
+
+class Flow:
+    """The messages of one client on their way to viser: a steady rate; where more come, the newest of each kind waits."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._passing = Allowance(RATE, BURST, clock)
+        self._reading = Allowance(MOST_READ, MOST_READ_AT_ONCE, clock)
+        self._bytes = Allowance(MOST_BYTES, MOST_BYTES_AT_ONCE, clock)
+        self._waiting: dict[Hashable, Passed] = {}
+
+    def heard(self) -> bool:
+        """Count a message that came; return whether the client may go on sending."""
+        return self._reading.take()
+
+    def came(self, size: int) -> bool:
+        """Count bytes that came; return whether the client may go on sending."""
+        return self._bytes.take(size)
+
+    def put(self, kind: Hashable, message: Passed) -> bool:
+        """Let a message wait in the place of the older one of its kind; return whether there was room."""
+        if kind not in self._waiting and len(self._waiting) >= MOST_WAITING:
+            return False
+        self._waiting[kind] = message
+        return True
+
+    def take(self) -> Passed | None:
+        """Return the message that may pass now, None where none may."""
+        if not self._waiting or not self._passing.take():
+            return None
+        return self._waiting.pop(next(iter(self._waiting)))
+
+    def pause(self) -> float | None:
+        """Return the seconds until one may pass; None where none waits."""
+        return self._passing.wait() if self._waiting else None
+
+
+class _Connection(ServerConnection):
+    """One client's connection, from which viser reads what the filter lets pass."""
+
+    def __init__(
+        self, protocol: ServerProtocol, server: Server, *, messages: MessageFilter, **options: Any
+    ) -> None:
+        super().__init__(protocol, server, **options)
+        self._messages, self._flow = messages, Flow()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin; where there are too many, the one ends that has waited longest for its handshake."""
+        super().connection_made(transport)
+        here = [one for one in self.server.handlers if not one.transport.is_closing()]
+        if len(here) > MOST_CONNECTIONS:
+            next(one for one in here if one.state is CONNECTING).transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what came, unless it is too much."""
+        if self._flow.came(len(data)):
+            super().data_received(data)
+        elif not self.transport.is_closing():
+            log.warning("%s sent too many bytes and was disconnected", self.remote_address)
+            self.transport.abort()
+
+    def process_event(self, event: Event) -> None:
+        """Take a frame; a fragment counts as a message: of empty ones, a message may have millions."""
+        if isinstance(event, Frame) and event.opcode is Opcode.CONT and not self._flow.heard():
+            log.warning("%s sent too many fragments and was disconnected", self.remote_address)
+            self.transport.abort()
+            return
+        super().process_event(event)
+
+    async def recv(self, decode: bool | None = None) -> bytes:  # type: ignore[override]
+        """Return the next message that may pass."""
+        server = self._messages.server
+        client = None if server is None else internals.client_of(server, self)
+        while True:
+            message = self._flow.take()
+            if callable(message):
+                message()
+                continue
+            if message is not None:
+                return message
+            try:
+                async with asyncio.timeout(self._flow.pause()):
+                    raw = await super().recv(decode)
+            except TimeoutError:
+                continue
+            if not self._flow.heard():
+                log.warning("%s sent too many messages and was disconnected", self.remote_address)
+                try:
+                    async with asyncio.timeout(_FAREWELL_S):
+                        await self.close(1008, "too many messages")
+                except TimeoutError:
+                    self.transport.abort()
+                continue  # viser hears that the connection is closed
+            try:
+                if not self._flow.put(*self._messages.check(raw, client)):
+                    raise Rejected("too many messages wait")
+            except Rejected as why:
+                self._messages.refuse(why, client)
+
+    async def send(self, message: bytes, text: bool | None = None) -> None:  # type: ignore[override]
+        """Send, unless the client takes too long to read."""
+        try:
+            async with asyncio.timeout(_SLOW_S):
+                await super().send(message, text)
+        except TimeoutError:
+            log.warning("%s does not read and was given up", self.remote_address)
+            self.transport.abort()
+            await asyncio.shield(self.connection_lost_waiter)
+            raise self.protocol.close_exc from None
+
+
+# ---- the server
+
+
+@dataclass(frozen=True)
+class Door:
+    """A started viser server behind access control, and its address."""
+
+    server: viser.ViserServer
+    host: str
+    messages: MessageFilter
+    handshake: Handshake
+
+    @property
+    def token(self) -> str:
+        return self.handshake.token
+
+    @property
+    def port(self) -> int:
+        return self.server.get_port()
+
+    @property
+    def url(self) -> str:
+        """The address of the page on this machine, with the token."""
+        return self.url_by(LOOPBACK if self.host in ("0.0.0.0", "::") else self.host)
+
+    def close(self) -> None:
+        """End the server."""
+        self.server.stop()
+        self.handshake.hide_address()
+
+    def url_by(self, name: str) -> str:
+        """Return the address with another of this machine's names."""
+        name = f"[{name}]" if ":" in name else name
+        return f"http://{name}:{self.server.get_port()}/?token={self.token}"
+
+
+def open_door(
+    host: str = LOOPBACK, port: int = 0, label: str = "handtrack", token: str | None = None
+) -> Door:
+    """Start a viser server behind access control; it opens no tunnels.
+
+    Parameters
+    ----------
+    token
+        of an earlier page, which then reconnects; a new one by default
+
+    Raises
+    ------
+    HandtrackError
+        when the port was taken since it was chosen
+    """
+    messages = MessageFilter()
+    handshake = Handshake(own_names(host), token or secrets.token_urlsafe(24))
+    # viser prints an address without the token
+    with _guarding(handshake, messages), contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
+    messages.server = server
+    server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
+    server.gui.configure_theme(show_share_button=False)
+    if port and server.get_port() != port:  # viser silently takes the next one
+        server.stop()
+        raise HandtrackError(
+            f"port {port} of {host} was taken while the workbench started; try again, or name another "
+            "with --port."
+        )
+    return Door(server, host, messages, handshake)
+
+
+@contextlib.contextmanager
+def _guarding(handshake: Handshake, messages: MessageFilter) -> Iterator[None]:
+    """While a viser server starts, put access control in front of its own handling."""
+    original = library.serve
+
+    def serve(handler: _Handler, *address: object, **options: Any) -> library.serve:
+        ours = {
+            "process_request": handshake.wrap(options.get("process_request")),
+            "create_connection": partial(_Connection, messages=messages),
+            "max_size": LARGEST_MESSAGE,
+            "open_timeout": _HANDSHAKE_S,
+        }
+        return original(_of_our_version(handler), *address, **(options | ours))  # type: ignore[arg-type]
+
+    with _starting:
+        library.serve = serve  # type: ignore[misc, assignment]
+        try:
+            yield
+        finally:
+            library.serve = original  # type: ignore[misc]
+
+
+_Handler = Callable[[ServerConnection], Awaitable[None]]
+
+
+def _of_our_version(handler: _Handler) -> _Handler:
+    """Return viser's handler for clients of its own version; about others it would print."""
+
+    async def handle(connection: ServerConnection) -> None:
+        wanted = f"viser-v{viser.__version__}"
+        if connection.subprotocol != wanted:
+            await connection.close(1002, f"Version mismatch: this server speaks {wanted}.")
+            return
+        await handler(connection)
+
+    return handle
+
+
+def show_in_browser(door: Door) -> None:
+    """Open the page in the user's browser, without its token on a command line, which every user of a machine can read.
+
+    The browser opens a file that only the user can read and that leads to the page; it is removed when the page has come.
+    """
+    path = user_data_folder() / f"open-{door.port}.html"
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)
+    address = html.escape(door.url)
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+        file.write(
+            f'<!doctype html><title>handtrack</title><meta http-equiv="refresh" content="0; url={address}">'
+            f'<p><a href="{address}">handtrack</a>\n'
+        )
+
+    def remove() -> None:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+    door.handshake.hide_address = remove
+    webbrowser.open(path.resolve().as_uri())

@@ -1,0 +1,165 @@
+"""The only file that uses private names of viser: what its public interface lacks, each under a name of ours.
+
+Tried with viser 1.1.1. The messages that a page sends are checked against viser's own declarations of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import viser
+from viser import _messages as messages
+from viser._messages import (
+    CommandTriggerMessage,
+    DragBinding,
+    GuiUpdateMessage,
+    LocalStorageGetItemResponseMessage,
+    Message,
+    SceneNodeClickMessage,
+    SceneNodeDragMessage,
+    ScenePointerMessage,
+    SetCameraFovMessage,
+    SetCameraLookAtMessage,
+    SetCameraMaxOrbitDistanceMessage,
+    SetCameraMinOrbitDistanceMessage,
+    SetCameraPositionMessage,
+    SetCameraUpDirectionMessage,
+    TransformControlsDragEndMessage,
+    TransformControlsDragStartMessage,
+    TransformControlsUpdateMessage,
+    ViewerCameraMessage,
+)
+
+if TYPE_CHECKING:
+    from viser._gui_handles import GuiModalHandle
+    from viser._messages import DragButton, HotkeyKey, KeyModifier
+
+__all__ = [
+    "DragBinding", "DragButton", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "SetCameraFovMessage",
+    "SetCameraLookAtMessage", "SetCameraMaxOrbitDistanceMessage", "SetCameraMinOrbitDistanceMessage", "SetCameraPositionMessage",
+    "SetCameraUpDirectionMessage",
+]  # fmt: skip
+
+FROM_PAGES: Mapping[str, type[Message]] = {
+    kind.__name__: kind
+    for kind in (
+        ViewerCameraMessage, GuiUpdateMessage, LocalStorageGetItemResponseMessage, CommandTriggerMessage,
+        ScenePointerMessage, TransformControlsUpdateMessage, TransformControlsDragStartMessage,
+        TransformControlsDragEndMessage, SceneNodeClickMessage, SceneNodeDragMessage,
+    )
+}  # fmt: skip
+"""messages of a page that the workbench uses, by the name in which they come. Not among them: uploads, forms, buttons held
+down, pictures rendered by the page, public tunnels
+"""
+_Place = tuple[float, float, float]
+
+
+# ---- handles
+
+
+def id_of(handle: Any) -> str:
+    """Return the id of a widget or command."""
+    return handle._impl.uuid
+
+
+def is_button(widget: Any) -> bool:
+    """Return whether a widget is pressed, and has no value of its own."""
+    return widget._impl.is_button
+
+
+def properties(widget: Any) -> Any:
+    """Return what a widget is drawn by: its limits, options and whether it is disabled."""
+    return widget._impl.props
+
+
+def widgets(owner: viser.ViserServer | viser.ClientHandle) -> Mapping[str, Any]:
+    """Return the input widgets of a server, or of one client alone, by id."""
+    return owner.gui._gui_input_handle_from_uuid
+
+
+def nodes(owner: viser.ViserServer | viser.ClientHandle) -> Mapping[str, Any]:
+    """Return the scene's nodes by name."""
+    return owner.scene._handle_from_node_name
+
+
+def has_command(server: viser.ViserServer, uuid: str) -> bool:
+    """Return whether a command is registered."""
+    return uuid in server.gui._command_handle_from_uuid
+
+
+# ---- messages
+
+
+def send(to: viser.ViserServer | viser.ClientHandle, message: Message) -> None:
+    """Send a message to all clients, or to one."""
+    if isinstance(to, viser.ClientHandle):
+        to._websock_connection.queue_message(message)
+    else:
+        to._websock_server.queue_message(message)
+
+
+def run_javascript(to: viser.ViserServer | viser.ClientHandle, source: str) -> None:
+    """Run a script in all pages, or in one."""
+    send(to, messages.RunJavascriptMessage(source))
+
+
+def show_value(client: viser.ClientHandle, widget: Any, value: object) -> None:
+    """Show one client a value of a widget."""
+    send(client, GuiUpdateMessage(id_of(widget), {"value": value}))
+
+
+def show_pose(client: viser.ClientHandle, node: str, position: _Place, wxyz: tuple[float, ...]) -> None:  # fmt: skip
+    """Show one client a node at a pose."""
+    send(client, messages.SetPositionMessage(node, position))
+    send(client, messages.SetOrientationMessage(node, wxyz))  # type: ignore[arg-type]
+
+
+def show_node(client: viser.ClientHandle, node: str, visible: bool) -> None:
+    """Show or hide a node for one client."""
+    send(client, messages.SetSceneNodeVisibilityMessage(node, visible))
+
+
+def let_drag(client: viser.ClientHandle, node: str, bindings: tuple[DragBinding, ...]) -> None:
+    """Set by which buttons one client drags a node."""
+    send(client, messages.SetSceneNodeDragBindingsMessage(node, bindings))
+
+
+def place_panel(
+    client: viser.ClientHandle, gui: viser.GuiApi, panel: Any, *, folded: bool | None = None, width: float | None = None,
+) -> None:  # fmt: skip
+    """Fold a panel or open it, or set its width [px], for one client."""
+    if folded is not None:
+        send(client, messages.GuiSetPanelCollapsedMessage(
+            panel._placement_uuid, folded, gui._next_layout_counter(), gui._layout_run_id
+        ))  # fmt: skip
+    if width is not None:
+        send(client, messages.GuiSetPanelWidthMessage(
+            panel._placement_uuid, width, gui._next_layout_counter(), gui._layout_run_id
+        ))  # fmt: skip
+
+
+def ask_storage(server: viser.ViserServer, name: str, question: str) -> None:
+    """Ask all pages what their browsers keep under a name."""
+    server._websock_server.queue_message(messages.LocalStorageGetItemRequestMessage(name, question))
+
+
+def on_storage(server: viser.ViserServer, hear: Callable[[int, str], None]) -> None:
+    """Call back with client and question of each answer."""
+    server._websock_server.register_handler(
+        LocalStorageGetItemResponseMessage, lambda client, message: hear(client, message.request_uuid)
+    )  # fmt: skip
+
+
+# ---- connections and threads
+
+
+def client_of(server: viser.ViserServer, connection: object) -> int | None:
+    """Return the number of a client by its connection; None before viser has it."""
+    live = server._websock_server._live_connections
+    return next((number for number, one in live.items() if one is connection), None)
+
+
+def submit(gui: viser.GuiApi, act: Callable[..., None], *arguments: object) -> None:
+    """Call on one of viser's threads."""
+    gui._thread_executor.submit(act, *arguments)
