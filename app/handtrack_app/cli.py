@@ -219,6 +219,8 @@ COMMANDS: dict[str, _Command] = {
         _option("--track", action="store_true", help="then find the hand in the images, where weights are there, and track it"),
         _option("--fps", type=float, help="frames a second (default: the first video's)"),
         _option("--world-unit-m", type=float, help="metres in one unit of the calibration (default: its form's, or inferred)"),
+        _option("--names", type=Path, metavar="TABLE.toml",
+                help='which points of --keypoints are which joints, lines such as index_tip = "D2_tip"'),
         _option("--lens", choices=("plain", "fisheye"),
                 help="what four distortion coefficients are, where the calibration does not say: k1 k2 p1 p2, or a fisheye's"),
         _option("--link", action="store_true", help="leave recordings where they are, for you and on this computer alone; no copies"),

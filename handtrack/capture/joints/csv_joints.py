@@ -6,7 +6,8 @@ import csv
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,9 +22,15 @@ from handtrack.capture.joints.given_joints import (
     hand_of,
     named_points,
 )
+from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.capture.joints.json_joints import read_json_joints
 from handtrack.errors import HandtrackError
 
+Names = Mapping[str, str]
+"""our names of a file's own points, with their side where it has both hands, as `right index_tip`"""
 _SHARES = 2.0
+_TIME = ("timestamp", "time", "time_s", "timestamp_s", "timestamp_ms", "t")
+_CALISCOPE_COUNTS = (21, 26, 133)  # points of a hand, of Halpe and of COCO-WholeBody
 _SURE = (
     "likelihood",
     "confidence",
@@ -68,8 +75,11 @@ _NUMBER = re.compile(
 )
 
 
-def read_csv_joints(text: str, where: str) -> GivenJoints | None:
-    """Return the joints of a table; None for one without a header of points. Raises HandtrackError."""
+def read_csv_joints(text: str, where: str, names: Names, camera: str) -> GivenJoints | None:
+    """Return the joints of a table; None for one without a header of points. Raises HandtrackError.
+
+    names: our names of the file's own. camera: whose joints they are, where a file has those of all cameras.
+    """
     sample = text[:4096]
     separator = max(",;\t", key=sample.count)
     try:
@@ -80,11 +90,25 @@ def read_csv_joints(text: str, where: str) -> GivenJoints | None:
         return None
     heads = [row[0].strip().lower() for row in rows[:4]]
     if "bodyparts" in heads and "coords" in heads:
-        return _deeplabcut(rows, heads, where)
+        return _deeplabcut(rows, heads, where, names)
     head = [name.strip().lower() for name in rows[0]]
+    if "img_loc_x" in head and "img_loc_y" in head:
+        return _caliscope(rows, head, where, camera)
     if "x" in head and "y" in head and any(name in head for name in _POINT):
-        return _a_row_a_point(rows, head, where)
-    return _a_row_a_frame(rows, where)
+        return _a_row_a_point(rows, head, where, names)
+    if "x" in head and "y" in head and any(name in head for name in _TIME):
+        return _rows_in_order(rows, head, where)
+    return _a_row_a_frame(rows, where, names)
+
+
+def renamed(names: Sequence[str], known: Names, where: str) -> list[str]:
+    """Return points' names with ours for those that a table gives. Raises HandtrackError for one that is not there."""
+    missing = next((name for name in known if name not in names), None)
+    if missing is not None:
+        raise HandtrackError(
+            f"{where}: no point '{missing}', which the table of names gives; its points: {', '.join(names[:30])}."
+        )
+    return [known.get(name, name) for name in names]
 
 
 def table_joints(
@@ -143,7 +167,7 @@ def bodies_of_table(
     return checked_bodies(people, where, largest <= _SHARES, NAMED if places else None, unknown)
 
 
-def _deeplabcut(rows: list[list[str]], heads: list[str], where: str) -> GivenJoints:
+def _deeplabcut(rows: list[list[str]], heads: list[str], where: str, known: Names) -> GivenJoints:
     parts, coords = rows[heads.index("bodyparts")], rows[heads.index("coords")]
     single = rows[heads.index("individuals")] if "individuals" in heads else [""] * len(parts)
     if len({name for name in single[1:] if name and name != "single"}) > 1:
@@ -162,10 +186,89 @@ def _deeplabcut(rows: list[list[str]], heads: list[str], where: str) -> GivenJoi
         _frame((row + [""] * first)[max(first - 1, 0)] or row[0], i, where)
         for i, row in enumerate(body)
     ]
-    return table_joints("DeepLabCut's CSV", names, columns, frames, where)
+    return table_joints("DeepLabCut's CSV", renamed(names, known, where), columns, frames, where)
 
 
-def _a_row_a_point(rows: list[list[str]], head: list[str], where: str) -> GivenJoints:
+def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) -> GivenJoints:
+    """Return the joints of one camera, known by its number, from Caliscope's xy.csv, which has those of all cameras."""
+    place = {name: i for i, name in enumerate(head)}
+    port, point = (
+        next((n for n in names if n in place), "")
+        for names in (("port", "cam_id"), ("point_id", "keypoint_id"))
+    )
+    if not port or not point or "frame_index" not in place:
+        raise HandtrackError(
+            f"{where}: columns {', '.join(head)}; expected Caliscope's cam_id, frame_index and keypoint_id."
+        )
+    if "obj_loc_x" in place and any(row[place["obj_loc_x"]].strip() for row in rows[1:2]):
+        raise HandtrackError(f"{where}: corners of a calibration board, and no joints.")
+    number = re.search(r"\d+", camera)
+    ports = sorted({row[place[port]] for row in rows[1:]})
+    if number is None or str(int(number[0])) not in ports:
+        raise HandtrackError(
+            f"{where}: cameras {', '.join(ports)} are in it, and none has the number of '{camera}'."
+        )
+    found: dict[int, dict[int, tuple[float, float]]] = {}
+    for i, row in enumerate(rows[1:]):
+        if row[place[port]] == str(int(number[0])):
+            at = _value(row[place["img_loc_x"]], where), _value(row[place["img_loc_y"]], where)
+            frame = _frame(row[place["frame_index"]], i, where)
+            found.setdefault(frame, {})[frame_of(_value(row[place[point]], where), where)] = at
+    count = 1 + max(max(points) for points in found.values())
+    count = next((n for n in _CALISCOPE_COUNTS if n >= count), count)
+    missing = (math.nan, math.nan)
+    tree = {
+        frame: [{"keypoints": [points.get(i, missing) for i in range(count)], "keypoint_scores": [float(i in points) for i in range(count)]}]
+        for frame, points in found.items()
+    }  # fmt: skip
+    given = read_json_joints(tree, where)
+    if given is None or (count == len(JOINTS) and not given.has_hand):
+        names = [str(i) for i in range(count)]
+        columns = np.array(
+            [
+                [(*points.get(i, missing), float(i in points)) for i in range(count)]
+                for points in found.values()
+            ]
+        )
+        given = table_joints("", names, columns, list(found), where, "mediapipe21")
+    return replace(given, family="Caliscope's xy.csv")
+
+
+def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> GivenJoints:
+    """Return hands of 21 rows each, in MediaPipe's order, by time stamp and hand; frames are counted by their usual distance."""
+    place = {name: i for i, name in enumerate(head)}
+    at_time = next(place[name] for name in _TIME if name in place)
+    at_hand = next((place[name] for name in _HAND if name in place), None)
+    groups: dict[tuple[float, str], list[tuple[float, float]]] = {}
+    for row in rows[1:]:
+        side = (
+            ""
+            if at_hand is None
+            else next(iter(re.findall(r"left|right", row[at_hand].lower())), "")
+        )
+        values = _value(row[place["x"]], where), _value(row[place["y"]], where)
+        groups.setdefault((_value(row[at_time], where), side), []).append(values)
+    wrong = next((key for key, points in groups.items() if len(points) != len(JOINTS)), None)
+    if wrong is not None:
+        raise HandtrackError(
+            f"{where}: {len(groups[wrong])} rows at the time {wrong[0]:g}; expected a hand's {len(JOINTS)}, in MediaPipe's order."
+        )
+    times = sorted({time for time, _ in groups})
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    hands: dict[str, dict[int, Hand]] = {}
+    for (time, side), points in groups.items():
+        frame = round((time - times[0]) / usual)
+        hands.setdefault(side, {})[frame] = hand_of(JOINTS, np.array(points), np.ones(len(JOINTS)))
+    largest = max(
+        float(np.nanmax(np.abs(h[:, :2]))) for found in hands.values() for h in found.values()
+    )
+    note = f"{where}: frames are counted from the first time stamp, {usual:g} apart, as the file has no frame numbers."
+    return GivenJoints(
+        "a CSV of time stamps", hands, largest <= _SHARES, "mediapipe21", notes=(note,)
+    )
+
+
+def _a_row_a_point(rows: list[list[str]], head: list[str], where: str, known: Names) -> GivenJoints:
     place = {name: i for i, name in enumerate(head)}
     at_frame = next((place[n] for n in _FRAME if n in place), None)
     at_point = next(place[n] for n in _POINT if n in place)
@@ -193,15 +296,17 @@ def _a_row_a_point(rows: list[list[str]], head: list[str], where: str) -> GivenJ
         raise HandtrackError(f"{where}: {len(names)} different points; expected a hand's 21.")
     missing = (math.nan, math.nan, 0.0)
     columns = np.array([[cells.get((frame, name), missing) for name in names] for frame in frames])
+    names = renamed(names, known, where)
     return table_joints("a CSV with a row a point", names, columns, frames, where, _layout(names))
 
 
-def _a_row_a_frame(rows: list[list[str]], where: str) -> GivenJoints | None:
+def _a_row_a_frame(rows: list[list[str]], where: str, known: Names) -> GivenJoints | None:
     places: dict[str, dict[str, int]] = {}
     for i, column in enumerate(rows[0]):
         match = _NUMBER.fullmatch(column.strip())
         if match and (match[1] or match[3]):
-            name = f"{match[1]}{match[3]}".strip("_. ")
+            between = "_" if re.fullmatch(r"(?:h|hand)_?\d+", match[1], re.IGNORECASE) else ""
+            name = f"{match[1]}{between}{match[3]}".strip("_. ")
             kind = match[2].lower()
             places.setdefault(name, {}).setdefault(kind if kind in "xyz" else "sure", i)
     names = [name for name, kinds in places.items() if "x" in kinds and "y" in kinds]
@@ -218,6 +323,17 @@ def _a_row_a_frame(rows: list[list[str]], where: str) -> GivenJoints | None:
     ]
     if len(set(frames)) < len(frames):
         raise HandtrackError(f"{where}: a frame stands in two rows; expected one row a frame.")
+    numbered = [re.fullmatch(r"(?:h|hand)_?(\d+)[_ ](\d+)", name.lower()) for name in names]
+    if all(numbered):  # h0_x0: which of the hands, which of its points
+        there = np.asarray(np.isfinite(columns[..., :2]).all(axis=(0, 2)))
+        hands = {match[1] for match, seen in zip(numbered, there, strict=True) if match and seen}
+        if len(hands) > 1:
+            raise HandtrackError(
+                f"{where}: hands {', '.join(sorted(hands))} without a side; expected one, or columns named by side."
+            )
+        kept = [i for i, match in enumerate(numbered) if match and match[1] in hands]
+        names, columns = [str(numbered[i][2]) for i in kept], columns[:, kept]  # type: ignore[index]
+    names = renamed(names, known, where)
     return table_joints("a CSV with a row a frame", names, columns, frames, where, _layout(names))
 
 

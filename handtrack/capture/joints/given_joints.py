@@ -20,6 +20,14 @@ Hand = Floats[D21, D3]
 """column and row [px], confidence 0 to 1; NaN and 0 where a point is missing"""
 
 
+class UnknownPoints(HandtrackError):
+    """Points by names that say neither a hand's joints nor a body's."""
+
+    def __init__(self, message: str, names: tuple[str, ...]) -> None:
+        super().__init__(message)
+        self.names = names
+
+
 @dataclass(frozen=True)
 class GivenJoints:
     """What a file says."""
@@ -92,9 +100,10 @@ def named_points(
             )
         taken[i] = known[0]
     if not any(len(taken) >= 3 for taken in sides.values()):
-        raise HandtrackError(
+        raise UnknownPoints(
             f"{where}: its points ({', '.join(every[:8])}, …) are no hand's; expected names such as {', '.join(JOINTS[:3])}, "
-            f"index_mcp, or the numbers 0 to 20 in OpenPose's order."
+            f"index_mcp, or the numbers 0 to 20 in OpenPose's order. A table can say which of them are which.",
+            tuple(every),
         )
     return sides, tuple(unknown)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.capture.joints.csv_joints import bodies_of_table, table_joints
+from handtrack.capture.joints.csv_joints import Names, bodies_of_table, renamed, table_joints
 from handtrack.capture.joints.given_joints import GivenJoints
 from handtrack.errors import HandtrackError
 
@@ -20,8 +20,8 @@ _MOST_BYTES = 1 << 30  # of one array
 _MOST_NAMES = 1 << 20  # bytes
 
 
-def read_h5_joints(path: Path) -> GivenJoints | None:
-    """Return the joints of a file; None for other HDF5. Raises HandtrackError, also where h5py is not installed."""
+def read_h5_joints(path: Path, names: Names) -> GivenJoints | None:
+    """Return the joints of a file, some of them named by a table; None for other HDF5. Raises HandtrackError, also where h5py is not installed."""
     try:
         import h5py  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -31,11 +31,11 @@ def read_h5_joints(path: Path) -> GivenJoints | None:
     try:
         with h5py.File(path, "r") as file:
             if "pose_links" in file or "instances" in file:
-                return _slp(path)
+                return _slp(path, names)
             if "tracks" in file and "node_names" in file:
-                return _sleap(file, path)
+                return _sleap(file, path, names)
             table = _table(file, h5py)
-            return None if table is None else _deeplabcut(table, path)
+            return None if table is None else _deeplabcut(table, path, names)
     except HandtrackError:
         raise
     except (
@@ -79,7 +79,7 @@ def _array(dataset: Any, where: str) -> np.ndarray[Any, Any]:
     return dataset[...]
 
 
-def _sleap(file: Any, path: Path) -> GivenJoints:
+def _sleap(file: Any, path: Path, known: Names) -> GivenJoints:
     tracks = _array(file["tracks"], str(path)).astype(float)  # tracks, x y, nodes, frames
     names = [
         name.decode() if isinstance(name, bytes) else str(name)
@@ -93,6 +93,7 @@ def _sleap(file: Any, path: Path) -> GivenJoints:
     sure = None if scores is None else _array(scores, str(path)).astype(float)
     if sure is None or sure.shape != (tracks.shape[0], *tracks.shape[2:]):
         sure = np.ones((tracks.shape[0], *tracks.shape[2:]))
+    names = renamed(names, known, str(path))
     return _by_names(
         names, tracks.transpose(0, 3, 2, 1), sure.transpose(0, 2, 1), path, "SLEAP's analysis file"
     )
@@ -115,7 +116,7 @@ def _by_names(
     return table_joints(family, names, columns, range(len(columns)), str(path))
 
 
-def _slp(path: Path) -> GivenJoints:
+def _slp(path: Path, known: Names) -> GivenJoints:
     try:
         import sleap_io  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -125,6 +126,7 @@ def _slp(path: Path) -> GivenJoints:
     labels = sleap_io.load_slp(str(path), open_videos=False)
     places = np.asarray(labels.numpy(return_confidence=True), dtype=float).transpose(1, 0, 2, 3)
     names = [str(name) for name in labels.skeletons[0].node_names]
+    names = renamed(names, known, str(path))
     return _by_names(names, places[..., :2], places[..., 2], path, "SLEAP's .slp")
 
 
@@ -133,7 +135,7 @@ class _Plain(pickle.Unpickler):
         raise pickle.UnpicklingError(f"it asks for {module}.{name}")
 
 
-def _deeplabcut(group: Any, path: Path) -> GivenJoints:
+def _deeplabcut(group: Any, path: Path, known: Names) -> GivenJoints:
     packed = bytes(np.asarray(group.attrs["non_index_axes"]).item())
     if len(packed) > _MOST_NAMES:
         raise HandtrackError(
@@ -163,4 +165,5 @@ def _deeplabcut(group: Any, path: Path) -> GivenJoints:
     frames = (
         [int(i) for i in index] if np.asarray(index).dtype.kind in "iu" else list(range(len(rows)))
     )
+    points = renamed(points, known, str(path))
     return table_joints("DeepLabCut's HDF5", points, columns, frames, str(path))

@@ -38,7 +38,7 @@ _SHARES = 2.0  # coordinates up to here are shares of the image: no hand is seen
 
 def read_json_joints(tree: Any, where: str) -> GivenJoints | None:
     """Return the joints of one JSON file of all frames; None for other files. Raises HandtrackError."""
-    frames = list(_frames(tree, where))
+    frames = [(number, _by_side(entry)) for number, entry in _frames(tree, where)]
     if any(_landmarks(entry) is not None or _pose(entry) for _, entry in frames):
         return _mediapipe(frames, where)
     people = [(frame, person) for frame, entry in frames for person in _people(entry)]
@@ -86,6 +86,28 @@ def _number(entry: Mapping[str, Any], otherwise: int, where: str) -> int:
 
 
 # ---- MediaPipe
+
+
+def _by_side(entry: Any) -> Any:
+    """Return a frame whose landmarks stand by side, each as columns of numbers by point, as MediaPipe writes a frame."""
+    sides = entry.get("landmarks") if isinstance(entry, Mapping) else None
+    if (
+        not isinstance(sides, Mapping)
+        or not sides
+        or not all(str(k).lower() in _MIRRORED for k in sides)
+    ):
+        return entry
+    hands = [_in_rows(hand) for hand in sides.values()]
+    return {**entry, "landmarks": hands, "handedness": [str(side) for side in sides]}
+
+
+def _in_rows(hand: Any) -> Any:
+    if not isinstance(hand, Mapping) or not all(
+        isinstance(hand.get(k), Mapping | list) for k in "xy"
+    ):
+        return hand
+    columns = [list(hand[k].values()) if isinstance(hand[k], Mapping) else hand[k] for k in "xy"]
+    return [list(row) for row in zip(*columns, strict=False)]
 
 
 def _landmarks(entry: Any) -> list[Any] | None:

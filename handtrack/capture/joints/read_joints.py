@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import glob
+import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,30 +19,51 @@ from handtrack.files.text_files import read_json, read_text
 
 _WHAT = "2D joints"
 ACCEPTED = (
-    "OpenPose (folder of JSON), MediaPipe (JSON, CSV), RTMPose or COCO-WholeBody (JSON), DeepLabCut (CSV, H5), SLEAP (analysis "
+    "OpenPose (folder of JSON), MediaPipe (JSON, JSON lines, CSV), Caliscope (xy.csv), RTMPose or COCO-WholeBody (JSON), DeepLabCut (CSV, H5), SLEAP (analysis "
     "H5, .slp), of hands or bodies, or a CSV with the columns frame, joint, x, y, confidence"
 )
 
 
-def read_joints(text: str, where: str) -> GivenJoints:
-    """Return the joints of a file, a folder or a pattern of files. Raises HandtrackError, naming what is accepted."""
+def read_joints(
+    text: str, where: str, names: Mapping[str, str] | None = None, camera: str = ""
+) -> GivenJoints:
+    """Return the joints of a file, a folder or a pattern of files.
+
+    names: our names (`index_tip`) of a table's own points (`D2_tip`). camera: the name of the camera, by whose number it is found
+    where a file has all. Raises HandtrackError, naming what is accepted; UnknownPoints for a table whose points are no hand's.
+    """
+    given = names or {}
     path = Path(text)
     if not path.is_file() and (path.is_dir() or any(sign in text for sign in "*?[")):
         return _folder(text, where)
     check_given(path, _WHAT, LARGEST)
     start = first_bytes(path)
     if start[:4] == b"\x89HDF":
-        return _known(read_h5_joints(path), where)
+        return _known(read_h5_joints(path, given), where)
     if b"\0" in start:
         raise _unknown(where)
     if start.decode("utf-8-sig", errors="replace").lstrip()[:1] in ("{", "["):
-        tree = read_json(path, _WHAT, LARGEST)
+        tree = _json(path)
         return (
             read_openpose_files({0: path})
             if _is_openpose(tree)
             else _known(read_json_joints(tree, str(path)), where)
         )
-    return _known(read_csv_joints(read_text(path, _WHAT, LARGEST), str(path)), where)
+    return _known(read_csv_joints(read_text(path, _WHAT, LARGEST), str(path), given, camera), where)
+
+
+def _json(path: Path) -> Any:
+    """Return what a JSON file holds, or the list of what each line of it does."""
+    text = read_text(path, _WHAT, LARGEST)
+    lines = [line for line in text.splitlines() if line.strip()]
+    if len(lines) < 2 or not all(
+        line.strip()[0] == "{" and line.strip()[-1] == "}" for line in lines
+    ):
+        return read_json(path, _WHAT, LARGEST)
+    try:
+        return [json.loads(line) for line in lines]
+    except (ValueError, RecursionError) as error:
+        raise HandtrackError(f"{path}: one of its lines is no JSON ({error}).") from None
 
 
 def _folder(text: str, where: str) -> GivenJoints:

@@ -173,3 +173,39 @@ def test_joints_tell_the_unit(
 
     wrong = handtrack(*words, "--out", tmp_path / "wrong", "--world-unit-m", 1)
     assert "expected 6 to 25 cm" in wrong.err
+
+
+def test_own_markers_are_refused_with_a_table_that_then_names_them(
+    handtrack: CommandLine, tmp_path: Path
+) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(
+        "frame,palm_x,palm_y,D2_base_x,D2_base_y,D2_tip_x,D2_tip_y\n0,10,20,30,40,50,60\n"
+    )
+    words = [
+        "new",
+        "--out",
+        tmp_path / "made",
+        "--calibration",
+        CALIBRATION,
+        "--fps",
+        30,
+        "--side",
+        "right",
+    ]
+    words += ["--keypoints", f"cam0={path}", "--keypoints", f"cam1={path}"]
+    assert handtrack(*words).code == 2
+    assert not (tmp_path / "made").exists()
+    table = tmp_path / "made-names.toml"
+    text = table.read_text()
+    assert "D2_tip" in text
+    for ours, theirs in {"wrist": "palm", "index_mcp": "D2_base", "index_tip": "D2_tip"}.items():
+        text = text.replace(f'{ours} = ""', f'{ours} = "{theirs}"')
+    table.write_text(text)
+    ended = handtrack(*words, "--names", table)
+    assert ended.code == 0, ended.err
+    points = Session.open(tmp_path / "made").view("cam0").keypoints(0, 1.0)[0]
+    at = points.pixels[points.names.index("index_tip")]
+    np.testing.assert_allclose(
+        at, Session.open(tmp_path / "made").rig["cam0"].undistort_points(np.array([50.0, 60.0]))
+    )

@@ -10,7 +10,7 @@ import pytest
 
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose
-from handtrack.capture.joints.given_joints import in_pixels, write_joints
+from handtrack.capture.joints.given_joints import UnknownPoints, in_pixels, write_joints
 from handtrack.capture.joints.joint_names import JOINTS, known_joint
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.errors import HandtrackError
@@ -96,3 +96,36 @@ def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path: Path) -> None:
     given = read_joints(str(path), "it")
     assert given.hand("left", "it")[1][0][0, 0] == 0.5
     assert "as in a mirror" in given.notes[0]
+
+
+def test_a_table_names_a_file_s_own_points(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(
+        "frame,palm_x,palm_y,D2_base_x,D2_base_y,D2_tip_x,D2_tip_y\n0,10,20,30,40,50,60\n"
+    )
+    with pytest.raises(UnknownPoints) as refused:
+        read_joints(str(path), "it")
+    assert refused.value.names == ("palm", "D2_base", "D2_tip")
+    names = {"palm": "wrist", "D2_base": "index_mcp", "D2_tip": "index_tip"}
+    _, frames = read_joints(str(path), "it", names).hand(None, "it")
+    chosen = [JOINTS.index(joint) for joint in names.values()]
+    np.testing.assert_allclose(frames[0][chosen, :2], [[10, 20], [30, 40], [50, 60]])
+    with pytest.raises(HandtrackError, match="D3"):
+        read_joints(str(path), "it", {"D3": "middle_tip"})
+
+
+@pytest.mark.parametrize("heads", ["cam_id,frame_index,keypoint_id", "port,frame_index,point_id"])
+def test_caliscope_s_table_gives_the_joints_of_a_camera_by_its_number(
+    heads: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "xy.csv"
+    rows = [f"sync_index,{heads},img_loc_x,img_loc_y,obj_loc_x,obj_loc_y"]
+    for camera in (1, 4):
+        for frame in (7, 8):
+            rows += [f"9,{camera},{frame},{i},{100 * camera + i},{frame},," for i in range(21)]
+    path.write_text("\n".join(rows))
+    _, frames = read_joints(str(path), "it", camera="cam_4").hand(None, "it")
+    assert sorted(frames) == [7, 8]
+    np.testing.assert_allclose(frames[8][:, 0], 400 + np.arange(21))
+    with pytest.raises(HandtrackError, match="1, 4"):
+        read_joints(str(path), "it", camera="cam_2")

@@ -186,12 +186,41 @@ def _csv(path: Path, rows: list[list[Any]]) -> Path:
     return path
 
 
+def wide_csv(folder: Path, points: Floats[F, D21, D3]) -> Path:
+    """A row a frame with columns h0_x0, h0_y0 …, and a second hand that is nowhere."""
+    head = [f"h{h}_{axis}{i}" for h in (0, 1) for i in range(21) for axis in "xyz"]
+    rows = [",".join(["frame", *head])]
+    for frame, hand_ in enumerate(points):
+        numbers = [f"{v:.6g}" for row in hand_[:, :2] for v in (*row, 0.0)]
+        rows.append(",".join([str(frame), *numbers, *[""] * 63]))
+    (folder / "wide.csv").write_text("\n".join(rows))
+    return folder / "wide.csv"
+
+
+def timestamp_csv(folder: Path, points: Floats[F, D21, D3]) -> Path:
+    rows = ["timestamp,hand,x,y,z"]
+    for frame, hand_ in enumerate(points):
+        rows += [f"{12.5 + frame / 30:.4f},,{x},{y},0" for x, y in hand_[:, :2]]
+    (folder / "stamped.csv").write_text("\n".join(rows))
+    return folder / "stamped.csv"
+
+
+def json_lines(folder: Path, points: Floats[F, D21, D3]) -> Path:
+    lines = [
+        json.dumps({"frame": frame, "landmarks": {"Right": {a: {str(i): hand_[i, k] for i in range(21)} for k, a in enumerate("xy")}}})
+        for frame, hand_ in enumerate(points)
+    ]  # fmt: skip
+    (folder / "lines.jsonl").write_text("\n".join(lines))
+    return folder / "lines.jsonl"
+
+
 WITH_CONFIDENCE: dict[str, Callable[[Path, Floats[F, D21, D3]], Path]] = {
     "openpose": openpose, "mmpose": mmpose, "mmpose from one": mmpose_from_one, "coco": coco_annotations,
     "deeplabcut csv": deeplabcut_csv, "deeplabcut h5": deeplabcut_h5, "sleap h5": sleap_h5,
 }  # fmt: skip
 WITHOUT: dict[str, Callable[[Path, Floats[F, D21, D3]], Path]] = {
     "mediapipe": mediapipe_tasks, "mediapipe legacy": mediapipe_legacy, "mediapipe long csv": mediapipe_long_csv,
-    "mediapipe wide csv": mediapipe_wide_csv, "numbered csv": numbered_csv,
+    "mediapipe wide csv": mediapipe_wide_csv, "numbered csv": numbered_csv, "h0_x0 csv": wide_csv,
+    "time stamps": timestamp_csv, "json lines": json_lines,
 }  # fmt: skip
 LIBRARIES = {"deeplabcut h5": ("h5py", "pandas", "tables"), "sleap h5": ("h5py",)}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +14,12 @@ from handtrack.capture.calibration.formats.settle import LensView
 from handtrack.capture.images.openpose import LAYOUTS, is_body
 from handtrack.capture.joints.body_points import layout_of
 from handtrack.capture.joints.given_joints import GivenJoints, in_pixels, write_joints
+from handtrack.capture.joints.joint_names import JOINTS
 from handtrack.capture.joints.people import people
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.capture.joints.subject import BODY, HAND, Subject
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.toml_text import read_toml
 from handtrack_app.commands.new_session.sources import Recorded
 from handtrack_app.commands.terminal.progress import say
 
@@ -126,6 +128,8 @@ class Wished:
     layout: str | None = None
     person: int | None = None
     """from 1"""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """our joints of a file's own points"""
     likely_layout: str | None = None
     """as a project's settings say; it decides what joints leave open"""
 
@@ -139,7 +143,7 @@ def given_subject(recorded: Mapping[str, Recorded], wished: Wished) -> GivenSubj
         for name, cam in recorded.items()
         if cam.keypoints is not None
     }
-    read = {name: (where, read_joints(text, where)) for name, (where, text) in given.items()}
+    read = {n: (w, read_joints(text, w, wished.names, n)) for n, (w, text) in given.items()}
     kind = _kind(wished, read)
     _check_wished(wished, kind, read)
     found = {
@@ -153,6 +157,30 @@ def given_subject(recorded: Mapping[str, Recorded], wished: Wished) -> GivenSubj
             f"{second.where}: a {second.side} hand, but {first.where} has a {first.side} one; say which with --side."
         )
     return GivenSubject(kind, found)
+
+
+def names_of_table(path: Path) -> dict[str, str]:
+    """Return our joints by a file's own names, from a table of lines such as `index_tip = "D2_tip"`; empty texts say nothing.
+
+    Raises HandtrackError for a key that is no joint of a hand, and for two joints of one name.
+    """
+    names: dict[str, str] = {}
+    for joint, theirs in read_toml(path, "a table of names").items():
+        if joint not in JOINTS:
+            raise unknown_name("joint", joint, JOINTS, str(path))
+        if not isinstance(theirs, str) or theirs in names:
+            raise HandtrackError(
+                f"{path}: {joint} = {theirs!r}; expected the name of one of the file's points, each at most once."
+            )
+        if theirs:
+            names[theirs] = joint
+    return names
+
+
+def table_to_fill_in(points: Sequence[str]) -> str:
+    """Return a table of names without names, with a file's points beside it."""
+    lines = [f"# Points of the file: {', '.join(points)}", "# Leave what it lacks empty."]
+    return "\n".join([*lines, *(f'{joint} = ""' for joint in JOINTS)]) + "\n"
 
 
 def _kind(wished: Wished, read: Mapping[str, tuple[str, GivenJoints]]) -> Subject:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
+from handtrack.capture.joints.given_joints import UnknownPoints
 from handtrack.capture.joints.pose2sim import Pose2SimProject
 from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.capture.masks.seeded import Seeded
@@ -30,7 +31,13 @@ from handtrack.session.session_file import (
 )
 from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
 from handtrack_app.commands.new_session.given_model import given_model, tracking_of, usual_model
-from handtrack_app.commands.new_session.joints import CameraJoints, Wished, given_subject
+from handtrack_app.commands.new_session.joints import (
+    CameraJoints,
+    Wished,
+    given_subject,
+    names_of_table,
+    table_to_fill_in,
+)
 from handtrack_app.commands.new_session.project import with_project
 from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
 from handtrack_app.commands.new_session.sources import (
@@ -65,7 +72,13 @@ def run(args: argparse.Namespace) -> int:
     check_new(args.out)
     model = given_model(args.model)
     kind = None if model is None else model.kind
-    subject = given_subject(recorded, _wished(args, kind, project))
+    try:
+        subject = given_subject(recorded, _wished(args, kind, project))
+    except UnknownPoints as error:
+        table = args.out.resolve().with_name(f"{args.out.resolve().name}-names.toml")
+        if args.names is None and not table.exists():
+            table.write_text(table_to_fill_in(error.names), encoding="utf-8")
+        raise HandtrackError(f"{error} Fill in {table}, and give it with --names.") from None
     is_hand = subject.kind is HAND
     side = (args.side or subject.side) if is_hand else None
     truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
@@ -191,7 +204,8 @@ def _wished(
     args: argparse.Namespace, kind: Subject | None, project: Pose2SimProject | None
 ) -> Wished:
     said = None if project is None else project.layout
-    return Wished(args.side, kind, args.layout, args.person, said)
+    names = {} if args.names is None else names_of_table(args.names)
+    return Wished(args.side, kind, args.layout, args.person, names, said)
 
 
 def _with_masks_by_joints(
