@@ -5,11 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 
-import pytest
-
-import handtrack
 from docs.release import readme, with_urls
-from docs.site_hooks import api_page, public_names, reports_page, site_markdown
 from handtrack.version import VERSION
 from tests.conftest import REPOSITORY
 
@@ -41,12 +37,6 @@ def test_a_release_names_its_addresses():
     assert set(urls) == {"Homepage", "Documentation", "Changelog", "Issues"}
 
 
-def test_the_distribution_is_not_somebody_elses():
-    project = tomllib.loads(PROJECT)["project"]
-    assert project["name"] == "handtrack3d"
-    assert project["scripts"] == {"handtrack": "handtrack_app.cli:main"}
-
-
 def test_what_users_are_told_to_install_is_ours_and_there_is_such_an_extra():
     project = tomllib.loads(PROJECT)["project"]
     found = 0
@@ -60,23 +50,3 @@ def test_what_users_are_told_to_install_is_ours_and_there_is_such_an_extra():
                 assert name == project["name"], path
                 assert not extra or extra in project["optional-dependencies"], path
     assert found > 3
-
-
-def test_the_site_has_a_page_of_every_public_name():
-    assert set(public_names()) == set(handtrack.__all__)
-    assert api_page().count(":::") == len(handtrack.__all__)
-    assert "(honesty.md)" in reports_page()
-
-
-@pytest.mark.parametrize(
-    ("text", "depth", "expected"),
-    [
-        ("[a](../sessions/README.md#pins)", 0, "[a](sessions.md#pins)"),
-        ("[a](../../sessions/README.md)", 1, "[a](../sessions.md)"),
-        ("[a](../README.md#commands)", 0, "[a](index.md)"),
-        ("[a](reports/)", 0, "[a](reports/index.md)"),
-        ("[a](calibration.md)", 0, "[a](calibration.md)"),
-    ],
-)
-def test_links_out_of_docs_lead_to_pages_of_the_site(text, depth, expected):
-    assert site_markdown(text, depth) == expected

@@ -109,7 +109,6 @@ def bundled(out: Path) -> None:
         bench.page.edit_pose({name: values(name) + more for name, more in bent.items()}, "picture")
         page.keyboard.press("2")
         bench.stage.looking.set_paint(client.client_id, "residual")
-        bench.page.show_own(client, bench.layout.session.paint, "residual")
         bench.redraw()
         taker.take("workbench_residual")
         bench.page.travel(back=True)

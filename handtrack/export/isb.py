@@ -1,4 +1,4 @@
-"""Angles of wrist and fingers by the ISB's convention (Wu et al. 2005, part II, section 4). Derivation: docs/derivations/isb.md."""
+"""Angles of wrist and fingers by the ISB's convention (Wu et al. 2005, part II, section 4). Derivation: docs/reference/joint_angles.md."""
 
 from __future__ import annotations
 

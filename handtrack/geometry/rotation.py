@@ -1,7 +1,7 @@
 """Rotation vectors, matrices and quaternions, with derivatives that hold at zero.
 
 A rotation vector here carries the *full* angle: ‖r‖ is the angle turned. The 2007 paper's quaternion
-(cos‖x‖, sin‖x‖ x/‖x‖) turns by 2‖x‖, so its state is half of ours; see docs/derivations/rotations.md.
+(cos‖x‖, sin‖x‖ x/‖x‖) turns by 2‖x‖, so its state is half of ours; see docs/explanation/model.md.
 """
 
 from __future__ import annotations

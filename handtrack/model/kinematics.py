@@ -124,7 +124,7 @@ def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, F
     """Return the poses and the twist Jacobian: rows (v, ω), world axes, about the root.
 
     Column s of bone b is the twist of b per unit of parameter s: the same screw for every bone after
-    the joint. Replaces eqs. 30–39 of the 2007 paper; docs/derivations/twists.md.
+    the joint. Replaces eqs. 30–39 of the 2007 paper; docs/explanation/model.md.
     """
     poses, axis_world, root_jacobian = _pose(skeleton, joint_params)
     jacobian = np.empty((skeleton.bone_count, 6, skeleton.parameter_count))

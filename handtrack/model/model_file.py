@@ -54,7 +54,7 @@ def load_model(
     spread: Mapping[str, float] | None = None,
     narrowing: bool = True,
 ) -> ArticulatedModel:
-    """Return a model by its name or from a definition file: TOML (docs/definitions.md), or a robot's URDF, or a BVH.
+    """Return a model by its name or from a definition file: TOML (docs/reference/definitions.md), or a robot's URDF, or a BVH.
 
     side: `right` or `left`, the exact mirror image with the same parameter values for the mirrored pose; a body has
     both sides and is the same for either.

@@ -85,7 +85,7 @@ class SizeParameters:
 
     The first two are logarithms of factors over sigma: a bone grows about its proximal end by its part's factor, with
     all that is fixed to it, and so moves what hangs on it. A proportion scales bones along their own axes, moves their heads, and shifts
-    their ellipsoids. Mathematics: docs/derivations/size.md.
+    their ellipsoids. Mathematics: docs/explanation/trajectory.md.
     """
 
     model: ArticulatedModel

@@ -17,7 +17,7 @@ from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.other_side import evidence_of_other_side
 
 _LOOKS = 4  # frames, evenly spread
-_DECISIVE = 5.0  # log-odds, 150 to 1; docs/reliability.md
+_DECISIVE = 5.0  # log-odds, 150 to 1; docs/contributing/testing.md
 
 
 def doubt_of_side(

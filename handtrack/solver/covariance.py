@@ -58,7 +58,7 @@ def with_lasting_errors(
 
     information: as if each frame's errors were its own; memory, points: the prediction's and those points' parts of it.
     lasting: correlation of a point's errors in two frames that follow each other. A filter that takes such errors for new
-    ones counts them twice; docs/derivations/solver_and_uncertainty.md.
+    ones counts them twice; docs/explanation/solver.md.
     """
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     white = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))

@@ -38,7 +38,7 @@ class BoneSystem:
     """cost + gᵀξ + ½ ξᵀHξ for twists ξ = (v, ω) of all bones, world axes, about the root.
 
     gradient: (6B,), hessian: (6B, 6B), six numbers a bone in the order of bones (Gauss-Newton). Where a person's shape is
-    fitted it is twelve, (v, G) as in `BoneFields`: bones turn and deform, dX = v + G (X − o); docs/derivations/size.md.
+    fitted it is twelve, (v, G) as in `BoneFields`: bones turn and deform, dX = v + G (X − o); docs/explanation/trajectory.md.
     """
 
     cost: float

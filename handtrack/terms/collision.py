@@ -1,4 +1,4 @@
-"""CollisionTerm: parts of the model do not overlap. docs/derivations/collision.md."""
+"""CollisionTerm: parts of the model do not overlap. docs/explanation/solver.md."""
 
 from __future__ import annotations
 

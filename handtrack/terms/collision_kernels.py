@@ -1,4 +1,4 @@
-"""Compiled overlap of ellipsoids. The plain form: tests/terms/collision_reference.py; docs/derivations/collision.md."""
+"""Compiled overlap of ellipsoids. The plain form: tests/terms/collision_reference.py; docs/explanation/solver.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A term as plain tables of arrays that compiled loops read by address, and the kernels that turn them into sums.
 
-How to write one: docs/adding_a_term.md.
+How to write one: docs/contributing/adding_a_term.md.
 """
 
 from __future__ import annotations

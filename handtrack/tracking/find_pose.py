@@ -18,7 +18,7 @@ from handtrack.tracking.search.start_confidence import settled_ways
 
 SURE = 0.85
 """from which confidence on a first pose is taken and no other frame is tried: of those at 0.70 to 0.80 half are wrong, of those above 0.9 none
-(ten recordings, docs/automatic_start.md)"""
+(ten recordings, docs/explanation/search.md)"""
 _TRIED = 4
 """frames of a sequence in which a surer pose is looked for than the best so far"""
 

@@ -39,7 +39,7 @@ def track(
 
     observations: in any order, each frame once, or a single one; frames between that are missing are frames in which nothing was seen. start:
     solver parameters of the first frame; found by itself where None (hands only). terms, priors: costs of one's own, of bone
-    poses and of joint parameters (docs/adding_a_term.md). Raises HandtrackError where there is nothing to track, or no first
+    poses and of joint parameters (docs/contributing/adding_a_term.md). Raises HandtrackError where there is nothing to track, or no first
     pose is found.
     """
     single = isinstance(observations, Observation)

@@ -52,9 +52,3 @@ def test_no_file_names_a_registry_or_this_machine(pattern):
 
 def test_no_lock_file_is_committed():
     assert [path.name for path in committed() if path.name in LOCK_FILES] == []
-
-
-def test_no_file_is_called_a_drawer():
-    """A file is named after the thing in it."""
-    drawers = {"utils.py", "util.py", "common.py", "helpers.py", "misc.py"}
-    assert [path for path in committed() if path.name in drawers] == []

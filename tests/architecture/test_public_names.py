@@ -27,11 +27,6 @@ def test_every_public_name_exists(name):
     assert getattr(handtrack, name).__name__ == name
 
 
-def test_a_wrong_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="track_everything"):
-        _ = handtrack.track_everything
-
-
 def test_importing_handtrack_loads_nothing_heavy():
     assert loaded_by("import handtrack") == set()
 

@@ -25,7 +25,7 @@ def test_a_coupled_hand_is_one_of_18_freedoms_and_an_independent_one_is_not():
 
 
 def test_18_freedoms_fail_where_fingers_are_independent():
-    """Measured over seeds in docs/experiments.md."""
+    """Measured over seeds in docs/explanation/accuracy.md."""
     truth, seen = freedom_scene("independent", "fine", 0, 1)
     assert error_mm("18", truth, seen) > 2 * error_mm("26", truth, seen)
 

@@ -26,7 +26,7 @@ def test_each_finger_starts_where_its_neighbour_is(side):
 
 @pytest.mark.parametrize(("seen", "seeds"), [("cloud", (3, 8)), ("silhouettes", (3, 6))])
 def test_what_descent_leaves_wrong_is_repaired(seen, seeds):
-    """Two of those that descent alone leaves wrong; 50 seeds are in docs/experiments.md. Of the first 14 in masks contact lost one (8)."""
+    """Two of those that descent alone leaves wrong; 50 seeds are in docs/explanation/accuracy.md. Of the first 14 in masks contact lost one (8)."""
     rows = [repair(seed, seen) for seed in seeds]
     for row in rows:
         assert row.alone_cost > row.truth_cost + AS_GOOD

@@ -1,4 +1,4 @@
-"""Kinematic jumps beside random samplers, a small Table 1: docs/jumps.md has the whole one."""
+"""Kinematic jumps beside random samplers, a small Table 1: docs/explanation/one_camera.md has the whole one."""
 
 import numpy as np
 import pytest

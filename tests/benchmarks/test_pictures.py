@@ -53,7 +53,7 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch):
 
 
 def test_the_flips_are_drawn(tmp_path):
-    """The picture of docs/jumps.md: three panels, a line for each bone of each minimum and of the start."""
+    """The picture of docs/explanation/one_camera.md: three panels, a line for each bone of each minimum and of the start."""
     pytest.importorskip("matplotlib")
     scene = jump_scene(1)
     figure = jump_figures.draw_flips(scene)

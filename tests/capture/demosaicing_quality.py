@@ -1,4 +1,4 @@
-"""How good demosaicing is: mosaics cut from colour images, and how near the images that come back are. The table of docs/bayer.md."""
+"""How good demosaicing is: mosaics cut from colour images, and how near the images that come back are. The table of docs/how-to/depth_and_stereo.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What other people's readers find in our files: how far each has the joints from where the result has them [mm].
 
-`python -m tests.export.foreign` writes the table in docs/exports.md.
+`python -m tests.export.foreign --json` prints each reader's largest error.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handtrack.export.registry import FORMATS, export_format
+from handtrack.export.registry import export_format
 from handtrack.export.shown.mesh import model_skin
 from handtrack.export.table import ResultsTable
-from tests.conftest import REPOSITORY
 from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 
 BOUNDS_MM = {
@@ -356,43 +355,21 @@ READERS: dict[str, Callable[[str, Path], float]] = {
     "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": openpose, "mediapipe": mediapipe,
 }  # fmt: skip
 
-PAGE = REPOSITORY / "docs" / "exports.md"
 
-
-def formats_table() -> str:
-    """Return the list of formats as the page has it."""
-    rows = [f"| `{known.name}` | `poses{known.ending}` | {known.purpose} |" for known in FORMATS]
-    return "\n".join(["| `--to` | file | for |", "|---|---|---|", *rows])
-
-
-def errors_table(folder: Path) -> str:
-    """Return the readers' errors as the page has them [mm]."""
-    rows = []
-    for name, read in READERS.items():
-        cells = [
-            "–" if name in OF_KNOWN_SKELETONS and kind == "claw" else f"{read(kind, folder):.1e}"
-            for kind in KINDS
-        ]
-        told = (read.__doc__ or "").strip().rstrip(".")
-        rows.append(f"| `{name}` | {told} | {' | '.join(cells)} |")
-    head = f"| format | read by | {' | '.join(KINDS)} |"
-    return "\n".join([head, "|---" * (2 + len(KINDS)) + "|", *rows])
-
-
-def section(page: str, name: str) -> tuple[int, int]:
-    """Return where a part of the page begins and ends that is written by a program."""
-    begin = page.index("-->\n", page.index(f"<!-- {name}:")) + 4
-    return begin, page.index("<!-- end -->", begin)
+def worst_errors(folder: Path) -> dict[str, float]:
+    """Return each reader's largest error over all kinds of skeletons [mm]."""
+    return {
+        f"{name.replace(' ', '_')}_mm": max(
+            read(kind, folder) for kind in KINDS if name not in OF_KNOWN_SKELETONS or kind != "claw"
+        )
+        for name, read in READERS.items()
+    }
 
 
 def main() -> None:
-    """Write both tables into the page."""
-    page = PAGE.read_text(encoding="utf-8")
+    """Print the errors as JSON."""
     with tempfile.TemporaryDirectory() as folder:
-        for name, text in (("formats", formats_table()), ("errors", errors_table(Path(folder)))):
-            begin, end = section(page, name)
-            page = f"{page[:begin]}\n{text}\n\n{page[end:]}"
-    PAGE.write_text(page, encoding="utf-8")
+        print(json.dumps(worst_errors(Path(folder))))
 
 
 if __name__ == "__main__":

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-import handtrack
 from handtrack import (
     Camera,
     HandScale,
@@ -33,7 +31,6 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.find_pose import find_first_pose
 from handtrack.tracking.frame.result import Status
-from tests.conftest import REPOSITORY
 from tests.derivatives import check_observation_term
 from tests.sample_track import hand_track
 
@@ -54,18 +51,6 @@ def points(params: np.ndarray, frame: int = 0) -> Observation:
 
 
 # ---- the names -------------------------------------------------------------------------------------
-
-
-def test_the_page_documents_all_public_names_and_no_others():
-    page = (REPOSITORY / "docs" / "library.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
-    assert sorted(listed) == sorted(handtrack.__all__)
-    assert len(handtrack.__all__) <= 32, "it is to stay small"
-
-
-@pytest.mark.parametrize("name", handtrack.__all__)
-def test_each_says_what_it_is(name):
-    assert (getattr(handtrack, name).__doc__ or "").strip()
 
 
 # ---- cameras ---------------------------------------------------------------------------------------

@@ -1,9 +1,8 @@
-"""Mutation run: python -m tests.mutation [--module PART] [--max N] [--draw N] [--seed S]. Survivors go to docs/reports/mutations.md.
+"""Random mutation: python -m tests.mutation [--module PART] [--draw N] [--max N] [--seed S] prints each mutant and the score.
 
---draw N: N modules by seed out of all rooms, the application too, and one mutant of each, tried on its near tests.
-
-Every mutant is tried in a process of its own, forked from one that has imported the libraries already; the changed source is
-handed to the import, so that no file is ever touched. docs/reports/mutations.md says why this is no mutmut and no cosmic-ray.
+Without --draw, up to --max mutants of each module in targets.py; with it, one mutant of each of N modules drawn from the whole
+library and application. Every mutant is tried in a process of its own, forked from one that has imported the libraries already;
+the changed source is handed to the import, so that no file is touched.
 """
 
 from __future__ import annotations
@@ -24,12 +23,10 @@ import pytest
 import scipy.ndimage
 import scipy.spatial  # noqa: F401
 
-from tests.mutation.mutants import Mutant, mutants
-from tests.mutation.page import Outcome, drawn, written
+from tests.mutation.mutants import mutants
 from tests.mutation.targets import TARGETS, modules, near_tests
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "reports" / "mutations.md"
 _PATIENCE, _LEAST_S = 8.0, 30.0
 """times as long as the tests take; a mutant that runs longer is killed"""
 
@@ -81,47 +78,38 @@ def passes(module: str, source: str, tests: tuple[str, ...], most_s: float) -> b
     return False
 
 
-def survivors(module: str, most: int, seed: int) -> Outcome | None:
-    """Return which of at most `most` mutants of a module, drawn by seed, its tests let pass; None where these fail anyway."""
+def killed(module: str, most: int, seed: int) -> tuple[int, int]:
+    """Try at most `most` mutants of a module, drawn by seed; return how many its tests noticed, and how many were tried."""
     source, tests = path_of(module).read_text(encoding="utf-8"), near_tests(module)
     began = time.monotonic()
     if not (tests and passes(module, source, tests, 600.0)):
-        print(
-            f"left out {module}: it has no tests near, or they fail or take too long: pytest {' '.join(tests)}"
-        )
-        return None
+        print(f"left out {module}: no test is near, or they fail: pytest {' '.join(tests)}")
+        return 0, 0
     most_s = max(_PATIENCE * (time.monotonic() - began), _LEAST_S)
     every = mutants(source)
     drawn = random.Random(f"{module} {seed}").sample(every, min(most, len(every)))
-    left: list[Mutant] = []
+    noticed = 0
     for mutant in sorted(drawn, key=lambda m: m.line):
         lives = passes(module, mutant.source, tests, most_s)
-        left += [mutant] * lives
-        word = "SURVIVED" if lives else "killed"
-        print(f"{word:8s} {module}:{mutant.line} {mutant.change}", flush=True)
-    return Outcome(module, source, len(every), len(drawn), tuple(left))
+        noticed += not lives
+        print(f"{'SURVIVED' if lives else 'killed':8s} {module}:{mutant.line} {mutant.change}", flush=True)  # fmt: skip
+    return noticed, len(drawn)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
     parser.add_argument("--module", default="", help="only modules whose name contains this")
-    parser.add_argument(
-        "--draw", type=int, default=0, help="so many modules of all, one mutant each"
-    )
-    parser.add_argument("--max", type=int, default=30, help="mutants a module (30)")
-    parser.add_argument("--seed", type=int, default=0, help="draws other mutants")
+    parser.add_argument("--draw", type=int, default=0, help="number of modules, one mutant each")
+    parser.add_argument("--max", type=int, default=30, help="mutants per module (30)")
+    parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
     os.chdir(ROOT)
+    most, known = (1, list(modules(ROOT))) if chosen.draw else (chosen.max, list(TARGETS))
+    known = [module for module in known if chosen.module in module]
     if chosen.draw:
-        known = [module for module in modules(ROOT) if chosen.module in module]
-        wanted = random.Random(chosen.seed).sample(known, min(chosen.draw, len(known)))
-        outcomes = [survivors(module, 1, chosen.seed) for module in wanted]
-        drawn(PAGE, [o for o in outcomes if o is not None and o.tried], chosen.seed)
-        return
-    for module in TARGETS:
-        outcome = survivors(module, chosen.max, chosen.seed) if chosen.module in module else None
-        if outcome is not None:
-            written(PAGE, outcome, chosen.seed)
+        known = random.Random(chosen.seed).sample(known, min(chosen.draw, len(known)))
+    scores = [killed(module, most, chosen.seed) for module in known]
+    print(f"{sum(n for n, _ in scores)} of {sum(m for _, m in scores)} mutants noticed")
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ _LIGHT = np.array([-0.35, -0.6, -0.72])
 _MOTTLED = 0.25
 """of a pattern's swing: skin varies by some 10 levels"""
 _OFFSET_M, _NOISE_PX, _LASTS = 0.010 / np.sqrt(3), 3.5, 0.8
-"""of a detector's joints: where it sees them, by how much that varies, correlation from frame to frame (docs/detector.md)"""
+"""of a detector's joints: where it sees them, by how much that varies, correlation from frame to frame (docs/how-to/masks_and_joints.md)"""
 _GIRTH, _LENGTH, _FINGER, _ELLIPSOID = 0.08, 0.06, 0.04, 0.05
 """how people differ from one another, and flesh from ellipsoids"""
 

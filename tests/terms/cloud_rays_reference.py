@@ -1,4 +1,4 @@
-"""A cloud's lines of sight in plain NumPy: one ray against one ellipsoid at a time. docs/derivations/clouds.md."""
+"""A cloud's lines of sight in plain NumPy: one ray against one ellipsoid at a time. docs/explanation/clouds.md."""
 
 from __future__ import annotations
 

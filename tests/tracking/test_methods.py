@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from docs.methods_page import PAGE, with_tables
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
@@ -22,7 +21,7 @@ from handtrack.terms.priors.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
-from handtrack.tracking.frame.methods import METHODS, Traits, table
+from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
@@ -97,13 +96,6 @@ def test_use_brings_back_what_a_method_leaves_out():
     }
 
 
-def test_the_page_shows_what_methods_set():
-    assert with_tables(PAGE.read_text(encoding="utf-8")) == PAGE.read_text(encoding="utf-8")
-    for name in PAPERS:
-        assert table(METHODS[name]) in PAGE.read_text(encoding="utf-8")
-    assert all(f"`{item.name}`" in PAGE.read_text(encoding="utf-8") for item in fields(Traits))
-
-
 # ---- 2007
 
 
@@ -133,7 +125,7 @@ def test_silhouettes_cost_half_the_sum_of_all_pixels_squares(fist):
 
 
 def test_the_inside_of_a_mask_is_about_the_mean_of_the_field_that_a_hand_has_there(fist):
-    """A constant that is far from it bends fingers until the field is nearer (six cameras: docs/reports/papers.md)."""
+    """A constant that is far from it bends fingers until the field is nearer (six cameras: docs/explanation/accuracy.md)."""
     means = []
     for params, seen in zip(fist.joint_params, fist.observations, strict=True):
         bones = fist.model.bones(fist.model.transform.solver_params(params))

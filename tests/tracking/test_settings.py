@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Literal
 
 import pytest
 
-from docs.settings_page import settings_page
 from handtrack.errors import HandtrackError
-from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import NotAcceptedError, declared, setting
-from handtrack.tracking.frame.settings import ALIASES, SETTINGS, TrackerSettings
-from handtrack_app.page.panels.controls import CONTROLS, EXPERT
+from handtrack.tracking.frame.settings import ALIASES, TrackerSettings
 
 CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.balance", "model.name", "model.coupling",
             "solver.iterations", "tracker.jumps", "tracker.smoothing")  # fmt: skip
@@ -21,46 +17,6 @@ CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.bal
 
 def test_the_names_that_scripts_rely_on_exist():
     assert {ALIASES.get(name, name) for name in CONTRACT} <= set(TrackerSettings().flat())
-
-
-def test_there_are_no_more_settings_than_people_can_use():
-    levels = [known.level for known in (*SETTINGS.values(), *CLOUD_SETTINGS.values())]
-    assert levels.count("user") <= 26
-    assert levels.count("expert") <= 40
-    assert len(levels) <= 66
-
-
-def test_page_and_docs_show_what_is_declared_and_nothing_else():
-    on_page = [known.name for folder in CONTROLS.values() for known in folder]
-    assert sorted(on_page) == sorted(n for n, known in SETTINGS.items() if known.label)
-    assert all(s.level == "user" for title, own in CONTROLS.items() for s in own if title != EXPERT)
-    assert all(s.level == "expert" for s in CONTROLS[EXPERT])
-    in_docs = re.findall(r"^\| `([a-z_.]+)` \| (user|expert)", settings_page(), re.MULTILINE)
-    assert dict(in_docs) == {n: s.level for n, s in (SETTINGS | CLOUD_SETTINGS).items()}
-    assert len(in_docs) == len(SETTINGS) + len(CLOUD_SETTINGS)
-
-
-@pytest.mark.parametrize("name", SETTINGS | CLOUD_SETTINGS)
-def test_a_declaration_is_whole(name):
-    known = (SETTINGS | CLOUD_SETTINGS)[name]
-    assert known.help.endswith(".")
-    if known.default is not None:
-        assert known.accept(known.default) == known.default
-    if known.choices and known.words:
-        assert set(known.words) == set(known.choices)
-    assert set(known.told) in (set(), set(known.choices))
-    assert known.label or known.level == "expert"
-    if known.label and name in SETTINGS:  # those of [clouds] have widgets of their own
-        assert known.words or known.kind is bool or known.slider
-    if known.slider is not None:
-        low, high, _ = (end * known.page_unit for end in known.slider)
-        assert (
-            low < (known.default if known.default is not None else high) <= high
-            or low == known.default
-        )
-        if not known.optional:
-            assert known.accept(low) == low
-        assert known.accept(high) == high
 
 
 def test_strings_are_read_as_their_kind():

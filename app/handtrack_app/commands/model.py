@@ -76,4 +76,4 @@ def findings(model: ArticulatedModel) -> list[str]:
 
 def definition_text(table: Mapping[str, object], source: Path) -> str:
     """Return a definition as TOML, saying where it comes from."""
-    return f"# Made of {source.name}. What the numbers mean: docs/definitions.md.\n\n{tomlkit.dumps(table)}"
+    return f"# Made of {source.name}. What the numbers mean: docs/reference/definitions.md.\n\n{tomlkit.dumps(table)}"

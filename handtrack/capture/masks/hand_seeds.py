@@ -29,7 +29,7 @@ _CORE_M = 0.003
 _MARGIN_M = 0.045
 """the image is looked at this far around the joints; further out is no hand"""
 _JOINTS_OFF_M = 0.01
-"""how far a detector's joints lie beside a model's (docs/detector.md: 10 to 15 mm at the worst joints); 6 mm until a look at desk_two_view"""
+"""how far a detector's joints lie beside a model's (docs/how-to/masks_and_joints.md: 10 to 15 mm at the worst joints); 6 mm until a look at desk_two_view"""
 _ARM_M = 0.06
 """behind the wrist nothing is said from here on: it may be arm, sleeve or desk; 3 cm tell an arm's direction, and a detector's
 wrist lies up to as much inside of the palm; 30 mm until a look at desk_two_view showed no forearm found"""

@@ -18,7 +18,7 @@ from handtrack.session.formats.tables import is_length
 _FRAME = ["frame", "time_s", "status"]
 _MEANINGS = {
     "joint": "name of a joint or fingertip; std: standard deviation along the world's axes",
-    "angle": "in FILE_angles.csv; convention `handtrack`: docs/conventions.md; `isb`: docs/derivations/isb.md",
+    "angle": "in FILE_angles.csv; convention `handtrack`: docs/reference/results.md; `isb`: docs/reference/joint_angles.md",
     "bone": "in FILE_bones.csv; x y z: its proximal end in the world; quaternion w x y z: bone to world",
 }
 

@@ -62,7 +62,7 @@ class Hinge:
 
 
 def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any]:
-    """Return a definition's tables (docs/definitions.md), the root link's frame as the hand's. Parents come first.
+    """Return a definition's tables (docs/reference/definitions.md), the root link's frame as the hand's. Parents come first.
 
     Links that cannot turn belong to what they stand on; those without a shape are named joints there, as fingertips are in
     many files. where: names the file in errors. Raises HandtrackError where nothing turns, or nothing has a shape.

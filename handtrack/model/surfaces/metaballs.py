@@ -1,6 +1,6 @@
 """MetaballSurface: ellipsoids merged into one surface, its signed distance and gradient.
 
-2004 paper, sections 3.2 and 3.3. Mathematics: docs/derivations/clouds.md.
+2004 paper, sections 3.2 and 3.3. Mathematics: docs/explanation/clouds.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Superquadrics on bones, tapered and bent, as meshes: the flesh of a body. 2003 paper, section 2; docs/body.md."""
+"""Superquadrics on bones, tapered and bent, as meshes: the flesh of a body. 2003 paper, section 2; docs/reference/models.md."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _FEWEST, _LOOKS = 4, 8  # frames, evenly spread
 # log-likelihood, and share of what is left unexplained, that a camera's change must bring; measured on simulated scenes, and on
-# recordings of hands of other shape (docs/derivations/size.md). A detector errs alike in all images of one view, which looks like a
+# recordings of hands of other shape (docs/explanation/trajectory.md). A detector errs alike in all images of one view, which looks like a
 # turned camera: 0.14 on desk_two_view
 _LEAST_GAIN, _LEAST_SHARE, _LEAST_SHARE_OF_JOINTS = (12.0, 0.05, 0.2)
 _ALIKE = 0.7  # of the gain: another camera that would do as well

@@ -22,7 +22,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.layout import matching_files
 
-_LEAST = 0.3  # confidence below which a point counts as missing; above, it says nothing of the error (docs/experiments.md)
+_LEAST = 0.3  # confidence below which a point counts as missing; above, it says nothing of the error (docs/explanation/accuracy.md)
 NO_JOINTS = (
     "a body (model '{model}') is found by 2D joints only, and no camera has any that count. Detect them with a program such as "
     'OpenPose, and name their files: keypoints = "pose/cam0/*.json" and keypoint_layout = "body_25" in [[camera]] of session.toml.'

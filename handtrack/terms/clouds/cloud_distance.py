@@ -1,4 +1,4 @@
-"""E1: the cloud's points lie on the merged surface. 2004 paper, section 4; mathematics: docs/derivations/clouds.md."""
+"""E1: the cloud's points lie on the merged surface. 2004 paper, section 4; mathematics: docs/explanation/clouds.md."""
 
 from __future__ import annotations
 

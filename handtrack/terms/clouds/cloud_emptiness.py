@@ -1,4 +1,4 @@
-"""E2: the model's visible surface lies near the cloud. 2004 paper, section 4; docs/derivations/clouds.md."""
+"""E2: the model's visible surface lies near the cloud. 2004 paper, section 4; docs/explanation/clouds.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """CloudRaysTerm: each cloud point's viewing ray meets the hand, its depth is right or an outlier.
 
-A mismatch of a stereo pair moves a point along its viewing ray; its direction stays. Mathematics: docs/derivations/clouds.md.
+A mismatch of a stereo pair moves a point along its viewing ray; its direction stays. Mathematics: docs/explanation/clouds.md.
 """
 
 from __future__ import annotations

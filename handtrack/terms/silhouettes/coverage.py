@@ -53,7 +53,7 @@ class CoverageTerm(FieldTerm):
         """Return how far the model's outline is from each mask's, one distance along all of it, antisymmetric form; NaN for no outline.
 
         Along an outline that is off by d, ½ (P − Z)² sums to b/12 + d²/4b for each pixel of it, and to d/2 − b/6 beyond the band's
-        half-width b (docs/derivations/silhouettes.md).
+        half-width b (docs/explanation/silhouettes.md).
         """
         found = []
         for term, band, seen in zip(self.alone(), self.band_px, self.silhouettes, strict=True):

@@ -217,7 +217,7 @@ def conic_by(
     """Return how the field's numbers for (x², 2xy, y², 2x, 2y, 1) change with N unknowns, as `conic_by_twist` does for twists.
 
     centre, shape: of the ellipsoids, world; by_centre, by_shape: how they change; conic: the numbers themselves where their scale
-    depends on depth, else 0. docs/derivations/silhouettes.md.
+    depends on depth, else 0. docs/explanation/silhouettes.md.
     """
     u0, v0, mu, mv, s11, s12, s22, gamma, s = ellipses.T
     matrix = np.repeat(projection[None], len(ellipses), axis=0)

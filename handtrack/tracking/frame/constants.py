@@ -4,7 +4,7 @@ from __future__ import annotations
 
 EDGE_SEARCH_PX = (16.0, 8.0, 4.0)
 """[px] how far to either side of the predicted outline edges are looked for, stage after stage: a finger's breadth in a VGA
-image, then halved (docs/appearance.md)"""
+image, then halved (docs/explanation/silhouettes.md)"""
 EDGE_CORRELATION_PX = 10.0
 """[px] along how much of an outline an edge's error stays the same: what outlines have in mm, in an image a pixel of which
 is a millimetre of the hand"""
@@ -19,7 +19,7 @@ most of it and a sensor's noise the least"""
 
 SEARCH_EVERY = 16
 """[frames] after which lost fingers are looked for however well a frame fits, since a finger hidden in a fist may settle
-wrongly (docs/experiments.md, recordings of other hands)"""
+wrongly (docs/explanation/accuracy.md, recordings of other hands)"""
 FRAMES_AHEAD = 2 * SEARCH_EVERY
 """[frames] solved at most beyond one whose search beside is not done; with half as many the first frames' searches, three in a
 row, halt two cores (`bench frame_p99_vs_median`: 4 to 8, and 1.4 so)"""
@@ -39,7 +39,7 @@ DOUBTFUL_OVERLAP = 0.65
 LOST_OVERLAP = 0.45
 """a frame is lost if they overlap less in the middle one of its cameras (median); chosen by hand"""
 DOUBTFUL_PART = 0.5
-"""a frame in which less of two neighbouring bones lies inside a silhouette is doubtful (docs/experiments.md, a body)"""
+"""a frame in which less of two neighbouring bones lies inside a silhouette is doubtful (docs/explanation/accuracy.md, a body)"""
 DOUBTFUL_PIECE_MM2 = 500.0
 """a frame without others to compare with is doubtful where so large a piece of a silhouette lies beside the model: the two end
 segments of a finger. Measured on tracked frames of two recordings of another hand (every fourth frame): at most 316; with the thumb moved
@@ -50,7 +50,7 @@ LOST_CLOUD = 0.35
 """a frame with a smaller share than this is lost; chosen by hand, half of the other"""
 
 JUMP_SHARE = 0.1
-"""how probable it is that a hypothesis jumps between two frames (docs/mixture.md); chosen by hand"""
+"""how probable it is that a hypothesis jumps between two frames (docs/explanation/one_camera.md); chosen by hand"""
 MIXTURE_DESCENTS = 12
 """samples a frame that are optimised, where it is not by keypoints alone: then all are; chosen for time alone"""
 MERGE_DEG = 2.0

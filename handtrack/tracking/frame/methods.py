@@ -1,4 +1,4 @@
-"""The methods that can be tracked by, by name: ours, and each of the three papers' own. docs/methods.md is printed from here."""
+"""The methods that can be tracked by, by name: ours, and each of the three papers' own. docs/explanation/papers.md is printed from here."""
 
 from __future__ import annotations
 

@@ -284,7 +284,7 @@ class TrackerSettings:
     """All settings; immutable. `with_values` gives a changed copy."""
 
     method: Literal["default", "paper2007", "paper2004", "paper2003"] = setting(
-        "default", "Whose method: ours, or one of the three papers' own with its settings (`docs/methods.md`); settings given "
+        "default", "Whose method: ours, or one of the three papers' own with its settings (`docs/explanation/papers.md`); settings given "
         "beside it win.", label="Method", told={name: method.words for name, method in METHODS.items()},
         words={"default": "ours", "paper2007": "2007, conic fields", "paper2004": "2004, metaballs", "paper2003": "2003, jumps"},
     )  # fmt: skip

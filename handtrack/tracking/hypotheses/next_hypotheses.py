@@ -35,7 +35,7 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class NextHypotheses(MixtureLandscape):
-    """A frame after others; see engine.Landscape. docs/mixture.md.
+    """A frame after others; see engine.Landscape. docs/explanation/one_camera.md.
 
     Each component is optimised from where it is expected. Then components are drawn; of each, a chain by its vote,
     a covariance-scaled sample, and the sample's interpretation tree over the chain. Leaves are optimised under the

@@ -43,7 +43,7 @@ class StartCandidate:
     cost: float
     """of this pose beside the others': they are all measured by the same points and pixels"""
     confidence: float
-    """0 to 1, that its joints are within 12 mm of the true ones on average; docs/automatic_start.md"""
+    """0 to 1, that its joints are within 12 mm of the true ones on average; docs/explanation/search.md"""
     nearness: float
     """0 to 1, that they are if this is the right one of the poses that were found"""
 

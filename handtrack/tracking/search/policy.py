@@ -1,4 +1,4 @@
-"""What is tried when: one row a situation, run by the engine. docs/search_policy.md is printed from here."""
+"""What is tried when: one row a situation, run by the engine. docs/explanation/search.md is printed from here."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ from handtrack.tracking.whole.ways import Ways
 _BESIDE = 7
 """frames to either side by which a cloud's is judged: half a second in all"""
 _STILL = 0.4
-"""share of these from which depths are doubted, chosen on two damaged recordings (docs/derivations/whole_recording.md): made of
+"""share of these from which depths are doubted, chosen on two damaged recordings (docs/explanation/trajectory.md): made of
 `webxr_exact_depth_768` with small holes, 0.25 and 0.4 give 8.8 and 7.0 mm; of `webxr_depth_640` without whole fingers, 6.2 and 6.6"""
 _FEWEST = 3
 """frames that have a motion"""

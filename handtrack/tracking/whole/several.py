@@ -18,7 +18,7 @@ _SWEEPS = 6
 """of ways beside the best: they show which is better, and what else it may be"""
 _WIDTH, _ROUNDS = 3, 3
 """ways that are flipped on, the best; limbs that may be flipped together. A flip may cost more before another limb is flipped, too:
-of a real person the best way was two such steps away in one camera of four (docs/reports/balancing.md)"""
+of a real person the best way was two such steps away in one camera of four (docs/reports/results.md)"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""docs/body_recording.md: its commands, as they stand, on a small project that this test makes."""
+"""docs/start/person.md: its commands, as they stand, on a small project that this test makes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.app.commands.test_new_project import project
 from tests.capture.joints.people import names, places
 from tests.conftest import REPOSITORY
 
-PAGE = REPOSITORY / "docs" / "body_recording.md"
+PAGE = REPOSITORY / "docs" / "start" / "person.md"
 FRAMES = 3
 
 

@@ -1,4 +1,4 @@
-"""The recipes of docs/depth_recordings.md do what they say, on recordings made by others' libraries."""
+"""The recipes of docs/how-to/depth_and_stereo.md do what they say, on recordings made by others' libraries."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.app.command_line import CommandLine
 from tests.conftest import REPOSITORY
 from tests.test_docs import blocks
 
-PAGE = REPOSITORY / "docs" / "depth_recordings.md"
+PAGE = REPOSITORY / "docs" / "how-to" / "depth_and_stereo.md"
 SIZE = (64, 48)
 
 

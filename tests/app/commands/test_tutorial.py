@@ -16,7 +16,7 @@ from tests.conftest import REPOSITORY
 
 WHOLE = "HANDTRACK_TUTORIAL" in os.environ
 FRAMES = 3
-PAGE = REPOSITORY / "docs" / "tutorial.md"
+PAGE = REPOSITORY / "docs" / "start" / "hand.md"
 SERVERS = ("open", "demo", "start")
 """they wait for a person in the browser"""
 

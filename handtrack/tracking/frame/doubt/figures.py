@@ -1,6 +1,6 @@
 """What tracked hands of other people say about doubt: `python -m tests.experiments.honesty.confidence` fits masks' numbers, signs and parts.
 
-None is of one recording. How they are fitted: docs/derivations/honest_uncertainty.md.
+None is of one recording. How they are fitted: docs/explanation/uncertainty.md.
 """
 
 from __future__ import annotations
