@@ -33,7 +33,7 @@ class ExportFormat:
     purpose: str
     """what it is for, in a sentence"""
     module: str
-    """below handtrack.export; it has `write`"""
+    """below handtrack.export; it has `write`, or the function named behind a colon"""
     needs: tuple[str, ...] = ()
     """packages that are not installed with handtrack"""
     has_parts: bool = False
@@ -67,7 +67,8 @@ class ExportFormat:
             table = self._in_landmarks(table, landmarks)
         if up:
             table = self._standing(table, up)
-        write: Write = import_module(f"handtrack.export.{self.module}").write
+        module, _, function = self.module.partition(":")
+        write: Write = getattr(import_module(f"handtrack.export.{module}"), function or "write")
         return write(path, table)
 
     def _in_landmarks(self, table: ResultsTable, landmarks: str) -> ResultsTable:
@@ -101,16 +102,17 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("openpose", "_openpose.json", "Keypoints in space in OpenPose's order (hands 21, bodies BODY_25), all frames in one file.", "tables.openpose"),
     ExportFormat("mediapipe", "_mediapipe.json", "Landmarks in MediaPipe's order (hands 21, bodies 33), all frames in one file.", "tables.mediapipe"),
     ExportFormat("bvh", ".bvh", "An animated skeleton for Blender, Maya, MotionBuilder.", "motion.bvh", one_skeleton=True, up="y"),
+    ExportFormat("bvh-humanik", "_humanik.bvh", "The same with HumanIK's bone names, as MotionBuilder, Maya and Mixamo's tools know them.", "motion.bvh:write_humanik", one_skeleton=True, up="y"),
     ExportFormat("glb", ".glb", "A skinned, animated mesh for Blender, game engines and viewers on the web.", "shown.glb", one_skeleton=True, up="y"),
     ExportFormat("trc", ".trc", "Joints as markers for OpenSim and Pose2Sim.", "motion.trc", up="y"),
     ExportFormat("mot", ".mot", "Joint angles as motion of the OpenSim model that `--to osim` writes.", "motion.mot", one_skeleton=True, up="y"),
-    ExportFormat("osim", ".osim", "The model itself for OpenSim: bones, joints with limits, markers.", "motion.osim", one_skeleton=True),
+    ExportFormat("osim", ".osim", "The model itself for OpenSim: bones, joints with limits, markers; an inverse kinematics set-up with marker weights beside.", "motion.osim", one_skeleton=True),
     ExportFormat("c3d", ".c3d", "Joints as markers for motion capture programs (Vicon Nexus, Visual3D, Mokka).", "motion.c3d", ("ezc3d",), up="z"),
     ExportFormat("urdf", ".urdf", "The model as a robot for ROS, MuJoCo, Isaac; joint states in a CSV file beside.", "motion.urdf", has_parts=True, one_skeleton=True, up="z"),
-    ExportFormat("mcap", ".mcap", "Joint states and the root's pose as ROS 2 messages, for Foxglove and `ros2 bag`.", "motion.mcap", ("mcap",), one_skeleton=True, up="z"),
+    ExportFormat("mcap", ".mcap", "Joint states, /tf and the robot's description as ROS 2 messages, for Foxglove, RViz and `ros2 bag`.", "motion.mcap", ("mcap",), one_skeleton=True, up="z"),
     ExportFormat("anipose", "_anipose.csv", "Joints as Anipose's 3D table [mm]; `movement` reads it.", "tables.anipose"),
     ExportFormat("netcdf", ".nc", "Labelled arrays with units and standard deviations, for xarray, MATLAB, R.", "tables.netcdf"),
-    ExportFormat("nwb", ".nwb", "Joints for neuroscience archives: Neurodata Without Borders with ndx-pose.", "tables.nwb", ("pynwb", "ndx-pose")),
+    ExportFormat("nwb", ".nwb", "Joints and angles for neuroscience archives: Neurodata Without Borders with ndx-pose.", "tables.nwb", ("pynwb", "ndx-pose")),
     ExportFormat("mp4", ".mp4", "The model drawn over every camera's images, as a film.", "shown.overlay"),
     ExportFormat("html", ".html", "The moving skeleton in one file that any browser plays without network.", "shown.playback"),
     ExportFormat("report", "_report.html", "A page on how the tracking went: states, doubts, curves.", "shown.report"),

@@ -3,20 +3,46 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from handtrack.arrays import D3, Array, F, Floats, J
 from handtrack.capture.calibration.rig_file import rig_from_json
+from handtrack.files.toml_table import one_of, read_table
+from handtrack.files.toml_text import read_toml
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.frame.result import COLUMNS, Status, TrackResult
 from handtrack.tracking.frame.tables.labelled import frame_rate
 from handtrack.tracking.frame.tables.track_model import model_of
+
+
+@dataclass(frozen=True)
+class ArchiveMetadata:
+    """What an archive (NWB, DANDI) asks of a recording and its subject, and no tracking knows."""
+
+    subject_id: str = ""
+    species: str = "Homo sapiens"
+    sex: Annotated[str, one_of(("M", "F", "U", "O"))] = "U"
+    """male, female, unknown or other"""
+    age: str = "P0Y/"
+    """ISO 8601, such as P31Y; a range as P18Y/P90Y, here: of any age"""
+    start: datetime | None = None
+    """when the recording began, with its time zone"""
+    description: str = ""
+    experimenter: str = ""
+    institution: str = ""
+    lab: str = ""
+
+    @classmethod
+    def read(cls, path: Path) -> ArchiveMetadata:
+        """Return what a TOML file with these keys says. Raises HandtrackError."""
+        return read_table(cls, read_toml(path, "metadata for archives"), str(path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +54,8 @@ class ResultsTable:
     """where it is from, for errors"""
     session_folder: Path | None = None
     """where its images are; None: not known"""
+    metadata: ArchiveMetadata | None = None
+    """what archives ask of the recording; None: nobody said it"""
 
     @classmethod
     def read(cls, path: Path | str, session_folder: Path | None = None) -> ResultsTable:

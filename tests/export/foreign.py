@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from handtrack.export.motion.bvh import humanik_names
+from handtrack.export.motion.trc import marker_name
 from handtrack.export.registry import export_format
 from handtrack.export.shown.mesh import model_skin
 from handtrack.export.table import ResultsTable
@@ -75,7 +78,12 @@ def mot(kind: str, folder: Path) -> float:
     opensim = library("opensim")
     opensim.Logger.setLevelString("Error")
     table, (path,) = written(kind, "mot", folder)
-    _, (osim,) = written(kind, "osim", folder)
+    _, (osim, setup) = written(kind, "osim", folder)
+    tool = opensim.InverseKinematicsTool(str(setup), False)  # it owns its tasks
+    tasks = tool.getIKTaskSet()
+    weights = {tasks.get(i).getName(): tasks.get(i).getWeight() for i in range(tasks.getSize())}
+    assert set(weights) == {marker_name(name) for name in table.track.joint_names}
+    assert max(weights.values()) == pytest.approx(1)
     model = opensim.Model(str(osim))
     state = model.initSystem()
     data = opensim.TimeSeriesTable(str(path))
@@ -101,6 +109,13 @@ def bvh(kind: str, folder: Path) -> float:
     """bvhio: every bone's proximal end at every frame, and the ends of the last ones."""
     bvhio = library("bvhio")
     table, (path,) = written(kind, "bvh", folder)
+    _, (renamed,) = written(kind, "bvh-humanik", folder)
+    text = path.read_text(encoding="utf-8")
+    for ours, theirs in humanik_names(table.model).items():
+        text = re.sub(rf"^(\s*(?:JOINT|ROOT)) {ours}$", rf"\1 {theirs}", text, flags=re.MULTILINE)
+    assert renamed.read_text(encoding="utf-8") == text
+    if kind == "right":
+        assert "JOINT RightHandIndex1\n" in text
     root = bvhio.readAsHierarchy(str(path))
     ends = {joint.Name: joint.EndSite for joint, _, _ in bvhio.readAsBvh(str(path)).Root.layout()}
     model, track = table.model, table.track
@@ -181,18 +196,38 @@ def mcap(kind: str, folder: Path) -> float:
     table, (path,) = written(kind, "mcap", folder)
     _, (robot_path, _) = written(kind, "urdf", folder)
     rows: dict[int, dict] = {}
+    described = []
     for message in decoder.read_ros2_messages(str(path)):
         frame, ros = message.sequence_count, message.ros_msg
+        if message.channel.topic == "/robot_description":
+            described.append(ros.data)
+            continue
         row = rows.setdefault(frame - int(table.track.frame[0]), {})
-        stamp = ros.header.stamp.sec + 1e-9 * ros.header.stamp.nanosec
+        (moved,) = ros.transforms if message.channel.topic == "/tf" else (None,)
+        header = ros.header if moved is None else moved.header
+        stamp = header.stamp.sec + 1e-9 * header.stamp.nanosec
         assert stamp == pytest.approx(table.track.time_s[frame - table.track.frame[0]], abs=1e-8)
         if message.channel.topic == "/joint_states":
             row |= dict(zip(ros.name, ros.position, strict=True))
+        elif moved is not None:
+            assert (header.frame_id, moved.child_frame_id) == (
+                "world",
+                table.model.skeleton.bone_names[0],
+            )
+            place, turn = moved.transform.translation, moved.transform.rotation
+            row |= {f"tf_{axis}": getattr(place, axis) for axis in "xyz"}
+            row |= {f"tf_q{axis}": getattr(turn, axis) for axis in "xyzw"}
         else:
             place, turn = ros.pose.position, ros.pose.orientation
             row |= {f"root_{axis}_m": getattr(place, axis) for axis in "xyz"}
             row |= {f"root_q{axis}": getattr(turn, axis) for axis in "xyzw"}
     assert sorted(rows) == _seen(table).tolist()
+    assert described == [robot_path.read_text(encoding="utf-8")]
+    for row in rows.values():
+        for axis in "xyz":
+            assert row.pop(f"tf_{axis}") == row[f"root_{axis}_m"]
+        for axis in "xyzw":
+            assert row.pop(f"tf_q{axis}") == row[f"root_q{axis}"]
     robot = yourdfpy.URDF.load(str(robot_path), load_meshes=False, build_scene_graph=True)
     return _robot_error(robot, table, sorted(rows.items()))
 
@@ -287,8 +322,10 @@ def glb(kind: str, folder: Path) -> float:
     rest = array(attributes.POSITION)
     (loaded,) = scene.geometry.values()
     assert len(loaded.faces) == file.accessors[mesh.primitives[0].indices].count // 3
-    joints = array(attributes.JOINTS_0)[:, 0].astype(int)
-    assert np.array_equal(array(attributes.WEIGHTS_0), np.eye(4)[np.zeros(len(rest), int)])
+    joints, weights = array(attributes.JOINTS_0).astype(int), array(attributes.WEIGHTS_0)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
+    rigid = (weights[:, 0] == 1) & (joints[:, 0] == model_skin(table.model).bone)
+    assert 0.3 < rigid.mean() < 1  # bones' middles; at joints neighbours have a share
     back = array(skin.inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1)
     above = {child: n for n, node in enumerate(file.nodes) for child in node.children or ()}
     moves = {
@@ -310,8 +347,9 @@ def glb(kind: str, folder: Path) -> float:
             ]
             poses[n] = poses[above[n]] @ pose if n in above else pose
         carry = np.stack([poses[n] for n in skin.joints]) @ back
-        points = np.einsum("vij,vj->vi", carry[joints], np.c_[rest, np.ones(len(rest))])[:, :3]
-        worst = max(worst, _worst(points, wanted[i]))
+        moved = np.einsum("vkij,vj->vki", carry[joints], np.c_[rest, np.ones(len(rest))])
+        points = np.einsum("vk,vki->vi", weights, moved)[:, :3]
+        worst = max(worst, _worst(points[rigid], wanted[i][rigid]))
     return worst
 
 
@@ -343,7 +381,16 @@ def nwb(kind: str, folder: Path) -> float:
         rows = [estimate.pose_estimation_series[name] for name in table.track.joint_names]
         points = np.stack([row.data[:] for row in rows], axis=1)
         assert (rows[0].confidence[LOST_ROW], rows[0].unit) == (0.0, "meters")
-        np.testing.assert_allclose(rows[0].timestamps[:], table.track.time_s)
+        count, parameters = len(table.track), table.track.parameters
+        times = (
+            rows[0].timestamps[:]
+            if rows[0].rate is None
+            else rows[0].starting_time + np.arange(count) / rows[0].rate
+        )
+        np.testing.assert_allclose(times, table.track.time_s)
+        written_ = [module[f"parameters_{unit}"] for unit in ("meters", "radians")]
+        values = np.concatenate([one.data[:] for one in written_], axis=1)
+        np.testing.assert_allclose(values[~table.is_lost], parameters[~table.is_lost])
         links = estimate.skeleton.edges[:]
         assert len(links) >= len(rows) - 2
     seen = _seen(table)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
 from handtrack.export.registry import FORMATS, export_format
-from handtrack.export.table import ResultsTable
+from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.versions import keep_version
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
@@ -31,6 +32,8 @@ def run(args: argparse.Namespace) -> int:
     chosen = export_format(args.to)
     folder = args.session or session_of(args.poses)
     table = ResultsTable.read(args.poses, folder)
+    if args.metadata is not None:
+        table = replace(table, metadata=ArchiveMetadata.read(args.metadata))
     out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{chosen.ending}")
     output_file(out, (chosen.suffix,), f"{args.to} exports are")
     if out.resolve() == args.poses.resolve():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +21,39 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     """Write every bone as a joint at its proximal end, its own length as the end site of a last bone. Zero rotations are the
     model's zero pose (a flat hand), lengths are in centimetres. Lost frames hold the last estimate.
     """
+    return _written(path, table, {})
+
+
+def write_humanik(path: Path, table: ResultsTable) -> list[Path]:
+    """Write the same with HumanIK's names for a hand's bones, which MotionBuilder, Maya and Mixamo's tools know by themselves."""
+    return _written(path, table, humanik_names(table.model))
+
+
+def humanik_names(model: ArticulatedModel) -> dict[str, str]:
+    """Return HumanIK's names (`RightHandIndex1`, `RightInHandIndex`) of our bones; others keep ours.
+
+    Between wrist and knuckle it knows one bone, ours there are two of which the first moves (metacarpal) or is all there is.
+    """
+    side = model.side.capitalize()
+    parts = {"proximal": "1", "intermediate": "2", "distal": "3"}
+    names = {"root": f"{side}Hand", "forearm": f"{side}ForeArm"}
+    for finger in ("index", "middle", "ring", "little"):
+        word = "Pinky" if finger == "little" else finger.capitalize()
+        names[f"{finger}_metacarpal"] = f"{side}InHand{word}"
+        names |= {f"{finger}_{part}": f"{side}Hand{word}{number}" for part, number in parts.items()}
+    thumb = {"metacarpal": "1", "proximal": "2", "distal": "3"}
+    names |= {f"thumb_{part}": f"{side}HandThumb{number}" for part, number in thumb.items()}
+    return {bone: names[bone] for bone in model.skeleton.bone_names if bone in names}
+
+
+def _written(path: Path, table: ResultsTable, names: Mapping[str, str]) -> list[Path]:
     table = table.without_gaps
     model = table.model
     order = list(_depth_first(model))
     turns = np.rad2deg(bvh_angles(model, table.track.T_world_bone))
     root = _CM * table.track.T_world_bone[:, 0, :3, 3]
     rows = np.concatenate([root[:, None], turns[:, order]], axis=1).reshape(len(root), -1)
-    lines = ["HIERARCHY", *_joint(model, 0, 0), "MOTION", f"Frames: {len(rows)}"]
+    lines = ["HIERARCHY", *_joint(model, 0, 0, names), "MOTION", f"Frames: {len(rows)}"]
     lines.append(f"Frame Time: {1.0 / table.fps:.9f}")
     lines += [" ".join(f"{x:.6f}" for x in row) for row in rows]
     replace_text(path, "\n".join(lines) + "\n")
@@ -47,19 +73,21 @@ def bvh_angles(model: ArticulatedModel, T_world_bone: Floats[F, B, D4, D4]) -> F
     return np.unwrap(euler_angles(local, "ZXY"), axis=0)
 
 
-def _joint(model: ArticulatedModel, bone: int, depth: int) -> Iterator[str]:
+def _joint(
+    model: ArticulatedModel, bone: int, depth: int, names: Mapping[str, str]
+) -> Iterator[str]:
     skeleton, tab = model.skeleton, "\t" * depth
     heads = model.bones(model.params_from({})).position
     parent = skeleton.parent[bone]
     children = np.flatnonzero(skeleton.parent == bone)
     offset = heads[bone] - heads[parent] if parent >= 0 else np.zeros(3)
-    yield f"{tab}{'JOINT' if parent >= 0 else 'ROOT'} {_name(skeleton.bone_names[bone])}"
+    yield f"{tab}{'JOINT' if parent >= 0 else 'ROOT'} {_name(names, skeleton.bone_names[bone])}"
     yield f"{tab}{{"
     yield f"{tab}\tOFFSET {_numbers(offset)}"
     places = "" if parent >= 0 else "Xposition Yposition Zposition "
     yield f"{tab}\tCHANNELS {3 if parent >= 0 else 6} {places}{_CHANNELS}"
     for child in children:
-        yield from _joint(model, int(child), depth + 1)
+        yield from _joint(model, int(child), depth + 1, names)
     if not len(children):
         along = model.bones(model.params_from({})).rotation[bone][:, 1] * skeleton.length[bone]
         yield f"{tab}\tEnd Site"
@@ -80,5 +108,5 @@ def _numbers(point: Floats[D3]) -> str:
     return " ".join(f"{_CM * x:.6f}" for x in point)
 
 
-def _name(bone: str) -> str:
-    return "_".join(bone.split())
+def _name(names: Mapping[str, str], bone: str) -> str:
+    return "_".join(names.get(bone, bone).split())

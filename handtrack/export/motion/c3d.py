@@ -30,6 +30,8 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
     file["parameters"]["POINT"]["RATE"]["value"] = [float(table.fps)]
     file["parameters"]["POINT"]["LABELS"]["value"] = [marker_name(n) for n in track.joint_names]
+    file.add_parameter("POINT", "X_SCREEN", ["+X"])  # as all that read it take it: z is up
+    file.add_parameter("POINT", "Y_SCREEN", ["+Z"])
     file.add_parameter("MANUFACTURER", "SOFTWARE", ["handtrack"])
     file["parameters"]["POINT"]["DESCRIPTIONS"]["value"] = [
         table.keypoint_definition

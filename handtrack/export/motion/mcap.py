@@ -1,4 +1,4 @@
-"""MCAP: joint states and the root's pose as ROS 2 messages."""
+"""MCAP: joint states, the robot's description and where its root is, as ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, D4, Floats, N
+from handtrack.export.motion.urdf import urdf_text
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.geometry.rotation import quaternion_wxyz
@@ -35,12 +36,32 @@ _POSE = (
     + "=" * 80
     + "\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
 )
+_TEXT = "string data\n"
+_TRANSFORMS = (
+    "geometry_msgs/TransformStamped[] transforms\n"
+    + "=" * 80
+    + "\nMSG: geometry_msgs/TransformStamped\n"
+    + _HEADER.format(fields="string child_frame_id\ngeometry_msgs/Transform transform")
+    + "=" * 80
+    + "\nMSG: geometry_msgs/Transform\ngeometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n"
+    + "=" * 80
+    + "\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
+    + "=" * 80
+    + "\nMSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+)
+_LATCHED = (
+    "- history: 1\n  depth: 1\n  reliability: 1\n  durability: 1\n  deadline: {sec: 2147483647, nsec: 4294967295}\n"
+    "  lifespan: {sec: 2147483647, nsec: 4294967295}\n  liveliness: 1\n"
+    "  liveliness_lease_duration: {sec: 2147483647, nsec: 4294967295}\n  avoid_ros_namespace_conventions: false\n"
+)
+"""rosbag2's word for a topic whose last message late listeners get, too (transient local)"""
 _NS = 1_000_000_000
 
 
 def write(path: Path, table: ResultsTable) -> list[Path]:
     """Write `/joint_states` (sensor_msgs/JointState, the joints of `--to urdf`) and `/root_pose` (geometry_msgs/PoseStamped, of its
-    base link in the frame `world`) for every frame, at its time since the recording's start. Lost frames have no messages.
+    base link in the frame `world`) for every frame, at its time since the recording's start, and the latter as `/tf`, too, by which
+    viewers place the robot that `/robot_description` holds (the URDF's text, once). Lost frames have no messages.
     """
     from mcap.writer import Writer  # pyright: ignore[reportMissingImports]
 
@@ -50,20 +71,30 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     with replacing(path) as part, part.open("wb") as file:
         writer = Writer(file)
         writer.start(profile="ros2", library="handtrack")
-        state, pose = (
+        description, state, pose, tf = (
             writer.register_channel(
-                topic, "cdr", writer.register_schema(name, "ros2msg", text.encode())
+                topic,
+                "cdr",
+                writer.register_schema(name, "ros2msg", text.encode()),
+                {"offered_qos_profiles": _LATCHED} if topic == "/robot_description" else {},
             )
             for topic, name, text in (
+                ("/robot_description", "std_msgs/msg/String", _TEXT),
                 ("/joint_states", "sensor_msgs/msg/JointState", _STATE),
                 ("/root_pose", "geometry_msgs/msg/PoseStamped", _POSE),
+                ("/tf", "tf2_msgs/msg/TFMessage", _TRANSFORMS),
             )
         )
+        begun = round(track.time_s[0] * _NS)
+        writer.add_message(description, begun, _text(urdf_text(table.model)), begun)
+        base = table.model.skeleton.bone_names[0]
         for i in np.flatnonzero(~table.is_lost):
             stamp = round(track.time_s[i] * _NS)
+            place = track.T_world_bone[i, 0, :3, 3]
             for channel, message in (
                 (state, _joint_state(stamp, names, track.parameters[i, 6:])),
-                (pose, _pose(stamp, track.T_world_bone[i, 0, :3, 3], turns[i])),
+                (pose, _pose(stamp, place, turns[i])),
+                (tf, _transform(stamp, base, place, turns[i])),
             ):
                 writer.add_message(channel, stamp, message, stamp, sequence=int(track.frame[i]))
         writer.finish()
@@ -73,8 +104,10 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
 class _Message:
     """CDR, little-endian (OMG DDS-XTypes, plain CDR): each number stands at a multiple of its own size."""
 
-    def __init__(self, stamp: int, frame: str) -> None:
+    def __init__(self) -> None:
         self._body = bytearray()
+
+    def header(self, stamp: int, frame: str) -> None:
         self.pack("i", stamp // _NS)
         self.pack("I", stamp % _NS)
         self.text(frame)
@@ -94,7 +127,8 @@ class _Message:
 
 
 def _joint_state(stamp: int, names: tuple[str, ...], position: Floats[N]) -> bytes:
-    message = _Message(stamp, "")
+    message = _Message()
+    message.header(stamp, "")
     message.pack("I", len(names))
     for name in names:
         message.text(name)
@@ -107,6 +141,22 @@ def _joint_state(stamp: int, names: tuple[str, ...], position: Floats[N]) -> byt
 
 
 def _pose(stamp: int, place: Floats[D3], wxyz: Floats[D4]) -> bytes:
-    message = _Message(stamp, "world")
+    message = _Message()
+    message.header(stamp, "world")
     message.pack("d", *place, *np.roll(wxyz, -1))
+    return message.bytes
+
+
+def _transform(stamp: int, child: str, place: Floats[D3], wxyz: Floats[D4]) -> bytes:
+    message = _Message()
+    message.pack("I", 1)
+    message.header(stamp, "world")
+    message.text(child)
+    message.pack("d", *place, *np.roll(wxyz, -1))
+    return message.bytes
+
+
+def _text(value: str) -> bytes:
+    message = _Message()
+    message.text(value)
     return message.bytes

@@ -12,6 +12,7 @@ from handtrack.export.motion.masses import Masses, bone_masses
 from handtrack.export.motion.trc import marker_name
 from handtrack.export.motion.xml_tree import document, element, numbers
 from handtrack.export.table import ResultsTable
+from handtrack.export.tables.cells import beside
 from handtrack.files.atomic import replace_text
 from handtrack.geometry.rotation import euler_angles
 from handtrack.model.articulated import ArticulatedModel
@@ -21,9 +22,38 @@ ROOT_TURNS = ("root_turn_x", "root_turn_y", "root_turn_z")
 
 
 def write(path: Path, table: ResultsTable) -> list[Path]:
-    """Write the model as large as it was tracked. `--to mot` writes how it moves, `--to trc` its markers."""
+    """Write the model as large as it was tracked, and a set-up of OpenSim's inverse kinematics for it beside, NAME_ik.xml.
+
+    `--to mot` writes how the model moves, `--to trc` the markers that the set-up reads from NAME.trc.
+    """
     replace_text(path, osim_text(table.model))
-    return [path]
+    setup = beside(path.with_name(f"{path.stem}_ik.xml"))
+    replace_text(setup, ik_text(table, path))
+    return [path, setup]
+
+
+def ik_text(table: ResultsTable, model: Path) -> str:
+    """Return the set-up of an InverseKinematicsTool: each marker weighs by its mean variance, the surest of all 1."""
+    track = table.track
+    tracked = ~table.is_lost
+    variance = (
+        (table.joint_std[tracked] ** 2).mean(axis=(0, 2))
+        if tracked.any()
+        else np.ones(len(track.joint_names))
+    )
+    weight = variance.min() / np.maximum(variance, 1e-12)
+    root = Element("OpenSimDocument", Version="40000")
+    tool = element(root, "InverseKinematicsTool", name=f"{model.stem}_ik")
+    element(tool, "model_file", model.name)
+    tasks = element(element(tool, "IKTaskSet", name="tasks"), "objects")
+    for name, value in zip(track.joint_names, np.maximum(weight, 1e-6), strict=True):
+        task = element(tasks, "IKMarkerTask", name=marker_name(name))
+        element(task, "apply", "true")
+        element(task, "weight", f"{value:.6g}")
+    element(tool, "marker_file", f"{model.stem}.trc")
+    element(tool, "time_range", numbers(track.time_s[[0, -1]]))
+    element(tool, "output_motion_file", f"{model.stem}_ik.mot")
+    return document(root)
 
 
 def osim_text(model: ArticulatedModel) -> str:

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D4, Array, Axes, B, F, Floats
-from handtrack.export.shown.mesh import model_skin
+from handtrack.arrays import D4, Array, Axes, B, F, Floats, V
+from handtrack.export.shown.mesh import Skin, model_skin
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack.model.articulated import ArticulatedModel
 
+_BLEND_M = 0.006  # about a fingertip's radius: creases of joints are as wide
 # glTF 2.0, sections 3.6.2 and 3.9: kinds of numbers, and buffers for vertices and for indices
 _UINT8, _UINT32, _FLOAT32 = 5121, 5125, 5126
 _VERTICES, _INDICES = 34962, 34963
@@ -50,15 +52,12 @@ def glb_bytes(table: ResultsTable) -> bytes:
     nodes.append({"name": "skin", "mesh": 0, "skin": 0})
     posed = skin.carried(rest[None])[0]
     normal = np.einsum("vij,vj->vi", rest[skin.bone, :3, :3], skin.normal)
-    on = np.zeros((len(skin.bone), 4), np.uint8)
-    on[:, 0] = skin.bone
+    on, weights = blended(model, skin)
     attributes = {
         "POSITION": buffer.add(posed, _FLOAT32, True, _VERTICES),
         "NORMAL": buffer.add(normal, _FLOAT32, target=_VERTICES),
         "JOINTS_0": buffer.add(on, _UINT8, target=_VERTICES),
-        "WEIGHTS_0": buffer.add(
-            (np.arange(4) == 0) * np.ones((len(on), 1)), _FLOAT32, target=_VERTICES
-        ),
+        "WEIGHTS_0": buffer.add(weights, _FLOAT32, target=_VERTICES),
     }
     surface = {"attributes": attributes, "indices": buffer.add(skin.faces.ravel(), _UINT32, target=_INDICES), "material": 0}  # fmt: skip
     back = np.swapaxes(np.linalg.inv(rest), 1, 2)  # column by column
@@ -77,6 +76,36 @@ def glb_bytes(table: ResultsTable) -> bytes:
         "animations": [{"name": track.session or "track", "samplers": samplers, "channels": channels}],
     }  # fmt: skip
     return _packed(tree | buffer.tables, bytes(buffer.data))
+
+
+def blended(model: ArticulatedModel, skin: Skin) -> tuple[Array[V, D4], Floats[V, D4]]:
+    """Return the bones (V, 4) that carry each vertex, and their weights: its own, and the neighbours it is near to.
+
+    Half of a vertex that lies on its own bone's ellipsoids and on a neighbour's is each one's; a vertex _BLEND_M away from a
+    neighbour is its own bone's alone. For looking: what is measured is the rigid surface.
+    """
+    skeleton, shapes = model.skeleton, model.flesh["fine"]
+    posed = model.bones(model.rest_params())
+    points = skin.carried(posed.T_world_bone[None])[0]
+    share = np.zeros((len(points), skeleton.bone_count))
+    for bone in range(skeleton.bone_count):
+        near = np.full(len(points), np.inf)
+        local = (points - posed.position[bone]) @ posed.rotation[bone]
+        for k in np.flatnonzero(shapes.bone == bone):
+            scaled = (local - shapes.centre[k]) @ shapes.rotation[k] / shapes.radii[k]
+            level = np.linalg.norm(scaled, axis=1)
+            slope = np.linalg.norm(scaled / shapes.radii[k], axis=1) / np.maximum(level, 1e-9)
+            near = np.minimum(near, (level - 1) / np.maximum(slope, 1e-9))  # to first order
+        share[:, bone] = np.clip(1 - near / _BLEND_M, 0, 1)
+    related = np.zeros((skeleton.bone_count, skeleton.bone_count), dtype=bool)
+    below = np.flatnonzero(skeleton.parent >= 0)
+    related[below, skeleton.parent[below]] = related[skeleton.parent[below], below] = True
+    share *= related[skin.bone]
+    share[np.arange(len(points)), skin.bone] = 1.0
+    bones = np.argsort(-share, axis=1, kind="stable")[:, :4]
+    weights = np.take_along_axis(share, bones, axis=1)
+    weights = (weights / weights.sum(axis=1, keepdims=True)).astype(np.float32)
+    return np.where(weights > 0, bones, 0).astype(np.uint8), weights
 
 
 def local_poses(T_world_bone: Floats[F, B, D4, D4], parent: Array[B]) -> Floats[F, B, D4, D4]:
