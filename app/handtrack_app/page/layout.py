@@ -114,9 +114,7 @@ class PageLayout:
             self.certainty = gui.add_html("")
         self.review = ReviewPanel(page, left.add_tab("Review"))
         self.review.add_keys(self.keys)
-        self.plots = PlotsPanel(
-            page, left.add_tab("Plots"), lambda: self.timeline.window, self.export.deliver
-        )
+        self.plots = PlotsPanel(page, left.add_tab("Plots"), lambda: self.timeline.window)
         left.dock_left()
         left.set_width(WIDTHS[POSE])
 

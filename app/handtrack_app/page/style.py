@@ -63,6 +63,12 @@ div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important;
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
   background-color: #c3c9d2 !important; }
 .handtrack-warning { color: #f0e442; }
+.handtrack-text { padding: .3em .9em; font-size: 13px; line-height: 1.4; overflow-wrap: anywhere; }
+.handtrack-faint { opacity: .85; }
+.handtrack-row { display: flex; gap: .8em; justify-content: space-between; }
+.handtrack-row > b { text-align: right; font-variant-numeric: tabular-nums; }
+.handtrack-chip { display: inline-block; width: .7em; height: .7em; border-radius: 2px; margin-right: .4em; }
+.handtrack-table { width: 100%; padding: .2em .9em; font-size: 13px; line-height: 1.4; }
 [data-mantine-color-scheme="light"] .handtrack-warning { color: #a14a00; }
 """
 _SCRIPT = """

@@ -57,3 +57,21 @@ def label_of(name: str, length: str = "mm") -> str:
 def unit_of(name: str, length: float = 1e-3) -> float:
     """Return what a slider's unit is in metres or radians. length: of a place [m]."""
     return length if name.startswith("root_t") else math.pi / 180
+
+
+_JOINTS = {
+    "cmc": "CMC", "mcp": "MCP", "pip": "PIP", "dip": "DIP", "ip": "IP",
+}  # fmt: skip
+_LONG_MOTIONS = {
+    "flex": "flexion", "abd": "abduction", "twist": "axial rotation", "dev": "deviation", "lean": "lateral flexion",
+    "elevate": "elevation", "protract": "protraction",
+}  # fmt: skip
+
+
+def title_of(name: str) -> str:
+    """Return a parameter's name in words: `Index PIP flexion`."""
+    if name.startswith("root_"):
+        return f"{'Position' if name[5] == 't' else 'Rotation'} {name[-1]}"
+    *parts, motion = name.split("_")
+    joint = " ".join(_JOINTS.get(part, part) for part in parts)
+    return f"{joint[:1].upper()}{joint[1:]} {_LONG_MOTIONS.get(motion, motion)}"
