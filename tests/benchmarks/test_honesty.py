@@ -7,11 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from tests.experiments.honesty.honesty import compared, figures_of, honesty
-from tests.experiments.honesty.meshes import HandMesh
-from tests.experiments.honesty.motions import moving
-from tests.experiments.honesty.people import Person, as_person
+from tests.experiments.honesty.honesty import compared, figures_of
 from tests.sample_track import sample_frame, stacked
 
 
@@ -50,40 +46,3 @@ def test_a_constant_offset_of_definition_is_nobody_s_error(rng):
     found = compared(stacked(frames), np.tile(other, (9, 1, 1)))
     assert not found.bad.any()
     assert found.inside.all()
-
-
-def _stick() -> HandMesh:
-    """Return a hand of 21 points and no flesh: five straight fingers side by side."""
-    points = np.zeros((21, 3))
-    for f in range(5):
-        for k in range(4):
-            points[1 + 4 * f + k] = [0.02 * (f - 2), 0.08 + 0.03 * k, 0.0]
-    pivots = np.stack([points[[1 + 4 * f, 1 + 4 * f, 2 + 4 * f, 3 + 4 * f]] for f in range(5)])
-    axes = np.tile([[0.0, 0, 1], [-1, 0, 0], [-1, 0, 0], [-1, 0, 0]], (5, 1, 1))
-    weights = np.zeros((21, 16))
-    weights[np.arange(21), [0, *(3 * f + k for f in range(5) for k in (1, 2, 3, 3))]] = 1.0
-    return HandMesh("stick", points, np.zeros((0, 3), int), weights, pivots, axes, points, 0)
-
-
-def test_people_have_their_lengths_and_bend_at_their_own_joints():
-    hand = as_person(_stick(), Person(scale=1.1, fingers=(1.0, 1.05, 1.0, 1.0, 1.0)))
-    bent = np.zeros((5, 4))
-    bent[:, 2] = np.pi / 2
-    vertices, points = hand.posed(bent)
-    np.testing.assert_allclose(vertices, points, atol=1e-12)
-    lengths = np.linalg.norm(np.diff(points[5:9], axis=0), axis=1)
-    np.testing.assert_allclose(lengths, 0.03 * 1.1 * 1.05, rtol=1e-9)
-    assert points[8, 2] < -0.05, "a finger bends towards the palm's side"
-
-
-@pytest.mark.parametrize("kind", ["fist", "letters", "waves"])
-def test_motions_keep_their_pace(kind, rng):
-    angles = moving(kind, 60, rng)
-    assert angles.shape == (60, 5, 4)
-    assert np.rad2deg(np.abs(np.diff(angles, axis=0)).max()) < 8.01
-
-
-def test_a_folder_without_recordings_is_said_to_be_so(tmp_path, monkeypatch):
-    monkeypatch.setenv("HANDTRACK_HONESTY", str(tmp_path))
-    with pytest.raises(HandtrackError, match="no session with truth"):
-        honesty()

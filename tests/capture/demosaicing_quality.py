@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.arrays import Array
-from handtrack.capture.images.bayer import METHODS, PATTERNS, demosaic
 
 
 def mosaic_of(image: Array, pattern: str) -> Array:
@@ -24,20 +23,3 @@ def psnr_db(image: Array, truth: Array, border: int = 4) -> tuple[float, float, 
     mean_square = [*np.mean(off**2, axis=(0, 1)), np.mean(off**2)]
     b, g, r, whole = (10 * np.log10(peak**2 / max(float(m), 1e-12)) for m in mean_square)
     return float(b), float(g), float(r), float(whole)
-
-
-def psnr_table(pictures: dict[str, Array]) -> str:
-    """Return a Markdown table: PSNR [dB] of each method on mosaics cut from colour images (H, W, 3) BGR.
-
-    Means over the four patterns, 4 pixels of border left out: green, and all three colours together.
-    """
-    names = [f"{name}: green | all" for name in pictures]
-    lines = [f"| method | {' | '.join(names)} |", "|---" * (1 + 2 * len(names)) + "|"]
-    for method in METHODS:
-        cells = []
-        for truth in pictures.values():
-            found = [demosaic(mosaic_of(truth, pattern), pattern, method) for pattern in PATTERNS]
-            mean = np.mean([psnr_db(image, truth) for image in found], axis=0)
-            cells += [f"{mean[1]:.2f}", f"{mean[3]:.2f}"]
-        lines.append(f"| `{method}` | {' | '.join(cells)} |")
-    return "\n".join(lines)

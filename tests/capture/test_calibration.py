@@ -111,15 +111,3 @@ def test_bad_calibrations_are_refused(case: str, tmp_path: Path) -> None:
     with pytest.raises(HandtrackError, match=message) as caught:
         read_rig(path)
     assert str(path) in str(caught.value)
-
-
-def test_a_calibration_without_cameras_or_without_file(tmp_path: Path) -> None:
-    with pytest.raises(HandtrackError, match=r"no camera found; expected one table per camera"):
-        read_rig(write(tmp_path / "c.toml", "[metadata]\nerror = 1.0\n"))
-    with pytest.raises(
-        HandtrackError, match=r"no such file; expected the camera calibration there"
-    ):
-        read_rig(tmp_path / "none.toml")
-    twice = GOOD + GOOD[: GOOD.index("[metadata]")].replace("cam_0", "cam_1")
-    with pytest.raises(HandtrackError, match=r"c.toml: the name 'cam0' is given to two cameras"):
-        read_rig(write(tmp_path / "c.toml", twice))

@@ -8,8 +8,8 @@ import trimesh
 
 from handtrack.capture.clouds import cloud_files
 from handtrack.capture.clouds.cloud_files import read_cloud, write_cloud
-from handtrack.capture.clouds.ply import read_ply, spread_part
-from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
+from handtrack.capture.clouds.ply import read_ply
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 
 
@@ -47,50 +47,6 @@ def test_what_trimesh_writes_is_read_and_the_other_way_round(encoding, cloud, tm
     assert np.allclose(trimesh.load(path).vertices, cloud.points, atol=1e-6)
 
 
-def test_big_endian_doubles_and_other_properties(tmp_path):
-    head = (
-        "ply\r\nformat binary_big_endian 1.0\r\ncomment x\r\nelement vertex 2\r\nproperty float nx\r\n"
-        "property double x\r\nproperty double y\r\nproperty double z\r\nelement face 0\r\n"
-        "property list uchar int vertex_indices\r\nend_header\r\n"
-    )
-    kind = [("nx", ">f4"), *((axis, ">f8") for axis in "xyz")]
-    rows = np.array([(9, 1, 2, 3), (9, 4, 5, 6)], kind)
-    (tmp_path / "0.ply").write_bytes(head.encode() + rows.tobytes())
-    points, colors, _ = read_ply(tmp_path / "0.ply", 10)
-    assert points.tolist() == [[1, 2, 3], [4, 5, 6]]
-    assert colors is None
-
-
-@pytest.mark.parametrize("suffix", [".ply", ".npz"])
-def test_an_empty_cloud_is_a_cloud(suffix, tmp_path):
-    write_cloud(tmp_path / f"0{suffix}", EMPTY)
-    back = read_cloud(tmp_path / f"0{suffix}")
-    assert len(back.cloud) == 0
-    assert back.warnings == ()
-
-
-def test_points_that_are_not_finite_are_dropped_with_words(cloud, tmp_path):
-    points = cloud.points.copy()
-    points[3], points[7, 1] = np.nan, np.inf
-    write_cloud(tmp_path / "5.npz", PointCloud(points, cloud.colors))
-    back = read_cloud(tmp_path / "5.npz")
-    assert len(back.cloud) == 48
-    assert np.array_equal(back.cloud.colors, np.delete(cloud.colors, [3, 7], axis=0))
-    (text,) = back.warnings
-    assert text.endswith("5.npz: 2 of 50 points are not finite numbers and are left out.")
-
-
-def test_millimetres_are_noticed(cloud, tmp_path):
-    write_cloud(tmp_path / "0.ply", PointCloud(cloud.points * 60))
-    (text,) = read_cloud(tmp_path / "0.ply").warnings
-    assert "are spread over" in text
-    assert (
-        "Are they millimetres? Then set world_unit_m = 0.001 in [session], if calibration.toml"
-        in text
-    )
-    assert read_cloud(tmp_path / "0.ply", 0.001).warnings == ()
-
-
 @pytest.mark.parametrize("suffix", [".ply", ".npz"])
 def test_huge_clouds_are_read_in_part(suffix, tmp_path, monkeypatch, rng):
     monkeypatch.setattr(cloud_files, "MOST_POINTS", 1000)
@@ -99,12 +55,6 @@ def test_huge_clouds_are_read_in_part(suffix, tmp_path, monkeypatch, rng):
     assert len(back.cloud) == 1000
     assert "25000 points; an even part of 1000 is used" in back.warnings[0]
     assert np.array_equal(back.cloud.points, read_cloud(tmp_path / f"0{suffix}").cloud.points)
-
-
-def test_an_even_part_is_spread():
-    part = spread_part(10_000, 100)
-    assert (part // 100 == np.arange(100)).all()
-    assert spread_part(3, 100).tolist() == [0, 1, 2]
 
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"

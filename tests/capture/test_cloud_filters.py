@@ -56,13 +56,6 @@ def test_thinning_keeps_a_fixed_number_per_cell_and_is_the_same_each_time(rng):
         assert (left == count).all()
 
 
-def test_cells_are_those_of_the_grid_and_survive_stray_points():
-    points = np.array([[0.001, 0, 0], [0.019, 0, 0], [0.021, 0, 0], [-0.001, 0, 0], [1e9, 0, 0]])
-    cells = filters.cell_numbers(points, 0.02)
-    assert cells[0] == cells[1]
-    assert len(set(cells.tolist())) == 4
-
-
 def test_outliers_stand_off(rng):
     points = np.vstack([patch(rng, (0, 0, 0.5)), [[0, 0, 0.55], [0.2, 0, 0.5]]])
     keep = filters.inliers(points, 8, 2.5)
@@ -124,30 +117,6 @@ def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
         fit_skin_ellipse(tone[:3].astype(np.uint8))
 
 
-def test_background_in_a_third_of_the_samples_does_not_move_the_ellipse(rng):
-    skin = np.clip(rng.normal((190, 140, 115), 4, (500, 3)), 0, 255).astype(np.uint8)
-    caught = np.clip(rng.normal((60, 90, 200), 4, (230, 3)), 0, 255).astype(np.uint8)
-    found, alone = (
-        fit_skin_ellipse(np.vstack([skin, caught]), size=3.0),
-        fit_skin_ellipse(skin, size=3.0),
-    )
-    assert found.mean == pytest.approx(alone.mean, abs=1e-3)
-    assert not filters.skin_coloured(caught, 230, found).any()
-
-
-def test_several_images_make_one_ellipse_and_the_smaller_patch_is_no_outlier(rng):
-    """Skin in daylight, and a fifth as much of it by a lamp, each with some background caught in it."""
-    day = np.clip(rng.normal((190, 140, 115), 4, (500, 3)), 0, 255).astype(np.uint8)
-    lamp = np.clip(rng.normal((190, 95, 50), 4, (100, 3)), 0, 255).astype(np.uint8)
-    caught = np.tile(np.uint8([60, 90, 200]), (10, 1))
-    both = fit_skin_ellipse(np.vstack([day, caught]), np.vstack([lamp, caught]), size=3.0)
-    assert filters.skin_coloured(day, 500, both).mean() > 0.95
-    assert filters.skin_coloured(lamp, 100, both).mean() > 0.95
-    assert not filters.skin_coloured(caught, 10, both).any()
-    alone = fit_skin_ellipse(day, size=3.0)
-    assert not filters.skin_coloured(lamp, 100, alone).any()
-
-
 def test_the_chain_reports_every_step(rng):
     cloud = PointCloud(np.vstack([patch(rng, (0, 0, 0.5), 30_000), patch(rng, (0, 0, 3.0))]))
     chain = CloudFilters(component="nearest", max_points=500)
@@ -160,38 +129,6 @@ def test_the_chain_reports_every_step(rng):
     assert len(left) == reports[-1].after == 500
     again, _ = chain.apply(cloud, lambda p: np.abs(p[:, 2] - 0.5), EYE)
     assert np.array_equal(left.points, again.points)
-
-
-def test_each_points_fate_is_the_filter_that_dropped_it(rng):
-    near, far = patch(rng, (0, 0, 0.5), 3_000), patch(rng, (0, 0, 3.0))
-    cloud = PointCloud(np.vstack([near, far]))
-    chain = CloudFilters(max_points=None)
-    fate, reports = chain.dropped_by(cloud, centres=EYE)
-    assert (fate[len(near) :] == 0).all()
-    assert (fate[: len(near)] > 0).all()
-    assert [int((fate == k).sum()) for k in range(len(reports))] == [
-        r.before - r.after for r in reports
-    ]
-    left, _ = chain.apply(cloud, centres=EYE)
-    assert np.array_equal(left.points, cloud.points[fate == len(reports)])
-
-
-def test_without_hand_and_cameras_their_filters_are_left_out():
-    _, reports = CloudFilters(component="nearest").apply(EMPTY)
-    assert [r.name for r in reports] == ["voxel", "outliers", "most"]
-    assert [(r.before, r.after) for r in reports] == [(0, 0)] * 3
-
-
-@pytest.mark.parametrize("count", [0, 1, 5])
-def test_few_points_pass_through_every_filter(count, rng):
-    cloud = PointCloud(
-        rng.normal((0, 0, 0.5), 0.001, (count, 3)), np.full((count, 3), 90, np.uint8)
-    )
-    skin = fit_skin_ellipse(np.full((50, 3), 90, np.uint8))
-    for component in ("all", "nearest", "largest"):
-        chain = CloudFilters(component=component, skin=skin, front_m=0.1, voxel_m=1e-6)
-        left, _ = chain.apply(cloud, lambda p: np.zeros(len(p)), EYE)
-        assert len(left) == count
 
 
 def test_merged_clouds_keep_colours_where_all_have_them(rng):

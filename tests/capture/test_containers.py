@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +14,6 @@ import handtrack.capture.images.video as video_module
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError
-from handtrack_app.cli import main
 
 MADE = {
     "a.mp4": "mp4v", "a.mov": "mp4v", "a.3gp": "mp4v", "a.avi": "MJPG", "a.mkv": "mp4v", "a.webm": "VP80", "a.mpg": "mpg1", "a.m2ts": "mp4v",
@@ -77,34 +75,6 @@ def test_nothing_that_names_other_files_is_opened(
     monkeypatch.setattr(cv2, "VideoCapture", None)  # OpenCV does not get to see it
     with pytest.raises(HandtrackError, match=playlist.name):
         VideoFile(playlist)
-
-
-@pytest.mark.parametrize("playlist", ["hls.m3u8", "beside.ffconcat"], indirect=True)
-def test_in_our_programs_ffmpeg_refuses_them_too(
-    playlist: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "")  # given back at the end
-    monkeypatch.delenv("OPENCV_FFMPEG_CAPTURE_OPTIONS")
-    assert cv2.VideoCapture(str(playlist)).isOpened()
-    main(["--version"])
-    assert not cv2.VideoCapture(str(playlist)).isOpened()
-
-
-def test_a_name_with_a_number_in_it_is_no_series_of_images(tmp_path: Path) -> None:
-    for name in ("g%d.gif", "g0.gif", "im%03d.mjpeg"):
-        write_video(tmp_path / name, "MJPG") if name.endswith("mjpeg") else (
-            tmp_path / name
-        ).write_bytes(b"GIF89a")
-    for name in ("g%d.gif", "im%03d.mjpeg"):
-        with pytest.raises(HandtrackError, match="Rename"):
-            VideoFile(tmp_path / name)
-
-
-def test_folders_pipes_and_devices_are_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.mp4")
-    for path in (tmp_path, tmp_path / "pipe.mp4", Path("/dev/zero")):
-        with pytest.raises(HandtrackError, match="expected a video"):
-            VideoFile(path)
 
 
 def test_opening_ends_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

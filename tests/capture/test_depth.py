@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from handtrack.capture.clouds.depth import DepthSettings, depth_cloud, surface_pixels
-from handtrack.capture.images.frames import DEPTH, ImageFiles
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 
@@ -46,21 +44,6 @@ def test_what_is_no_measurement_is_left_out():
     assert len(depth_cloud(camera(), np.zeros((120, 160)))) == 0
 
 
-def test_mask_and_colours():
-    mask = np.zeros((120, 160), np.uint8)
-    mask[10:20, 30:50] = 255
-    image = np.zeros((120, 160, 3), np.uint8)
-    image[..., 0] = 200  # blue in BGR
-    cloud = depth_cloud(camera(), np.full((120, 160), 0.5), mask, image)
-    assert len(cloud) == 200
-    assert (cloud.colors == [0, 0, 200]).all()
-
-
-def test_sizes_must_fit():
-    with pytest.raises(HandtrackError, match=r"depth of camera 'kinect': expected .*\(120, 160\)"):
-        depth_cloud(camera(), np.zeros((100, 160)))
-
-
 def test_flying_pixels_go_and_surfaces_stay(rng):
     depth = np.full((120, 160), 0.9)
     depth[30:90, 40:120] = 0.5
@@ -82,12 +65,6 @@ def test_grazing_surfaces_go():
     assert not surface_pixels(depth, 300.0, settings).any()
     flat = 0.5 * np.exp(np.tan(np.radians(60)) / 300.0 * np.arange(40))[None].repeat(50, axis=0)
     assert surface_pixels(flat, 300.0, settings)[1:-1, 1:-1].all()
-
-
-def test_eight_bit_depth_is_refused(tmp_path):
-    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((120, 160), np.uint8))
-    with pytest.raises(HandtrackError, match="one channel of 16 bits; found uint8"):
-        ImageFiles([tmp_path / "0.png"], DEPTH).read(0)
 
 
 def test_a_real_hand_before_a_body(data_dir):

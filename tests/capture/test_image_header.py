@@ -29,17 +29,6 @@ def test_the_size_is_in_the_first_bytes(kind: str) -> None:
     assert announced_size(encoded(kind)) == (WIDTH, HEIGHT)
 
 
-def test_both_kinds_of_webp() -> None:
-    assert announced_size(encoded(".webp", cv2.IMWRITE_WEBP_QUALITY, 50)) == (WIDTH, HEIGHT)
-    assert announced_size(encoded(".webp", cv2.IMWRITE_WEBP_QUALITY, 101)) == (WIDTH, HEIGHT)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("length", [0, 3, 9, 15, 20])
-def test_cut_files_tell_nothing_wrong(kind: str, length: int) -> None:
-    assert announced_size(encoded(kind)[:length]) in (None, (WIDTH, HEIGHT))
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_c15_an_image_larger_than_its_camera_is_not_unpacked(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import queue
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
 import pytest
 
-from handtrack.capture.live.devices import PlayedFile, open_device
+from handtrack.capture.live.devices import PlayedFile
 from handtrack.capture.live.live_camera import LiveCamera
 from handtrack.capture.live.live_feed import CameraCount, LiveFeed, LiveImages
 from handtrack.errors import HandtrackError
@@ -64,16 +63,6 @@ def test_a_frame_is_made_of_the_newest_images_and_older_ones_are_dropped(desk: D
     assert desk.feed.known == range(2)
 
 
-def test_nobody_is_blamed_for_images_before_counting_began(desk: Desk) -> None:
-    for value in (1, 2, 3):
-        desk.show(value)
-    desk.feed.begin_counting()
-    assert desk.feed.make_next(0.0) is None  # what waited is old
-    desk.show(4)
-    desk.feed.reach(0)
-    assert desk.feed.counts["right"] == CameraCount(used=1)
-
-
 def test_an_image_that_is_too_old_for_the_others_is_missing(desk: Desk) -> None:
     desk.feed.begin_counting()
     desk.show(1, "left")
@@ -105,25 +94,6 @@ def test_a_camera_that_is_unplugged_says_so_and_the_others_go_on(desk: Desk) -> 
         desk.feed.reach(1)
 
 
-def test_one_bad_read_is_no_end(desk: Desk) -> None:
-    desk.feed.begin_counting()
-    desk.devices["left"].fail(2)
-    desk.show(7)
-    desk.feed.reach(0)
-    assert desk.values(0)["right"] == 7
-    assert desk.feed.gone == ()
-
-
-def test_old_images_are_forgotten_and_their_frames_known_a_while(desk: Desk) -> None:
-    for value in range(50):
-        desk.show(value)
-        desk.feed.reach(value)
-    assert desk.values(0) == {}
-    assert desk.values(49) == {"left": 49, "right": 49}
-    assert desk.feed.known == range(50)
-    assert desk.feed.with_images == range(10, 50)
-
-
 def test_a_file_is_played_at_its_own_pace(tmp_path: Path, monkeypatch) -> None:
     now, waits = [100.0], []
     device = PlayedFile(cv2.VideoCapture(str(clip(tmp_path / "a.avi"))), 2.0, lambda: now[0])
@@ -145,21 +115,3 @@ class _Waiting:
 
     def is_set(self) -> bool:
         return False
-
-
-def test_what_cannot_be_opened_or_does_not_fit_is_told(tmp_path: Path) -> None:
-    with pytest.raises(
-        HandtrackError, match=r"camera 'a': 'nowhere.avi' cannot be opened as a camera.*--camera"
-    ):
-        open_device("nowhere.avi", SIZE, "camera 'a'")
-    device = open_device(str(clip(tmp_path / "a.avi")), (64, 48), "camera 'a'")
-    with pytest.raises(
-        HandtrackError, match=r"camera 'a': the image is 64 x 48, but .* calibrated for 640 x 480"
-    ):
-        LiveCamera("a", device, (640, 480))
-    silent = ScriptedDevice()
-    silent._images = queue.Queue()
-    silent.fail()
-    with pytest.raises(HandtrackError, match=r"camera 'a': it was opened, but gives no image"):
-        LiveCamera("a", silent)
-    assert silent.released

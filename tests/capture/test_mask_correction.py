@@ -8,7 +8,6 @@ import pytest
 
 from handtrack.arrays import Array, Bytes
 from handtrack.capture.masks.mask_correction import (
-    AS_IT_IS,
     BACKGROUND,
     HAND,
     carried,
@@ -19,27 +18,6 @@ from handtrack.capture.masks.mask_correction import (
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from tests.capture.seeded_scenes import SIZE, recording
-
-
-def test_a_stroke_is_a_round_line() -> None:
-    layer = painted(empty_layer((80, 60)), np.array([[20.0, 30], [50, 30]]), 5.0, HAND)
-    rows, columns = np.nonzero(layer == HAND)
-    assert (rows.min(), rows.max()) == (25, 35)
-    assert (columns.min(), columns.max()) == (15, 55)
-    assert layer[25, 15] == AS_IT_IS  # its ends are round
-    again = painted(layer, np.array([[20.0, 30]]), 5.0, AS_IT_IS)
-    assert again[30, 20] == AS_IT_IS
-    assert again[30, 40] == HAND
-
-
-def test_what_is_not_corrected_stays() -> None:
-    mask = np.full((60, 80), 200, np.uint8)
-    layer = empty_layer((80, 60))
-    layer[:10], layer[10:20], layer[20:30] = HAND, BACKGROUND, UNKNOWN_LEVEL
-    made = corrected(layer, mask, 99)
-    assert made[::10, 0].tolist() == [255, 0, 99, 200, 200, 200]
-    assert mask.min() == 200
-    assert corrected(layer, None, 99)[::10, 0].tolist() == [255, 0, 99, 99, 99, 99]
 
 
 def overlap(mask: Bytes, truth: Array) -> float:

@@ -10,7 +10,6 @@ import pytest
 
 from handtrack.capture.images.bayer import PATTERNS
 from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
-from handtrack.errors import HandtrackError
 from tests.capture.demosaicing_quality import mosaic_of
 
 
@@ -48,33 +47,3 @@ def test_sixteen_bits_have_one_white_level_for_all_frames(tmp_path):
     assert bright.mean() / dark.mean() == pytest.approx(2.0, rel=0.03)
     backwards = MosaicFiles(files, MosaicSettings("RGGB"))
     assert np.array_equal(backwards.read(1), dark)  # whatever is read first
-
-
-def test_a_white_level_that_is_given_is_taken(tmp_path):
-    files = written(tmp_path, [mosaic_of(picture(), "GBRG").astype(np.uint16) * 16])
-    given = MosaicFiles(files, MosaicSettings("GBRG", white_level=16 * 255.0)).read(0)
-    off = given[4:-4, 4:-4].astype(int) - picture()[4:-4, 4:-4]
-    assert np.abs(off).max() <= 3
-
-
-def test_a_wrong_pattern_is_said_and_colour_files_are_refused(tmp_path):
-    files = written(tmp_path, [mosaic_of(picture(), "RGGB")])
-    wrong = MosaicFiles(files, MosaicSettings("GRBG"))
-    wrong.read(0)
-    assert len(wrong.warnings) == 1
-    assert "000.png: the pattern GRBG looks wrong" in wrong.warnings[0]
-    cv2.imwrite(str(tmp_path / "000.png"), picture())
-    with pytest.raises(
-        HandtrackError, match=r"000\.png: a raw mosaic has one channel.*colour\s+already"
-    ):
-        MosaicFiles(files, MosaicSettings("RGGB")).read(0)
-
-
-def test_a_missing_or_damaged_file_is_a_missing_image(tmp_path):
-    files = written(tmp_path, [mosaic_of(picture(), "RGGB")] * 3)
-    (tmp_path / "000.png").write_bytes(b"no picture")
-    source = MosaicFiles(files, MosaicSettings("RGGB"))
-    assert source.read(0) is None
-    assert source.read(5) is None
-    assert source.read(1) is not None
-    assert "000.png" in source.warnings[0]

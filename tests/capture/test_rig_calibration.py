@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 
 import cv2
@@ -13,9 +12,6 @@ import pytest
 from handtrack.capture.calibration.board_detection import BoardView
 from handtrack.capture.calibration.board_views import (
     CameraViews,
-    choose_views,
-    require_views,
-    search_views,
 )  # fmt: skip
 from handtrack.capture.calibration.boards import parse_board
 from handtrack.capture.calibration.bundle_adjustment import (
@@ -28,7 +24,6 @@ from handtrack.capture.calibration.bundle_adjustment import (
 )
 from handtrack.capture.calibration.rig_calibration import CalibrationSettings, calibrate_rig
 from handtrack.capture.calibration.rig_file import read_rig
-from handtrack.capture.images.frames import ImageFiles
 from handtrack.errors import HandtrackError
 from handtrack_app.cli import main
 from tests.capture.board_scene import BoardPhotographer, board_poses, seen_pixels, three_cameras
@@ -139,20 +134,6 @@ def test_cameras_that_never_share_a_view_are_chained(rig, poses, rng):
     assert {pair.names for pair in found.report.pairs} == {("a", "b"), ("b", "c")}
 
 
-def test_a_wrong_view_is_left_out_and_named(rig, poses, rng):
-    cameras = [views_of(camera, BOARD, poses, rng) for camera in rig]
-    first = cameras[0].shared[3]
-    shifted = replace(
-        first, pixels=first.pixels * [1.0, 0.93] + 5 * rng.normal(size=first.pixels.shape)
-    )
-    cameras[0] = replace(
-        cameras[0], shared=(*cameras[0].shared[:3], shifted, *cameras[0].shared[4:])
-    )
-    found = calibrate_rig(BOARD, cameras)
-    assert_same_rig(found.rig, rig, found.report, centre_mm=0.6)
-    assert any(f"left out frame {first.frame}" in text for text in found.report.warnings)
-
-
 def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rig, rng):
     """An even x even board, numbered from either end at random in each camera and view."""
     board = parse_board("chessboard:8x6:25mm")
@@ -170,17 +151,6 @@ def test_a_board_that_looks_alike_when_turned_is_settled_by_agreement(rig, rng):
     assert "looks the same after half a turn" in found.report.warnings[0]
 
 
-def test_cameras_that_are_not_synchronised_are_told_by_how_much(rig, poses, rng):
-    """The second camera's frames are numbered two too high."""
-    cameras = [views_of(camera, BOARD, poses, rng) for camera in rig]
-    late = tuple(replace(view, frame=view.frame + 2) for view in cameras[1].shared)
-    found = calibrate_rig(BOARD, [cameras[0], replace(cameras[1], shared=late), cameras[2]])
-    (told,) = found.report.contradictions
-    assert "with the frames of 'b' shifted by -2 they agree" in told
-    assert found.report.cameras[1].lens["fx"] == pytest.approx(rig["b"].matrix[0, 0], rel=0.01)
-    assert any("'b' fits by" in text for text in found.report.doubts)
-
-
 def test_the_world_can_be_a_board(rig, poses, rng):
     cameras = [views_of(camera, BOARD, poses[:12], rng) for camera in rig]
     frame = cameras[0].shared[0].frame
@@ -193,76 +163,6 @@ def test_the_world_can_be_a_board(rig, poses, rng):
         match=r"--world board:99: expected camera:NAME \(of a, b, c\) or board:FRAME",
     ):
         calibrate_rig(BOARD, cameras, CalibrationSettings(world="board:99"))
-
-
-def test_known_lenses_are_kept(rig, poses, rng):
-    cameras = [views_of(camera, BOARD, poses[:4], rng) for camera in rig]
-    found = calibrate_rig(BOARD, cameras, CalibrationSettings(known=rig))
-    for got, true in zip(found.rig, rig, strict=True):
-        assert np.array_equal(got.matrix, true.matrix)
-        assert np.array_equal(got.distortions, true.distortions)
-    assert found.report.cameras[0].lens_std["fx"] == 0
-
-
-def test_groups_that_share_no_view_are_named(rig, poses, rng):
-    frames = {"a": range(20), "b": range(20), "c": range(20, 40)}
-    cameras = [views_of(camera, BOARD, poses, rng, frames[camera.name]) for camera in rig]
-    with pytest.raises(
-        HandtrackError, match=re.escape("groups that share no view of the board: 'a', 'b' | 'c'.")
-    ):
-        calibrate_rig(BOARD, cameras)
-
-
-def test_too_few_views(rig, poses, rng):
-    cameras = [views_of(camera, BOARD, poses[:2], rng) for camera in rig]
-    with pytest.raises(
-        HandtrackError, match="the board was found in 2 of 2 images; at least 3 are needed"
-    ):
-        calibrate_rig(BOARD, cameras)
-
-
-def test_no_board_and_a_board_of_another_size(rig):
-    blind = CameraViews("a", (480, 360), (), (), 5, "a*.png")
-    with pytest.raises(
-        HandtrackError,
-        match=r"no chessboard:9x6:25mm board was found in any of 5 images of camera 'a'",
-    ):
-        require_views(BOARD, [blind], lambda: [np.full((360, 480), 128, np.uint8)])
-    picture = BoardPhotographer(rig["a"], BOARD).picture(
-        board_poses(BOARD, 1, np.random.default_rng(1), spread=0.01)[0]
-    )
-    with pytest.raises(
-        HandtrackError,
-        match=r"There is a chessboard of 9 x 6 inner corners: use --board chessboard:9x6:25mm",
-    ):
-        require_views(parse_board("chessboard:10x7:25mm"), [blind], lambda: [picture])
-
-
-def test_images_of_two_sizes_are_refused(tmp_path):
-    for number, size in enumerate([(60, 80), (60, 81)]):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros(size, np.uint8))
-    source = ImageFiles(sorted(tmp_path.glob("*.png")))
-    with pytest.raises(
-        HandtrackError, match=r"1\.png is 81 x 60, but .*0\.png of the same camera is 80 x 60"
-    ):
-        search_views(source, BOARD, source.frames)
-
-
-def test_views_are_chosen_sharp_and_spread(rig, poses, rng):
-    seen = views_of(rig["a"], BOARD, poses, rng)
-    blurred = {view.frame for view in seen.shared[::7]}
-    cameras = [
-        replace(
-            seen,
-            shared=tuple(replace(v, blur_px=9.0) if v.frame in blurred else v for v in seen.shared),
-        )
-    ]
-    chosen = choose_views(cameras, most=10)[0]
-    assert len(chosen.shared) == 10
-    assert not blurred & {view.frame for view in chosen.shared}
-    everything = np.stack([view.pixels.mean(axis=0) for view in seen.shared])
-    kept = np.stack([view.pixels.mean(axis=0) for view in chosen.shared])
-    assert (np.ptp(kept, axis=0) > 0.7 * np.ptp(everything, axis=0)).all()
 
 
 @pytest.mark.parametrize("text", ["chessboard:8x5:25mm", "charuco:7x5:30mm:22mm:DICT_4X4_50"])
@@ -294,52 +194,3 @@ def test_from_pictures_to_calibration_file(tmp_path, capsys, rig, text):
     for name in ("calibration_rig.png", "calibration_residuals.png"):
         assert cv2.imread(str(tmp_path / name)) is not None
     assert "baseline mm" in (tmp_path / "calibration_report.txt").read_text()
-
-
-def test_a_video_of_a_moving_board(tmp_path, capsys, rig):
-    board = parse_board("chessboard:7x4:30mm")
-    rng = np.random.default_rng(3)
-    keys = board_poses(board, 9, rng, spread=0.06)
-    photographer = BoardPhotographer(rig["a"], board)
-    path = tmp_path / "a.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, rig["a"].size)
-    for pose in keys:
-        picture = cv2.cvtColor(photographer.picture(pose, rng), cv2.COLOR_GRAY2BGR)
-        for _ in range(2):
-            writer.write(picture)
-    writer.release()
-    out = tmp_path / "a.toml"
-    arguments = [
-        "--board",
-        "chessboard:7x4:30mm",
-        "--camera",
-        f"a={path}",
-        "--no-k3",
-        "--no-tangential",
-    ]
-    assert main(["calibrate", "--out", str(out), *arguments]) == 0
-    assert read_rig(out)["a"].matrix[0, 0] == pytest.approx(430, rel=0.02)
-    assert "skew that would fit" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--camera", "left"], "--camera left: expected NAME=FILES, such as left=left*.jpg"),
-        (["--camera", "left=nothing*.png"], "--camera left: nothing found at nothing*.png"),
-        ([], "no camera given: --camera NAME=FILES"),
-        (["--bayer", "RGB"], "no Bayer pattern 'RGB' in --bayer; known: RGGB, BGGR, GRBG, GBRG"),
-    ],
-)
-def test_the_command_explains_what_is_wrong(tmp_path, capsys, arguments, message):
-    out = str(tmp_path / "c.toml")
-    assert main(["calibrate", "--out", out, "--board", "chessboard:9x6:25mm", *arguments]) == 2
-    assert message in capsys.readouterr().err
-
-
-def test_a_board_to_print(tmp_path, capsys):
-    out = tmp_path / "board.svg"
-    assert main(["board", "--out", str(out), "--board", "chessboard:9x6:25mm"]) == 0
-    told = capsys.readouterr().out
-    assert "page 275 x 200 mm (fits A4). Print at 100 %" in told
-    assert "10 squares must be 250 mm wide" in told

@@ -9,7 +9,6 @@ import pytest
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.capture.masks.segmentation import SkinYCrCb
-from handtrack.errors import HandtrackError
 from tests.capture.seeded_scenes import LIGHTS, SIZE, Recording, recording
 
 TESTED = range(1, 24, 4)
@@ -80,15 +79,6 @@ def test_the_outline_is_known_where_hand_and_background_are(rng: np.random.Gener
     assert np.mean(known) > 0.95
 
 
-def test_behind_the_wrist_nothing_is_said(rng: np.random.Generator) -> None:
-    drawn = recording("even", rng)
-    frame = 5
-    mask = learned(drawn).mask(drawn.images[frame], seeds_in(drawn, frame))
-    before = before_wrist(drawn, frame)
-    assert (mask[before < -0.8] == UNKNOWN_LEVEL).all()
-    assert (mask[before > 0.2] != UNKNOWN_LEVEL).mean() > 0.95
-
-
 def test_another_hand_that_nobody_seeds_is_no_hand(rng: np.random.Generator) -> None:
     drawn = recording("even", rng)
     for frame in drawn.frames:
@@ -99,23 +89,3 @@ def test_another_hand_that_nobody_seeds_is_no_hand(rng: np.random.Generator) -> 
         drawn, [learned(drawn).mask(drawn.images[f], seeds_in(drawn, f)) for f in TESTED]
     )
     assert wrong < 0.04
-
-
-def test_seeds_need_a_palm() -> None:
-    wrist, index, little = np.array([50.0, 50]), np.array([80.0, 10]), np.array([40.0, 10])
-    assert seeds_of_joints({"wrist": wrist, "index_mcp": index}, SIZE) is None
-    assert seeds_of_joints({"index_mcp": index, "little_mcp": little}, SIZE) is None
-    seeds = seeds_of_joints({"wrist": wrist, "index_mcp": index, "little_mcp": little}, SIZE)
-    assert seeds is not None
-    assert seeds.log_odds.shape == (
-        seeds.part[0].stop - seeds.part[0].start,
-        seeds.part[1].stop - seeds.part[1].start,
-    )
-    outside = {"wrist": wrist + 900, "index_mcp": index + 900, "little_mcp": little + 900}
-    assert seeds_of_joints(outside, SIZE) is None
-
-
-def test_too_few_images_with_a_hand_are_refused(rng: np.random.Generator) -> None:
-    drawn = recording("even", rng, 4)
-    with pytest.raises(HandtrackError, match=r"at least 3 of 25; found 2.*handtrack detect"):
-        Seeded().learned(drawn, lambda frame: seeds_in(drawn, frame) if frame < 2 else None)

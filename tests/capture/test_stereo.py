@@ -9,17 +9,14 @@ import pytest
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.correlation import correlate
 from handtrack.capture.clouds.disparity import (
-    REJECTED,
     StereoSettings,
     consistent,
     disparity,
-    matches,
     without_speckles,
 )
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.capture.clouds.stereo_check import check_pair
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 
@@ -92,14 +89,6 @@ def test_a_plane_is_found_where_it_is(arrangement, method, texture):
     assert np.median(np.abs(there.astype(int) - cloud.colors)) < 12
 
 
-def test_the_order_of_a_pair_does_not_matter(texture):
-    first, second = camera("a"), ARRANGEMENTS["towards each other, rolled"]
-    images = picture(first, texture), picture(second, texture)
-    one = StereoMatcher(first, second).cloud(*images)
-    other = StereoMatcher(second, first).cloud(*images[::-1])
-    assert np.array_equal(one.points, other.points)
-
-
 def test_rectified_rows_are_the_same_and_depth_belongs_to_disparity(rng):
     pair = rectified(camera("a"), ARRANGEMENTS["towards each other, rolled"])
     points = rng.uniform((-0.1, -0.05, 0.4), (0.1, 0.05, 0.7), (50, 3))
@@ -140,30 +129,6 @@ def test_correlation_finds_known_shifts_and_says_nothing_of_blank_images(texture
     assert np.isnan(correlate(blank, blank, 0, 15).left).all()
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_negative_disparities_can_be_searched(method, texture):
-    left, right = texture[:80, 100:260], texture[:80, 95:255]  # left x is right x + 5
-    found = disparity(left, right, -12, 4, StereoSettings(method))
-    assert np.isfinite(found).mean() > 0.8
-    assert np.nanmedian(found) == pytest.approx(-5, abs=0.05)
-
-
-def test_what_is_thrown_away_has_its_reason(texture):
-    left = texture[:120, 100:400].copy()
-    right = texture[:120, 109:409].copy()  # left x is right x - 9
-    left[:40, 100:200] = right[:40, 91:191] = 90  # nothing to match
-    right[80:, 150:230] = texture[300:340, 500:580]  # seen by the right camera alone
-    found = matches(left, right, 0, 31, StereoSettings())
-    assert np.array_equal(
-        found.disparity, disparity(left, right, 0, 31, StereoSettings()), equal_nan=True
-    )
-    assert not (np.isfinite(found.disparity) & (found.rejected > 0)).any()
-    blank, unseen = found.rejected[10:30, 115:185], found.rejected[90:110, 170:220]
-    assert (blank == REJECTED.index("no contrast")).all()
-    assert (unseen == REJECTED.index("left and right disagree")).mean() > 0.3
-    assert (found.rejected[50:70, 40:260] == 0).mean() > 0.95
-
-
 def test_left_right_check_and_speckles():
     left = np.full((4, 30), 5.0, np.float32)
     right = left.copy()
@@ -189,62 +154,12 @@ def told(first, second, images, settings=StereoSettings()) -> str:
     return check_pair(matcher, matcher.match(*images), *images) or "nothing"
 
 
-def test_a_good_pair_has_nothing_to_be_told(texture):
-    for arrangement, second in ARRANGEMENTS.items():
-        first = camera("a")
-        assert (
-            told(first, second, (picture(first, texture), picture(second, texture))) == "nothing"
-        ), arrangement
-
-
-def test_exchanged_images_are_noticed(texture):
-    first, second = camera("left"), camera("right", (0.06, 0, 0))
-    text = told(first, second, (picture(second, texture), picture(first, texture)))
-    assert "'left' and 'right'" in text
-    assert "behind the cameras (negative disparity)" in text
-    assert "exchanged?" in text
-
-
 def test_a_wrong_calibration_is_noticed(texture):
     first, second = camera("a"), camera("b", (0.06, 0, 0))
     images = picture(first, texture), picture(second, texture)
     text = told(first, camera("b", (0.06, 0, 0), (0.05, 0, 0)), images)
     assert "px apart in height after rectification" in text
     assert "was a camera moved" in text
-
-
-def test_a_wrong_range_is_noticed(texture):
-    first, second = camera("a"), camera("b", (0.06, 0, 0))
-    images = picture(first, texture), picture(second, texture)
-    text = told(first, second, images, StereoSettings(near_m=1.0, far_m=3.0))
-    assert "lie at 0.50 m, but depths from 1 to 3 m are searched. Set near_m and far_m" in text
-
-
-def test_blank_images_are_noticed():
-    blank = np.full((180, 240, 3), 90, np.uint8)
-    text = told(camera("a"), camera("b", (0.06, 0, 0)), (blank, blank))
-    assert "only 0.0% of the pixels have a match" in text
-    assert "share 0 distinct features" in text
-
-
-@pytest.mark.parametrize(
-    ("second", "words"),
-    [
-        (camera("b"), "their centres are 0 mm apart"),
-        (camera("b", (0.3, 0, 0.4), (0, 1.6, 0)), "look in directions 92 degrees apart"),
-        (camera("b", (0, 0, 0.2)), "look along the line between them"),
-    ],
-)
-def test_cameras_that_make_no_pair(second, words):
-    with pytest.raises(HandtrackError, match=words):
-        rectified(camera("a"), second)
-
-
-def test_settings_that_cannot_be_used():
-    with pytest.raises(HandtrackError, match="no stereo method 'bm'; known: sgbm, correlation"):
-        StereoSettings("bm")
-    with pytest.raises(HandtrackError, match="expected 0 < near_m < far_m"):
-        StereoSettings(near_m=2.0)
 
 
 # ---------------------------------------------------------------- data with truth

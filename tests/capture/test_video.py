@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import threading
 from pathlib import Path
 
 import cv2
@@ -12,8 +11,6 @@ import pytest
 
 import handtrack.capture.images.video as video_module
 from handtrack.capture.images.video import VideoFile
-from handtrack.capture.images.video_audit import oddities
-from handtrack.errors import HandtrackError
 
 FRAMES = 90
 
@@ -72,40 +69,6 @@ def test_a_seek_that_arrives_elsewhere_is_noticed(
     assert [shown(source, frame) for frame in (70, 25, 60, 24)] == [70, 25, 60, 24]
 
 
-def test_stepping_back_decodes_a_window_once(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    source = VideoFile(clip)
-    shown(source, 89)
-    restarts = 0
-    original = source._restart
-
-    def counted() -> None:
-        nonlocal restarts
-        restarts += 1
-        original()
-
-    monkeypatch.setattr(source, "_restart", counted)
-    assert [shown(source, frame) for frame in range(88, -1, -1)] == list(range(88, -1, -1))
-    assert restarts == 0  # 90 small frames fit into the cache
-
-
-def test_memory_stays_bounded(clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video_module, "_CACHE_BYTES", 12 * 48 * 64 * 3)
-    source = VideoFile(clip)
-    for frame in range(FRAMES):
-        source.read(frame)
-    assert len(source._cache) == 12
-
-
-def test_after_the_end_and_before_the_start_are_misses(clip: Path) -> None:
-    source = VideoFile(clip)
-    assert source.read(FRAMES) is None
-    assert source.read(10**6) is None
-    assert source.read(-1) is None
-    assert shown(source, 5) == 5
-    source.close()
-    assert shown(source, 7) == 7
-
-
 def test_a_cut_video_misses_its_end_and_says_so(clip: Path) -> None:
     """Fault C2."""
     data = clip.read_bytes()
@@ -155,47 +118,3 @@ def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(
         90: [0, 24], 180: [24, 32], 270: [32, 0],
     }[turn]  # fmt: skip
     assert [f"asks to be turned by {turn}°" in text for text in source.warnings] == [True]
-
-
-def test_files_that_are_no_videos_are_refused(tmp_path: Path) -> None:
-    """Fault C1."""
-    with pytest.raises(HandtrackError, match=r"none.mp4: no such file; expected a video"):
-        VideoFile(tmp_path / "none.mp4")
-    (tmp_path / "text.mp4").write_text("hello")
-    with pytest.raises(
-        HandtrackError, match=r"text.mp4: cannot be opened as a video.*re-encode it"
-    ):
-        VideoFile(tmp_path / "text.mp4")
-
-
-def test_another_size_than_the_calibrations_is_refused(clip: Path) -> None:
-    with pytest.raises(
-        HandtrackError, match=r"the image is 64 x 48, but .* calibrated for 720 x 720"
-    ):
-        VideoFile(clip, (720, 720))
-
-
-def test_two_readers_at_once_get_their_own_frames(clip: Path) -> None:
-    source = VideoFile(clip)
-    wrong: list[int] = []
-
-    def play(frames: range) -> None:
-        wrong.extend(frame for frame in frames if shown(source, frame) != frame)
-
-    readers = [
-        threading.Thread(target=play, args=(frames,))
-        for frames in (range(0, FRAMES), range(FRAMES - 1, -1, -1))
-    ]
-    for reader in readers:
-        reader.start()
-    for reader in readers:
-        reader.join()
-    assert wrong == []
-
-
-def test_uneven_times_are_reported() -> None:
-    times = np.array([0, 33, 67, 100, 200, 233, 267], dtype=float)
-    (text,) = oddities(7, times)
-    assert "1 steps between frames are longer than the usual 33" in text
-    assert "after frame 3" in text
-    assert oddities(7, np.arange(7) * 33.3) == []

@@ -44,21 +44,3 @@ def test_a_second_hand_is_found_soon_and_both_keep_their_numbers(fake):
     assert seen[0] == {0: 100}
     assert seen[-1] == {0: 100, 1: 300}
     assert fake.searches == 2  # with both followed there is nothing to look for
-
-
-def test_one_hand_is_not_two(fake):
-    """Two regions may slide onto one hand."""
-    follower = HandFollower(fake)
-    fake.hands = [hand_at(100, 100), hand_at(140, 100)]
-    assert columns(follower.step(IMAGE)) == {0: 100, 1: 140}
-    fake.hands = [hand_at(120, 100)]
-    assert columns(follower.step(IMAGE)) == {0: 120}
-
-
-def test_after_a_missing_image_the_hand_is_looked_for_where_it_was(fake):
-    follower = HandFollower(fake)
-    fake.hands = [hand_at(100, 100)]
-    follower.step(IMAGE)
-    assert follower.step(None) == {}
-    assert columns(follower.step(IMAGE)) == {0: 100}
-    assert fake.searches == 1

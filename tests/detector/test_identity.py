@@ -52,30 +52,6 @@ def test_of_two_hands_the_one_of_our_side_is_ours_in_every_view():
     assert chosen(hands) == {"a": 0, "b": 1}
 
 
-def test_a_view_that_errs_about_the_side_follows_the_others():
-    hands = {
-        "a": [seen("a", RIGHT_PLACE), seen("a", LEFT_PLACE, right=0.02)],
-        "b": [seen("b", LEFT_PLACE, right=0.6), seen("b", RIGHT_PLACE, right=0.4)],
-        "c": [seen("c", RIGHT_PLACE), seen("c", LEFT_PLACE, right=0.02)],
-    }
-    assert chosen(hands) == {"a": 0, "b": 1, "c": 0}
-
-
-def test_a_hand_elsewhere_does_not_join():
-    hands = {
-        "a": [seen("a", RIGHT_PLACE)],
-        "b": [seen("b", LEFT_PLACE)],
-        "c": [seen("c", RIGHT_PLACE)],
-    }
-    assert chosen(hands) == {"a": 0, "c": 0}
-
-
 def test_a_hand_of_the_other_side_is_not_ours():
     assert chosen({"a": [seen("a", RIGHT_PLACE, right=0.1)], "b": []}) == {}
     assert chosen({"a": [seen("a", RIGHT_PLACE)]}) == {"a": 0}
-
-
-def test_log_odds_know_both_sides_and_have_a_bound():
-    assert log_odds(0.8, "right") == pytest.approx(np.log(4))
-    assert log_odds(0.8, "left") == pytest.approx(-np.log(4))
-    assert abs(log_odds(1.0, "left")) < 5

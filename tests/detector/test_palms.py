@@ -5,22 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.detector.palms import PALM_SIZE, anchors, overlaps, palms
+from handtrack.detector.palms import PALM_SIZE, palms
 
 ANCHORS = 2016
 SURE, UNSURE = 3.0, -0.01
-FIRST_COARSE = 2 * 24 * 24
-
-
-def test_anchors_are_cell_centres_row_by_row_repeats_together():
-    points = anchors()
-    assert points.shape == (ANCHORS, 2)
-    assert points[0].tolist() == points[1].tolist() == [0.5 / 24, 0.5 / 24]
-    assert points[2].tolist() == [1.5 / 24, 0.5 / 24]  # along the row first
-    assert points[48].tolist() == [0.5 / 24, 1.5 / 24]
-    assert points[FIRST_COARSE + 5].tolist() == [0.5 / 12, 0.5 / 12]
-    assert points[FIRST_COARSE + 6].tolist() == [1.5 / 12, 0.5 / 12]
-    assert points[-1].tolist() == [11.5 / 12, 11.5 / 12]
 
 
 def outputs(**boxes):
@@ -59,14 +47,3 @@ def test_boxes_apart_are_two_palms_the_surest_first():
     given = outputs(at0=(SURE, box), **{f"at{ANCHORS - 1}": (2 * SURE, box)})
     assert [palm.box[0] for palm in palms(*given, most=2)] == pytest.approx([11.5 / 12, 0.5 / 24])
     assert len(palms(*given, most=1)) == 1
-
-
-def test_without_a_sure_box_there_is_no_palm():
-    assert palms(*outputs(at0=(UNSURE, (0.0, 0.0, 20.0, 20.0))), most=2) == []
-    assert palms(np.zeros((ANCHORS, 18)), np.full(ANCHORS, -1e30), most=2) == []
-
-
-def test_overlap_is_intersection_over_union():
-    box = np.array([0.5, 0.5, 0.2, 0.2])
-    boxes = np.array([[0.5, 0.5, 0.2, 0.2], [0.6, 0.5, 0.2, 0.2], [0.9, 0.9, 0.2, 0.2]])
-    assert overlaps(boxes, box) == pytest.approx([1.0, 1 / 3, 0.0])

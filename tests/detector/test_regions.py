@@ -9,7 +9,6 @@ from handtrack.detector.regions import (
     Region,
     region_of_hand,
     region_of_palm,
-    whole_image,
 )
 
 
@@ -25,19 +24,6 @@ def test_a_spot_of_the_crop_is_where_it_was_in_the_image(turn, spot):
     rows, columns = np.mgrid[:size, :size]
     seen = np.array([(columns * crop).sum(), (rows * crop).sum()]) / crop.sum()
     assert region.to_image((seen + 0.5) / size) == pytest.approx(np.array(spot, float), abs=0.1)
-
-
-def test_a_crop_of_the_image_itself_is_the_image():
-    image = np.random.default_rng(3).integers(0, 255, (64, 64, 3), dtype=np.uint8)
-    crop = whole_image(64, 64).crop(image, 64)
-    assert crop.dtype == np.float32
-    assert np.array_equal(crop, image[..., ::-1].astype(np.float32) / np.float32(255))  # RGB
-
-
-def test_a_wide_image_lies_in_the_middle_of_a_black_square():
-    crop = whole_image(100, 50).crop(np.full((50, 100, 3), 255, np.uint8), 100)
-    assert crop[26:74].min() == 1.0
-    assert crop[:24].max() == crop[76:].max() == 0.0
 
 
 def test_a_palms_region_by_hand():
@@ -59,14 +45,6 @@ def hand_pointing(direction):
     for finger in range(5):
         points += [right * 10 * (finger - 2) + up * (20 + 10 * k) for k in range(4)]
     return np.array(points) + 100.0
-
-
-def test_a_hands_region_by_hand():
-    """Up: the steady points reach from the wrist 30 px up (PIP), and 40 px across."""
-    region = region_of_hand(hand_pointing((0, -1)))
-    assert region.turn % (2 * np.pi) == pytest.approx(0.0)
-    assert region.side == pytest.approx(2.0 * 40.0)
-    assert region.centre == pytest.approx([100.0, 100.0 - 20.0 - 0.1 * 40.0])
 
 
 @pytest.mark.parametrize("angle", [0.3, 2.0, -1.2])

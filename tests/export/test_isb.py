@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.export.isb import JOINTS, isb_angles, isb_std
+from handtrack.export.isb import isb_angles, isb_std
 from handtrack.model.articulated import FINGERS
 from handtrack.model.model_file import load_model
 
@@ -28,14 +28,6 @@ def tip(side: str, finger: str, turned: dict[str, float]) -> np.ndarray:
     values = {name: float(np.deg2rad(value)) for name, value in turned.items()}
     bones = model.bones(model.params_from(values))
     return model.joint_positions(bones)[model.joint_names.index(f"{finger}_tip")]
-
-
-def test_every_joint_has_three_angles():
-    named = {joint: [n for n in angles("right") if n.startswith(f"{joint}_")] for joint in JOINTS}
-    assert len(JOINTS) == 1 + 3 + 4 * 3
-    for joint, names in named.items():
-        second = "adduction" if joint == "thumb_cmc" else "ulnar_deviation"
-        assert names == [f"{joint}_{turn}" for turn in ("flexion", second, "pronation")]
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -82,14 +74,6 @@ def test_the_thumbs_base_flexes_across_the_palm_and_adducts_into_its_plane(side:
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_the_relaxed_thumb_is_near_the_trapeziums_zero(side: str):
-    """Cooney's axes are of ten other hands: ours, made without them, lies within what people differ by (his range is 53° wide)."""
-    found = angles(side, {"thumb_cmc_flex": 8, "thumb_cmc_abd": 18})
-    near = [found[f"thumb_cmc_{turn}"] for turn in ("flexion", "adduction", "pronation")]
-    assert np.abs(near).max() < 10
-
-
-@pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("name, rotation", [("wrist_flex", "flexion"), ("wrist_abd", "ulnar_deviation")])  # fmt: skip
 def test_the_wrist_bends_to_the_palm_and_to_the_ulna(side: str, name: str, rotation: str):
     """Told by the hand's motion before the forearm: the palm's normal, and the little finger's side."""
@@ -132,17 +116,6 @@ def test_both_hands_have_the_same_angles_in_mirrored_poses():
     assert right == pytest.approx(left, abs=1e-9)
 
 
-def test_zero_is_where_the_segments_are_parallel():
-    """The knuckle's deviation counts from the metacarpal, which lies askew in the palm."""
-    model = load_model("hand26")
-    bones = model.bones(model.params_from({}))
-    metacarpal = bones.rotation[model.skeleton.bone("index_metacarpal")][:, 1]
-    askew = np.rad2deg(np.arctan2(-metacarpal[0], metacarpal[1]))  # to the thumb
-    assert angles("right")["index_mcp_ulnar_deviation"] == pytest.approx(askew, abs=0.2)
-    assert askew > 10
-    assert angles("right")["index_pip_flexion"] == pytest.approx(0.0, abs=1e-6)
-
-
 @pytest.mark.parametrize("side", SIDES)
 def test_standard_deviations_are_carried_over(side: str, rng: np.random.Generator):
     """Each parameter's alone is the slope, by central differences; together they are what random parameters give."""
@@ -162,12 +135,3 @@ def test_standard_deviations_are_carried_over(side: str, rng: np.random.Generato
     drawn = isb(values + std * rng.normal(size=(2000, count)))
     for name, stated in isb_std(model, values[None], std[None]).items():
         assert stated[0] == pytest.approx(drawn[name].std(), rel=0.08, abs=1e-9)
-
-
-def test_what_hangs_on_an_unseen_freedom_is_unknown_and_nothing_else():
-    model = load_model("hand26")
-    std = np.full(len(model.parameter_names), 0.01)
-    std[model.parameter_names.index("index_mcp_flex")] = np.inf
-    found = isb_std(model, model.rest[None], std[None])
-    assert np.isinf(found["index_mcp_flexion"][0])
-    assert np.isfinite([v[0] for k, v in found.items() if not k.startswith("index_mcp")]).all()

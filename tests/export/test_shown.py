@@ -3,66 +3,23 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.export.registry import FORMATS, export_format
-from handtrack.export.shown.links import joint_links
-from handtrack.export.shown.report import report_page
+from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from tests.export.foreign import library
-from tests.export.sequences import KINDS, sample_model, sample_sequence
+from tests.export.sequences import sample_sequence
 
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--disable-background-networking", "--disable-component-update"]
-
-
-def test_every_format_says_what_it_is_for_and_ends_as_promised():
-    """Contracts §7."""
-    endings = {"csv": ".csv", "csv-long": ".csv", "anipose": ".csv", "npz": ".npz", "keypoints": ".npz", "openpose": ".json",
-               "mediapipe": ".json", "netcdf": ".nc", "report": ".html", "bvh-humanik": ".bvh"}  # fmt: skip
-    for known in FORMATS:
-        assert known.suffix == endings.get(known.name, f".{known.name}")
-        assert known.purpose.endswith(".")
-    assert len({known.ending for known in FORMATS}) == len(FORMATS)
-
-
-def test_a_format_whose_package_is_absent_says_what_to_install(tmp_path):
-    known = replace(export_format("nwb"), needs=("pynwb", "no-such-package"))
-    with pytest.raises(HandtrackError, match=r"--to nwb: needs .*no-such-package, which is not installed. Install with `pip install"):  # fmt: skip
-        known.write(tmp_path / "x.nwb", ResultsTable(sample_sequence("right")[1]))
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_stick_figure_connects_all_joints(kind: str):
-    model = sample_model(kind)
-    links = joint_links(model)
-    assert [joint for _, joint in links] == list(range(1, len(model.joint_names)))
-    assert all(model.joint_bone[above] <= model.joint_bone[joint] for above, joint in links)
-    named = {(model.joint_names[a], model.joint_names[b]) for a, b in links}
-    if kind == "body":
-        assert {("pelvis", "chest"), ("chest", "neck"), ("neck", "left_shoulder")} <= named
-    if model.has_keypoints21:
-        assert {("wrist", "index_mcp"), ("index_dip", "index_tip")} <= named
-
-
-def test_a_report_names_states_and_reasons():
-    _, track = sample_sequence("right")
-    page = report_page(ResultsTable(replace(track, session="<b>bold</b>")))
-    assert "<b>" not in page
-    assert "doubtful" in page and "lost" in page
-    assert str(track.reason[5]) in page
-    assert "more than 25 mm off" in page
-    assert "nan" not in page
 
 
 def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
@@ -79,12 +36,6 @@ def test_a_film_has_a_picture_a_frame_by_another_programs_count(tmp_path):
     assert rate == pytest.approx(table.fps, rel=1e-3)
     assert pictures[0].shape[0] == 480
     assert all(np.abs(a.astype(int) - b).max() > 20 for a, b in pairwise(pictures))
-
-
-def test_a_film_needs_a_session(tmp_path):
-    _, track = sample_sequence("right")
-    with pytest.raises(HandtrackError, match="lies in no session"):
-        export_format("mp4").write(tmp_path / "poses.mp4", ResultsTable(track))
 
 
 def _moved_a_little(folder: Path, count: int) -> TrackResult:

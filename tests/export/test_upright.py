@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.export.registry import AXES, FORMATS, export_format
+from handtrack.export.registry import AXES, export_format
 from handtrack.export.table import ResultsTable
 from handtrack.export.upright import axis, turn_between, upright
 from tests.export.sequences import KINDS, sample_sequence
@@ -49,15 +48,3 @@ def test_what_is_exported_stands_upright(tmp_path: Path):
     (path,) = export_format("trc").write(tmp_path / "poses.trc", ResultsTable(track), up="z")
     first = path.read_text().splitlines()[6].split("\t")
     assert float(first[3]) == pytest.approx(1e3 * track.joint_positions[0, 0, 2], abs=1e-4)
-
-
-def test_a_format_without_an_up_says_so(tmp_path: Path):
-    table = ResultsTable(sample_sequence("right")[1])
-    with pytest.raises(HandtrackError, match="--up z: csv keeps the world's axes.* Those that do: bvh, .*glb, trc, mot, c3d, urdf, mcap"):  # fmt: skip
-        export_format("csv").write(tmp_path / "poses.csv", table, up="z")
-    with pytest.raises(HandtrackError, match="no axis 'up' in --up; known: x, y, z, -x"):
-        export_format("bvh").write(tmp_path / "poses.bvh", table, up="up")
-
-
-def test_axes_that_readers_take_for_up_are_axes():
-    assert {known.up for known in FORMATS} == {"", "y", "z"}

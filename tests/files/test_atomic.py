@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.files.atomic import filling, remove_abandoned, replace_text, replacing
+from handtrack.files.atomic import remove_abandoned, replace_text, replacing
 
 
 def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
@@ -17,15 +17,6 @@ def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
     replace_text(tmp_path / "link.csv", "new")
     assert (tmp_path / "link.csv").is_symlink()
     assert (tmp_path / "real.csv").read_text() == "new"
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
-def test_a_device_is_written_to_and_not_replaced(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    with replacing(pipe) as part:
-        assert part == pipe
-    assert pipe.is_fifo()
 
 
 def test_a_full_disk_leaves_what_was_there_and_names_the_file(tmp_path: Path) -> None:
@@ -66,24 +57,3 @@ def test_a23_what_a_killed_program_left_is_removed_later(tmp_path: Path) -> None
         os.utime(path, (0, 0))
     assert set(remove_abandoned(tmp_path)) == set(left)
     assert set(tmp_path.iterdir()) == set(kept)
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot copy a process")
-def test_a_folder_that_a_killed_program_filled_is_removed_by_the_next(tmp_path: Path) -> None:
-    child = os.fork()
-    if child == 0:
-        with filling(tmp_path / "mine") as part:
-            (part / "cam0.mp4").write_bytes(bytes(1000))
-            os._exit(9)
-    os.waitpid(child, 0)
-    (left,) = tmp_path.iterdir()
-    others = tmp_path / ".others.abcdefgh.part"
-    others.mkdir(mode=0o755)
-    with filling(tmp_path / "fresh"):
-        assert left.exists(), "somebody may be filling it yet"
-    for path in (left / "cam0.mp4", left, others):
-        os.utime(path, (0, 0))
-    with filling(tmp_path / "mine") as part:
-        (part / "cam0.mp4").write_bytes(b"whole")
-    assert {path.name for path in tmp_path.iterdir()} == {"fresh", "mine", others.name}
-    assert (tmp_path / "mine" / "cam0.mp4").read_bytes() == b"whole"

@@ -82,21 +82,6 @@ def test_files_that_are_no_plain_arrays(case: str, tmp_path: Path) -> None:
     assert words in str(caught.value)
 
 
-def test_arrays_read_back(tmp_path: Path) -> None:
-    arrays = {
-        "a": np.arange(3),
-        "names": np.array(["x", "yz"]),
-        "one": np.array(1),
-        "none": np.zeros((0, 3)),
-    }
-    np.savez(tmp_path / "x.npz", **arrays)
-    read = read_arrays(tmp_path / "x.npz")
-    assert list(read) == list(arrays)
-    for name, array in arrays.items():
-        assert read[name].dtype == array.dtype
-        assert np.array_equal(read[name], array)
-
-
 def packed(path: Path, *members: bytes) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         for number, content in enumerate(members):
@@ -139,8 +124,3 @@ def test_c50_a_small_file_that_would_fill_the_memory_is_not_unpacked(
     path = tmp_path / "x.npz"
     packed(path, *[head.getvalue() + bytes(800_000)] * 10)
     assert "GB of memory; expected at most 100 times its size" in refused_unread(path, monkeypatch)
-
-
-def test_c50_what_is_tightly_packed_and_small_is_read(tmp_path: Path) -> None:
-    np.savez_compressed(tmp_path / "x.npz", zeros=np.zeros((10_000, 10)))
-    assert not read_arrays(tmp_path / "x.npz")["zeros"].any()

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import read_json, read_text
+from handtrack.files.text_files import read_json
 from handtrack.files.toml_text import read_toml
 
 BIG = "1" + "0" * 400
@@ -63,15 +62,3 @@ def test_json_that_cannot_be_used(content: str, words: str, tmp_path: Path) -> N
     with pytest.raises(HandtrackError) as caught:
         read_json(tmp_path / "x", "a pose")
     assert words in str(caught.value)
-
-
-def test_huge_numbers_of_json_are_no_numbers(tmp_path: Path) -> None:
-    (tmp_path / "x").write_text(f"[12, {BIG}]")
-    assert read_json(tmp_path / "x", "numbers") == [12, math.inf]
-
-
-def test_files_that_are_not_there(tmp_path: Path) -> None:
-    with pytest.raises(HandtrackError, match=r"none: no such file; expected a pose there\."):
-        read_text(tmp_path / "none", "a pose")
-    with pytest.raises(HandtrackError, match=r"is a folder; expected a pose\."):
-        read_text(tmp_path, "a pose")

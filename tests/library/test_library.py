@@ -16,7 +16,6 @@ from handtrack import (
     JointPositionTerm,
     Keypoints,
     Observation,
-    Silhouette,
     Tracker,
     TrackerState,
     bundled_session,
@@ -29,7 +28,6 @@ from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.find_pose import find_first_pose
 from handtrack.tracking.frame.result import Status
 from tests.derivatives import check_observation_term
 from tests.sample_track import hand_track
@@ -98,20 +96,6 @@ def test_a_pose_from_joints_in_two_images():
     assert np.abs(HAND.keypoints21(HAND.bones(found[0].params)) - at).max() < 3e-3
 
 
-def test_all_frames_are_looked_at_until_one_shows_a_hand():
-    """The only one that says enough is neither the first, nor the middle, nor a quarter."""
-    params = posed(0.7)
-    tip = (HAND.joint_names.index("index_tip"),)
-    one = Keypoints(("index_tip",), HAND.joint_positions(HAND.bones(params))[list(tip)], 0.003)
-    seen = [Observation(frame, frame / 30, keypoints=(one,)) for frame in range(16)]
-    with pytest.raises(HandtrackError, match="no hand was found: 16 of 16 frames that show anything"):  # fmt: skip
-        find_first_pose(HAND, seen)
-    seen[11] = points(params, 11)
-    assert find_first_pose(HAND, seen).frame == 11
-    with pytest.raises(HandtrackError, match="0 of 16 frames"):
-        find_first_pose(HAND, seen, should_stop=lambda: True)
-
-
 def test_values_that_follow_need_not_be_given_and_may_not_contradict():
     coupled = load_model("hand26", coupling="21")
 
@@ -129,36 +113,7 @@ def test_values_that_follow_need_not_be_given_and_may_not_contradict():
     assert nearest == pytest.approx(0.6 / (1 + 4 / 9))
 
 
-def test_nothing_to_find():
-    assert find_pose(HAND, Observation(0, 0.0)) == []
-    with pytest.raises(HandtrackError, match="is no whole hand.*model.params_from"):
-        find_pose(load_model("ball6"), Observation(0, 0.0))
-    body, mask = (
-        load_model("body34"),
-        Silhouette(CAMERAS["cam0"], np.ones(CAMERAS["cam0"].size[::-1])),
-    )
-    assert find_pose(body, Observation(0, 0.0)) == []
-    with pytest.raises(HandtrackError, match="'body34' is found by joints only.*frame 0 has none"):
-        find_pose(body, Observation(0, 0.0, (mask,)))
-    with pytest.raises(HandtrackError, match="no hand was found: 0 of 0 frames"):
-        track(HAND, [Observation(0, 0.0)])
-
-
-def test_a_tracker_without_a_start_says_what_to_do():
-    with pytest.raises(HandtrackError, match="no pose to start from.*find_pose"):
-        Tracker(HAND).step(TrackerState(), points(posed()))
-
-
 # ---- a sequence ------------------------------------------------------------------------------------
-
-
-def test_frames_that_are_missing_are_frames_in_which_nothing_was_seen():
-    seen = [points(posed(0.3 + 0.1 * frame), frame) for frame in (2, 3, 6)]
-    result = track(HAND, list(reversed(seen)))
-    assert result.frame.tolist() == [2, 3, 4, 5, 6]
-    np.testing.assert_allclose(result.time_s, np.arange(2, 7) / 30)
-    with pytest.raises(HandtrackError, match="2 observations of 1 frames"):
-        track(HAND, [seen[0], seen[0]])
 
 
 def test_what_does_not_fit_is_refused_in_words():
@@ -178,32 +133,6 @@ def test_what_does_not_fit_is_refused_in_words():
         track(HAND, [points(posed())], start=np.zeros(5))
     with pytest.raises(HandtrackError, match="the pose to start from: root_tx is not a finite"):
         Tracker(HAND).step(TrackerState.beginning_at(posed() * np.nan), points(posed()))
-
-
-def test_observations_may_be_one_or_come_one_by_one():
-    seen = [points(posed(), frame) for frame in range(2)]
-    assert len(track(HAND, seen[0], posed())) == 1
-    assert len(track(HAND, iter(seen), posed())) == 2
-
-
-def test_arrays_in_the_place_of_observations_are_refused_in_words():
-    camera = CAMERAS[CAMERAS.names[0]]
-    mask = np.zeros(camera.size[::-1], bool)
-    for wrong in (
-        lambda: Silhouette(mask, camera),  # pyright: ignore[reportArgumentType]
-        lambda: Silhouette(camera, "x.png"),  # pyright: ignore[reportArgumentType]
-        lambda: Observation(0, 0.0, silhouettes=(mask,)),  # pyright: ignore[reportArgumentType]
-        lambda: Observation(0, 0.0, keypoints=(mask,)),  # pyright: ignore[reportArgumentType]
-        lambda: Observation(0, 0.0, cloud=np.zeros((5, 3))),  # pyright: ignore[reportArgumentType]
-        lambda: track(HAND, [mask]),  # pyright: ignore[reportArgumentType]
-        lambda: track(HAND, mask),  # pyright: ignore[reportArgumentType]
-        lambda: find_pose(HAND, [mask]),  # pyright: ignore[reportArgumentType]
-    ):
-        with pytest.raises(HandtrackError, match="expected"):
-            wrong()
-    one = Silhouette(camera, mask)
-    assert Observation(0, 0.0, silhouettes=one).silhouettes == (one,)  # pyright: ignore[reportArgumentType]
-    assert Observation(0, 0.0, silhouettes=[one]).silhouettes == (one,)  # pyright: ignore[reportArgumentType]
 
 
 def test_numbers_by_name():
@@ -257,21 +186,6 @@ def test_xarray_and_netcdf_are_one(lost, tmp_path):
         assert own.attrs.items() <= written.attrs.items()
 
 
-def test_a_result_shows_itself_in_a_few_words_and_counts_like_a_list():
-    result = hand_track(100)
-    assert len(repr(result)) < 200
-    assert len(repr(result.frames())) < 100 * 80
-    assert [result[0].frame, result[-1].frame, *(f.frame for f in result)][:3] == [0, 99, 0]
-    with pytest.raises(IndexError):
-        result[100]
-
-
-def test_a_library_that_is_missing_is_named(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(HandtrackError, match="pandas is not installed.*pip install pandas"):
-        hand_track().to_dataframe()
-
-
 # ---- terms of one's own ----------------------------------------------------------------------------
 
 
@@ -313,11 +227,3 @@ def test_linear_algebra_takes_one_thread_while_we_work_and_as_many_as_before_aft
         track(HAND, [points(start)], start, terms=[JointPositionTerm(HAND, TIPS, look)])
         assert threads() == before
     assert seen and set.union(*seen) == {1}
-
-
-def test_a_term_says_what_is_wrong_with_it():
-    with pytest.raises(HandtrackError, match="joint 'index'"):
-        JointPositionTerm(HAND, ["index"], lambda at: at[0])
-    odd = JointPositionTerm(HAND, TIPS, lambda at: np.full(1, np.nan), name="odd")
-    with pytest.raises(HandtrackError, match="term 'odd': .* not finite"):
-        odd.cost(HAND.bones(posed()))

@@ -13,7 +13,6 @@ from tests.conftest import REPOSITORY
 from tests.sample_track import hand_track
 
 NOTEBOOKS = sorted((REPOSITORY / "docs" / "notebooks").glob("*.ipynb"))
-MOST_LINES = 15
 
 
 def cells(path: Path) -> list[str]:

@@ -86,11 +86,3 @@ def test_a_definition_extends_another(tmp_path: Path) -> None:
     assert rest[1][longest, 1] == pytest.approx(0.190)
     others = [n for n in range(len(ours.joint_names)) if n != longest]
     assert (rest[1][others] == rest[0][others]).all()
-
-
-@pytest.mark.parametrize("base", ["mine.toml", "hand27"])
-def test_what_cannot_be_extended_is_said(base: str, tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(LOCKED.replace("BASE", base), encoding="utf-8")
-    with pytest.raises(HandtrackError, match=f"{base}") as refused:
-        load_model(tmp_path / "mine.toml")
-    assert "expected one of hand26, glove9, ball6, body34, body38" in str(refused.value)

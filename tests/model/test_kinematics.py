@@ -59,21 +59,3 @@ def test_left_jacobian_equals_the_papers_derivative(rng):
         ours = left_jacobian(full)
         for s in range(3):
             np.testing.assert_allclose(paper[:, :, s], skew(ours[:, s]) @ turn, atol=1e-13)
-
-
-def test_left_jacobian_holds_at_rest():
-    np.testing.assert_allclose(left_jacobian(np.zeros(3)), np.eye(3), atol=1e-16)
-    tiny = np.array([3e-5, -2e-5, 1e-5])
-    np.testing.assert_allclose(left_jacobian(tiny), left_jacobian(tiny * (1 + 1e-9)), atol=1e-12)
-
-
-def test_the_papers_centres_are_ours(rng):
-    """Eq. 9 gives bone centres; ours are proximal ends: half a bone apart, along +y."""
-    model = load_model()
-    bones = model.bones(random_params(rng, model))
-    b, p = model.skeleton.bone("index_intermediate"), model.skeleton.bone("index_proximal")
-    centre = bones.to_world(b, np.array([0, model.skeleton.length[b] / 2, 0]))
-    ends = bones.to_world(p, np.array([0, model.skeleton.length[p], 0]))
-    np.testing.assert_allclose(ends, bones.position[b], atol=1e-15)
-    along = bones.rotation[b] @ [0, model.skeleton.length[b] / 2, 0]
-    np.testing.assert_allclose(centre, bones.position[b] + along, atol=1e-15)

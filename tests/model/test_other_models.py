@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,7 +14,6 @@ from handtrack.session.bundled import bundled_session
 from handtrack.simulation.scenes.simulated_views import model_mask
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.track import track
-from handtrack_app.cli import main
 from tests.conftest import REPOSITORY
 
 GRIPPER = REPOSITORY / "docs" / "notebooks" / "gripper.urdf"
@@ -105,14 +101,6 @@ def test_a_bvh_gives_its_skeleton(tmp_path):
     np.testing.assert_allclose(places(model, bent)["head"], [-0.3, 0.2, 0], atol=1e-9)
 
 
-def test_shapes_become_ellipsoids_of_equal_volume():
-    model = load_model(GRIPPER)
-    volumes = 4 / 3 * np.pi * model.flesh["fine"].radii.prod(axis=1)
-    palm = 0.08 * 0.06 * 0.03
-    finger = np.pi * 0.009**2 * 0.04 + 4 / 3 * np.pi * 0.009**3
-    np.testing.assert_allclose(volumes[:2], [palm, finger], rtol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -136,29 +124,3 @@ def test_what_is_no_hand_is_refused(tmp_path, old, new, words):
     (tmp_path / "odd.urdf").write_text(text.replace(old, new, 1))
     with pytest.raises(HandtrackError, match=f"odd.urdf: .*{words}"):
         load_model(tmp_path / "odd.urdf")
-
-
-def test_a_file_that_is_no_bvh_is_refused(tmp_path):
-    (tmp_path / "odd.bvh").write_text(BVH.replace("OFFSET 0 20 0", "OFFSET 0 twenty 0"))
-    with pytest.raises(HandtrackError, match="line 8: .*twenty"):
-        load_model(tmp_path / "odd.bvh")
-
-
-def test_the_command_checks_and_converts(tmp_path, capsys):
-    out = tmp_path / "gripper.toml"
-    assert main(["model", "check", str(GRIPPER), "--out", str(out), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["freedoms"][0] == "left_bend"
-    assert told["findings"] == []
-    urdf, toml = load_model(GRIPPER), load_model(out)
-    assert urdf.parameter_names == toml.parameter_names
-    np.testing.assert_array_equal(urdf.skeleton.offset, toml.skeleton.offset)
-    robot = tmp_path / "again.urdf"
-    assert main(["model", "check", str(out), "--out", str(robot)]) == 0
-    assert set(load_model(GRIPPER).parameter_names) == set(load_model(robot).parameter_names)
-    assert main(["model", "check", str(GRIPPER), "--out", str(out)]) == 2
-    text = CLAW.read_text().replace('{ bone = "thumb_upper", centre = [0, 25, 0], radii = [9, 30, 9] },', "")  # fmt: skip
-    Path(tmp_path / "bare.toml").write_text(text)
-    capsys.readouterr()
-    assert main(["model", "check", str(tmp_path / "bare.toml")]) == 0
-    assert "warning: bone 'thumb_upper' moves, and has no ellipsoid" in capsys.readouterr().out

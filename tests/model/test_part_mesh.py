@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
-from handtrack.model.surfaces.model_mesh import model_mesh
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
-from tests.terms.silhouette_scene import bones_of, ellipsoids_of
+from tests.terms.silhouette_scene import ellipsoids_of
 
 
 @pytest.fixture
@@ -38,36 +36,3 @@ def test_corners_lie_just_outside_so_that_the_outline_is_right(flesh):
     middle = own.reshape(3, -1, 3)[0][mesh.faces[:320]].mean(axis=1)  # of the first part's faces
     inside = np.linalg.norm(middle / flesh.radii[0], axis=1)
     assert inside.min() < 1.0 < height[0]  # the surface goes through the faces
-
-
-def test_it_is_carried_with_its_bones(rng, flesh):
-    bones = bones_of(rng)
-    vertices, normals = ellipsoid_mesh(flesh).carried(bones)
-    posed = flesh.posed(bones)
-    part = np.repeat(np.arange(3), len(vertices) // 3)
-    own = np.einsum("vji,vj->vi", posed.rotation[part], vertices - posed.centre[part])
-    steepest = own / posed.radii[part] ** 2
-    steepest /= np.linalg.norm(steepest, axis=1, keepdims=True)
-    turned = np.einsum("vij,vj->vi", posed.rotation[part], steepest)
-    np.testing.assert_allclose(normals, turned, atol=1e-12)
-
-
-def test_a_subset_keeps_whole_faces_only(flesh):
-    mesh = ellipsoid_mesh(flesh, divisions=1)
-    keep = mesh.local[:, 0] > np.median(mesh.local[:, 0])
-    part = mesh.subset(keep)
-    assert len(part.local) == keep.sum()
-    assert 0 < len(part.faces) == keep[mesh.faces].all(axis=1).sum()
-    whole = mesh.local[mesh.faces[keep[mesh.faces].all(axis=1)]]
-    np.testing.assert_array_equal(part.local[part.faces], whole)
-
-
-@pytest.mark.parametrize("name", ["hand26", "body34"])
-def test_a_models_mesh_is_what_its_definition_says(name):
-    model = load_model(name)
-    mesh = model_mesh(model)
-    if model.superquadrics is None:
-        parts = set(model.flesh["fine"].bone)
-    else:
-        parts = set(model.superquadrics.bone)
-    assert set(mesh.bone) == parts

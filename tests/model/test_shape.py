@@ -8,7 +8,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale, ShapeCovariance
 from handtrack.model.model_file import load_model, read_scale, scale_from, scale_table, write_scale
-from handtrack.model.size import SizeParameters, shape_numbers, with_number
+from handtrack.model.size import shape_numbers, with_number
 
 FITTED = HandScale(
     1.05, {"thumb": 0.97}, {"palm_breadth": 0.4, "thumb_base_along": -1.0}, {"index_tip": (0.1, -2.0, 0.5)},
@@ -41,23 +41,6 @@ def test_a_covariance_that_is_none_is_refused(covariance):
         scale_from({"overall": 1.0, "covariance": covariance}, "me.toml")
 
 
-def test_numbers_say_what_they_change():
-    model = load_model(scale=FITTED)
-    rows = {row.name: row for row in shape_numbers(model)}
-    assert rows["overall"].value == pytest.approx(5.0)
-    assert rows["thumb"].value == pytest.approx(-3.0)
-    assert (rows["thumb_base_along"].value, rows["thumb_base_along"].unit) == (
-        pytest.approx(-4.2, abs=0.3),
-        "mm",
-    )
-    assert rows["palm_breadth"].is_measured
-    assert not rows["palm_thickness"].is_measured
-    assert rows["palm_thickness"].std == pytest.approx(0.99 * rows["palm_thickness"].sigma)
-    assert rows["thumb"].std is None
-    assert "forearm" not in rows
-    assert "forearm" in {row.name for row in shape_numbers(load_model(forearm=True))}
-
-
 def test_every_number_can_be_set_alone():
     model = load_model(scale=FITTED)
     before = {row.name: row.value for row in shape_numbers(model)}
@@ -75,10 +58,3 @@ def test_every_number_can_be_set_alone():
         assert name not in scale.covariance.names
     with pytest.raises(HandtrackError):
         with_number(model, "nose", 1.0)
-
-
-def test_a_person_of_a_body_has_numbers_too():
-    rows = shape_numbers(load_model("body34"))
-    assert {"overall", "thighs"} <= {row.name for row in rows}
-    assert all(row.sigma > 0 for row in rows)
-    assert len(rows) <= len(SizeParameters(load_model("body34")).names)

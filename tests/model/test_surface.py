@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import carried_mesh, sample_surface, surface_mesh
+from handtrack.model.surfaces.surface_mesh import carried_mesh, surface_mesh
 
 
 @pytest.fixture(scope="module")
@@ -51,12 +50,6 @@ def test_the_mesh_is_closed_and_turned_outwards(mesh):
     assert ((across * mesh.normals[mesh.faces[:, 0]]).sum(axis=1) > 0).mean() > 0.99
 
 
-def test_each_vertex_is_fixed_to_its_closest_ellipsoids_bone(model, bones, mesh):
-    np.testing.assert_array_equal(mesh.bone, model.flesh["metaballs"].bone[mesh.ellipsoid])
-    np.testing.assert_allclose(mesh.carried(bones), mesh.vertices, atol=1e-12)
-    assert set(mesh.bone.tolist()) == set(model.flesh["metaballs"].bone.tolist())
-
-
 def test_the_mesh_moves_with_the_hand(model, bones, mesh):
     turn, shift = rotation_matrix(np.array([0.3, -0.5, 0.8])), np.array([0.1, 0.2, 0.7])
     moved = BonePoses(
@@ -65,23 +58,6 @@ def test_the_mesh_moves_with_the_hand(model, bones, mesh):
     np.testing.assert_allclose(mesh.carried(moved), mesh.vertices @ turn.T + shift, atol=1e-12)
     again = surface_mesh(MetaballSurface.of(model), moved)
     assert area(again) == pytest.approx(area(mesh), rel=0.01)
-
-
-def test_samples_lie_on_the_surface_and_cover_it_evenly(rng, model, bones, mesh):
-    surface = MetaballSurface.of(model)
-    points, normals = sample_surface(surface, bones, 4000, rng)
-    assert np.abs(surface.distance(bones, points)).max() < 1e-6
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
-    to_vertex = np.linalg.norm(points[:, None, :] - mesh.vertices[None, ::8], axis=2).min(axis=1)
-    assert np.quantile(to_vertex, 0.99) < 0.02
-
-
-def test_a_grid_without_end_is_refused(model, bones):
-    with pytest.raises(HandtrackError, match=r"at most 16000000 are used. Choose a coarser one."):
-        surface_mesh(MetaballSurface.of(model), bones, 1e-5)
-    with pytest.raises(HandtrackError) as caught:
-        surface_mesh(MetaballSurface.of(model), bones, 0.0)
-    assert str(caught.value) == "surface mesh: grid spacing 0 m; expected a positive length."
 
 
 def test_a_carried_mesh_is_the_surface_where_it_was_made_and_follows_the_bones(model, rng):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.model.transform import Follows, build_transform
 
@@ -33,11 +32,6 @@ def test_a_persons_own_spread():
     assert value["index_mcp_abd"] == pytest.approx(0.1)
 
 
-def test_no_coupling_is_the_identity():
-    transform = build_transform(("a", "b"))
-    np.testing.assert_array_equal(transform.matrix, np.eye(2))
-
-
 def test_a_leaders_bounds_are_the_intersection():
     """pip in [0, 110°] and dip = 2/3 pip in [0, 60°] leave pip [0, 90°]."""
     transform = build_transform(("pip", "dip"), (Follows("dip", "pip", 2 / 3),))
@@ -53,8 +47,3 @@ def test_reduced_bounds_keep_every_joint_within_its_own(rng):
     for _ in range(50):
         joint = model.joint_params(rng.uniform(finite[:, 0], finite[:, 1]))
         assert ((joint >= bounds[:, 0] - 1e-12) & (joint <= bounds[:, 1] + 1e-12)).all()
-
-
-def test_chained_couplings_are_refused():
-    with pytest.raises(HandtrackError, match="its leader 'b' itself follows 'c'"):
-        build_transform(("a", "b", "c"), (Follows("a", "b", 1.0), Follows("b", "c", 1.0)))

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handtrack.geometry.camera import Camera
-from handtrack.observation.agreement import outlines_off, weighed
+from handtrack.observation.agreement import outlines_off
 from handtrack.observation.observation import UNKNOWN, Silhouette
 
 SIZE = (200, 160)
@@ -49,18 +49,3 @@ def test_what_two_cannot_tell_a_third_does() -> None:
     three = outlines_off([bad, good, ball_from(-40)])
     assert three[0] == pytest.approx(two[0], rel=0.3)
     assert three[1:].max() < 0.3
-
-
-def test_the_unknown_contradicts_nothing() -> None:
-    silent = with_lobe(ball_from(50), UNKNOWN)
-    assert outlines_off([with_lobe(ball_from(0)), silent]).max() < 0.3
-
-
-def test_only_masks_that_say_what_is_unknown_are_weighed() -> None:
-    plain = replace(ball_from(50), mask=np.maximum(ball_from(50).mask, 0))
-    seen = [with_lobe(ball_from(0)), plain]
-    found = weighed(seen)
-    assert found[0].off_px > 1
-    assert found[1] is plain
-    everything_known = [replace(s, mask=np.maximum(s.mask, 0)) for s in seen]
-    assert list(weighed(everything_known)) == everything_known

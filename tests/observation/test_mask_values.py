@@ -7,7 +7,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.observation.observation import UNKNOWN, Silhouette
+from handtrack.observation.observation import Silhouette
 from handtrack.observation.undistortion import undistort_silhouette
 
 HAND = np.zeros((120, 160), bool)
@@ -36,17 +36,6 @@ def test_grey_borders_are_shares_of_a_pixel():
     grey = np.uint8([[0, 51, 255]])
     small = Camera.from_opencv("c", (3, 1), [[10, 0, 1], [0, 10, 0], [0, 0, 1]])
     np.testing.assert_allclose(Silhouette(small, grey).mask, [[0, 0.2, 1]], atol=1e-7)
-
-
-def test_an_empty_mask_is_no_error():
-    assert not Silhouette(camera(), np.zeros((120, 160), np.uint8)).mask.any()
-
-
-def test_nan_is_unknown():
-    mask = np.where(HAND, 1.0, np.nan)
-    seen = Silhouette(camera(), mask)
-    assert (seen.mask[~HAND] == UNKNOWN).all()
-    np.testing.assert_array_equal(seen.known, HAND)
 
 
 def test_a_lens_is_undistorted_as_a_session_does():

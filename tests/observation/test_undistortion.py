@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from handtrack.arrays import Array
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN
@@ -20,15 +19,6 @@ def make(distortions: Array | None = None) -> Camera:
     matrix = np.array([[150.0, 0, 79.5], [0, 150, 59.5], [0, 0, 1]])
     flat = np.zeros(5) if distortions is None else distortions
     return Camera("cam0", (160, 120), matrix, flat, np.eye(3), np.zeros(3))
-
-
-def test_without_distortion_the_mask_passes_unchanged(rng: np.random.Generator) -> None:
-    mask = np.where(rng.random((120, 160)) < 0.5, 255, 0).astype(np.uint8)
-    silhouette = undistort_silhouette(make(), mask)
-    assert silhouette.mask.dtype == np.float32
-    np.testing.assert_array_equal(silhouette.mask, (mask > 0).astype(np.float32))
-    np.testing.assert_array_equal(silhouette.valid, np.tile([0, 160], (120, 1)))
-    assert silhouette.valid.dtype == np.int32
 
 
 @pytest.mark.parametrize("distortions", [None, BARREL], ids=["flat", "barrel"])
@@ -68,44 +58,11 @@ def test_a_disc_lands_where_its_points_project(distortions: Array) -> None:
     assert silhouette.camera.size == camera.size
 
 
-def test_valid_spans_are_what_the_real_image_shows() -> None:
-    camera = make(PINCUSHION)  # the straight image reaches farther than the real one
-    valid = undistort_silhouette(camera, np.zeros((120, 160), np.uint8)).valid
-    for row in (0, 30, 60, 119):
-        pixels = np.column_stack([np.arange(160.0), np.full(160, float(row))])
-        source = camera.distort_points(pixels)
-        inside = ((source >= -0.5) & (source < (159.5, 119.5))).all(axis=1)
-        expected = np.zeros(160, bool)
-        expected[valid[row, 0] : valid[row, 1]] = True
-        np.testing.assert_array_equal(expected, inside)
-    assert valid[60, 0] > 0
-    assert valid[0, 0] == valid[0, 1]
-
-
-def test_barrel_images_are_valid_everywhere_when_straight() -> None:
-    valid = undistort_silhouette(make(BARREL), np.zeros((120, 160), np.uint8)).valid
-    assert (valid == (0, 160)).all()
-
-
-def test_the_straight_camera_is_the_same_object_each_time() -> None:
-    camera, mask = make(BARREL), np.zeros((120, 160), np.uint8)
-    one, other = undistort_silhouette(camera, mask), undistort_silhouette(camera, mask)
-    assert one.camera is other.camera
-    assert one.valid is other.valid
-
-
 def test_longest_runs_of_rows() -> None:
     rows = ["..###.##", "########", "........", "##.##...", ".......#"]
     inside = np.array([[sign == "#" for sign in row] for row in rows])
     expected = [[2, 5], [0, 8], [0, 0], [0, 2], [7, 8]]
     np.testing.assert_array_equal(longest_runs(inside), expected)
-
-
-def test_a_mask_of_another_size_is_refused() -> None:
-    with pytest.raises(
-        HandtrackError, match=r"mask of camera 'cam0': .*\(120, 160\), found \(5, 5\)"
-    ):
-        undistort_silhouette(make(), np.zeros((5, 5), np.uint8))
 
 
 def test_an_image_is_straightened_as_a_mask_is(rng: np.random.Generator) -> None:
@@ -118,10 +75,3 @@ def test_an_image_is_straightened_as_a_mask_is(rng: np.random.Generator) -> None
     assert not view.camera.is_distorted
     # the same one for every frame
     assert view.camera is undistort_image(camera, view.pixels).camera
-
-
-def test_an_image_of_another_size_is_refused() -> None:
-    with pytest.raises(
-        HandtrackError, match=r"image of camera 'cam0': expected .* \(120, 160, 3\)"
-    ):
-        undistort_image(make(), np.zeros((120, 150, 3), np.uint8))

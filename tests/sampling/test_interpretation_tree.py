@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from handtrack.bench.jump_tree import jump_tree_1024
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.sampling.chains import chain_along, chains_of
@@ -160,49 +158,3 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert len(near) > 2
     assert near.exact.sum() == 1
     assert within_limits(model.limits, near.params).all()
-
-
-def test_a_chain_may_stand_on_the_leaves_of_another(body, camera, rng):
-    upper = chain_along(body, "upper", ("left_shoulder", "left_elbow"))
-    lower = chain_along(body, "lower", ("left_elbow", "left_wrist"))
-    whole = chains_of(body)[1]
-    params = _bent(body, rng)
-    stepwise = interpretation_tree(body, params, [upper, lower], camera, settings=ALL).params
-    at_once = interpretation_tree(body, params, [whole], camera, settings=ALL).params
-    np.testing.assert_allclose(_in_order(stepwise), _in_order(at_once), atol=1e-7)
-    with pytest.raises(HandtrackError) as error:
-        interpretation_tree(body, params, [lower, upper], camera)
-    assert "the second carries the first; name it first" in str(error.value)
-
-
-def test_the_same_hinge_cannot_be_in_two_chains(body, camera):
-    arm = chains_of(body)[1]
-    with pytest.raises(HandtrackError) as error:
-        interpretation_tree(body, body.rest_params(), [arm, arm], camera)
-    assert "both move 'left_shoulder_abd'" in str(error.value)
-
-
-def test_sampled_twists_need_a_generator_and_are_repeatable(body, camera):
-    params = body.rest_params()
-    params[body.parameter_names.index("left_elbow_flex")] = 0.0
-    arm, sample = chains_of(body)[1], TreeSettings(stretched="sample")
-    with pytest.raises(HandtrackError) as error:
-        interpretation_tree(body, params, [arm], camera, settings=sample)
-    assert "sampling needs a random generator" in str(error.value)
-    first, second = (
-        interpretation_tree(
-            body, params, [arm], camera, None, sample, np.random.default_rng(1)
-        ).params
-        for _ in range(2)
-    )
-    np.testing.assert_array_equal(first, second)
-    kept = interpretation_tree(body, params, [arm], camera).params
-    twist = body.parameter_names.index("left_shoulder_twist")
-    assert np.abs(first[:, twist] - params[twist]).max() > 0.01
-    assert len(kept) == len(first)
-
-
-def test_the_benchmark_compares_equal_trees():
-    figures = jump_tree_1024(rounds=1)
-    assert figures["largest_difference_rad"] < 1e-6
-    assert figures["ratio"] < 1 / 20

@@ -6,8 +6,7 @@ import pytest
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack.sampling.chains import chain_along, chains_of, prepare
-from handtrack.sampling.limb_ik import bounds_of_many
-from handtrack.sampling.limb_ik_kernels import into_interval, one_hinge, two_hinges
+from handtrack.sampling.limb_ik_kernels import two_hinges
 from tests.experiments.jumps.failing_leaves import fit_positions
 from tests.sampling.limb_angles import limb_angles, within_limits
 
@@ -20,13 +19,6 @@ def _random_pose(model, rng):
     params[:3] = rng.normal(size=3)
     params[3:6] = rng.normal(size=3)
     return model.clipped(params)
-
-
-def test_one_hinge_by_hand():
-    assert one_hinge(Z, X, Y, 0.0) == pytest.approx(np.pi / 2)
-    # the nearest
-    assert one_hinge(Z, X, np.array([0.0, 0.1, 7.0]), 0.0) == pytest.approx(np.pi / 2)
-    assert one_hinge(Z, Z, Y, 0.3) == 0.3  # makes no difference: as told
 
 
 def test_two_hinges_by_hand():
@@ -56,13 +48,6 @@ def test_two_hinges_give_back_random_turns(rng):
         assert (
             np.abs(np.exp(1j * out) - np.exp(1j * np.array([alpha, beta]))).max(axis=1).min() < 1e-6
         )
-
-
-def test_whole_turns_bring_an_angle_into_its_interval():
-    assert into_interval(-3.0, 2.0, 4.0, 0.0) == (pytest.approx(2 * np.pi - 3.0), 0.0)
-    angle, beyond = into_interval(1.9, 2.0, 4.0, 0.0)
-    assert angle == 2.0
-    assert beyond == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(
@@ -132,22 +117,6 @@ def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
     )
 
 
-def test_many_rows_are_solved_as_one_by_one(rng):
-    model = load_model("body34")
-    chain = next(c for c in chains_of(model) if c.name == "right_leg")
-    joints = [model.joint_names.index(joint) for joint in chain.joints[1:]]
-    base = model.rest_params()
-    poses = [_random_pose(model, rng) for _ in range(6)]
-    for pose in poses:
-        pose[:6] = base[:6]
-    goals = np.stack([model.joint_positions(model.bones(pose))[joints] for pose in poses])
-    together, row = limb_angles(model, base, chain, goals)
-    for n, goal in enumerate(goals):
-        np.testing.assert_array_equal(
-            together[row == n], limb_angles(model, base, chain, goal[None])[0]
-        )
-
-
 def test_positions_out_of_reach_have_no_solution():
     model = load_model("body34")
     chain = chain_along(model, "forearm", ("left_elbow", "left_wrist"))
@@ -172,10 +141,3 @@ def test_descent_closes_a_loop():
     assert within_limits(model.limits, done[None])[0]
     held = [i for i, name in enumerate(model.transform.names) if name not in free]
     np.testing.assert_array_equal(done[held], params[held])
-
-
-def test_limits_of_many_poses_are_those_of_each(rng):
-    model = load_model("hand26")
-    joint = model.rest + rng.normal(size=(20, 26))
-    expected = [model.limits.bounds(row) for row in joint]
-    np.testing.assert_allclose(bounds_of_many(model.limits, joint), expected)

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.interpretation_tree import interpretation_tree
-from handtrack.sampling.polish import PolishSettings, least_eigenvalues, polish
+from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
@@ -109,13 +108,6 @@ def test_no_way_within_narrowing_limits_leads_down(rng):
     np.testing.assert_allclose(ends.cost, known, rtol=1e-6)
 
 
-def test_starts_beyond_the_limits_end_within(rng):
-    model, seen, priors, starts = hand_problem(rng, narrowing=True, where="image")
-    ends = polish(model, starts + 2.0 * rng.normal(size=starts.shape), seen, priors)
-    for params in ends.params:
-        np.testing.assert_allclose(model.clipped(params), params, atol=1e-12)
-
-
 def test_the_flips_of_an_arm_are_its_minima(rng):
     """All leaves of an arm's tree are minima of their own, each with its joints where they are seen."""
     model = load_model("body34")
@@ -155,30 +147,6 @@ def test_what_is_no_minimum_is_not_called_one(rng):
     assert np.isinf(lost.cost).all() and not lost.is_minimum.any()
 
 
-def test_least_eigenvalues():
-    """Along free directions only, in units of the diagonal of Gauss-Newton's matrix."""
-    normal = np.array([np.diag([4.0, 1.0, 9.0])] * 3)
-    hessian = normal.copy()
-    hessian[0, 0, 1] = hessian[0, 1, 0] = 1.0  # scaled to 1/2
-    hessian[1, 0, 1] = hessian[1, 1, 0] = 3.0  # scaled to 3/2: a saddle
-    hessian[2, 0, 0] = 4000.0  # held
-    np.testing.assert_allclose(least_eigenvalues(hessian, normal), [0.5, -0.5, 1.0])
-
-
-def test_what_nothing_is_seen_of_stays_and_is_no_minimum(rng):
-    """A finger without joints in view and without prior: the rest is found, but the whole is undecided."""
-    model, (seen,), _, starts = hand_problem(rng)
-    rest = [n for n, name in enumerate(seen.names) if "little" not in name]
-    fewer = Keypoints(tuple(seen.names[n] for n in rest), seen.positions[rest], seen.sigma_m)
-    ends = polish(model, starts, [fewer])
-    assert (ends.gradient_norm < 1e-6).all() and not ends.is_minimum.any()
-    np.testing.assert_allclose(ends.cost, ends.cost.min(), rtol=1e-6)
-    little = [model.transform.names.index(f"little_{n}_flex") for n in ("mcp", "pip", "dip")]
-    np.testing.assert_array_equal(
-        ends.params[:, little], np.array([model.clipped(s) for s in starts])[:, little]
-    )
-
-
 @pytest.mark.parametrize("factor, stable", [(1.1, True), (0.9, False)])
 def test_a_crest_between_two_flips_is_no_minimum(factor, stable):
     """A straight finger in the image plane. Seen too long, it stays; seen too short, it wants out, to either side."""
@@ -191,30 +159,3 @@ def test_a_crest_between_two_flips_is_no_minimum(factor, stable):
     held = GaussianPrior(np.zeros(26), np.r_[np.full(6, 1e-4), np.full(20, 3.0)])
     start = polish(model, flat[None], seen, [held], settings=PolishSettings(iterations=0))
     assert (start.least_eigenvalue[0] > 0.0) == stable
-
-
-def test_the_same_starts_give_the_same_bytes(rng):
-    model, seen, priors, starts = hand_problem(rng, where="image")
-    first, second = (polish(model, starts, seen, priors) for _ in range(2))
-    assert first.params.tobytes() == second.params.tobytes()
-    alone = polish(model, starts[2:3], seen, priors)
-    assert alone.params[0].tobytes() == first.params[2].tobytes()
-
-
-def test_what_it_refuses(rng):
-    model, seen, _, starts = hand_problem(rng)
-    with pytest.raises(
-        HandtrackError, match="^no joint 'ear' in the keypoints of hand26; known: wrist, "
-    ):
-        polish(model, starts, [Keypoints(("ear",), np.zeros((1, 3)), 0.01)])
-    with pytest.raises(HandtrackError, match="^starts: expected an array of shape"):
-        polish(model, starts[0], seen)
-
-    class Odd:
-        pass
-
-    with pytest.raises(
-        HandtrackError,
-        match="^polishing knows the losses Quadratic, GemanMcClure, Huber; found Odd.$",
-    ):
-        polish(model, starts, seen, loss=Odd())

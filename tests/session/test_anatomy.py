@@ -9,7 +9,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handtrack.capture.calibration.rig_file import rig_from_json
-from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.tracking.frame.tables.track_model import model_of
 from tests.export.sequences import KINDS, sample_rig, sample_sequence
@@ -60,29 +59,3 @@ def test_the_model_is_built_again_from_the_file(kind, tmp_path):
     rig = rig_from_json(back.cameras, "cameras")
     assert rig.names == ("front", "side")
     np.testing.assert_allclose(rig["side"].rotation, sample_rig()["side"].rotation, atol=1e-12)
-
-
-def test_a_file_of_format_1_opens_and_its_shipped_model_is_known(tmp_path):
-    model, track = sample_sequence("left")
-    path = tmp_path / "poses.npz"
-    write_npz(path, replace(track, definition=None, fps=None, cameras=None))
-    with np.load(path) as file:
-        assert int(file["format"]) == 1
-        assert "parents" not in file.files
-    again = model_of(read_npz(path))
-    np.testing.assert_array_equal(again.skeleton.offset, model.skeleton.offset)
-
-
-def test_what_is_not_known_of_a_model_is_said():
-    _, track = sample_sequence("claw")
-    with pytest.raises(HandtrackError, match="how its model 'claw' is built is not in the file"):
-        model_of(replace(track, definition=None))
-    with pytest.raises(HandtrackError, match=r"a.npz: the model's definition is no JSON"):
-        model_of(replace(track, definition="{"), "a.npz")
-    unknown = '"narrowing": {"pairs": [["a", "b"]], "at_deg": 9, "to": 1}, "kind"'
-    with pytest.raises(HandtrackError, match="no freedom 'a' in narrowing in the model definition"):
-        model_of(replace(track, definition=track.definition.replace('"kind"', unknown)))
-    with pytest.raises(
-        HandtrackError, match=r"its joints are not those of the model 'claw' \(mount, top"
-    ):
-        model_of(replace(track, joint_names=("top", *track.joint_names[1:])))

@@ -5,12 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from tests.session.small_session import edit, make_session, write_init
 
@@ -240,78 +237,6 @@ def test_settings_that_cannot_be_used(case: str, folder: Path) -> None:
     contains(refusal(folder), *words)
 
 
-CLOUDS: dict[str, tuple[str, list[str]]] = {
-    "two sources": (
-        'files = "c/*.ply"\ndepth = ["cam0"]',
-        ["[clouds]: expected exactly one of files, stereo, depth; found files, depth"],
-    ),
-    "no source": ("crop_m = 0.1", ["exactly one of files, stereo, depth; found none"]),
-    "unknown key": (
-        'stereo = [["cam0", "cam1"]]\ncrop = 0.1',
-        ["[clouds]: unknown key 'crop'", "Did you mean 'crop_m'?"],
-    ),
-    "no images": ('stereo = [["cam0", "cam1"]]', ["the camera 'cam1', which has no `images`"]),
-    "a camera with itself": ('stereo = [["cam0", "cam0"]]', ["expected pairs of camera names"]),
-    "on": ('files = "c/*.ply"\nvoxel_m = true', ["voxel_m = true; expected a number"]),
-    "unknown camera": ('depth = ["cam9"]', ["depth names the camera 'cam9'", "known: cam0, cam1"]),
-    "no depth": ('depth = ["cam0"]', ["depth uses the camera 'cam0', which has no `depth`"]),
-    "pairs": ('stereo = ["cam0", "cam1"]', ["[clouds]: stereo = ", "pairs of camera names"]),
-    "nothing matches": ('files = "c/*.ply"', ["[clouds], files", 'nothing matches "c/*.ply"']),
-    "kind of file": (
-        'files = "cam0/*.png"',
-        ["[clouds], files: '000.png' is neither .ply nor .npz"],
-    ),
-    "filter": (
-        'files = "c/*.ply"\ncrop_m = -1.0',
-        ["[clouds]: crop_m = -1.0", "expected a number above 0 [m]"],
-    ),
-    "unknown filter": (
-        'files = "c/*.ply"\ncrop = 1.0',
-        ["[clouds]: unknown key 'crop'", "crop_m", "voxel_m", "max_points", "outlier_neighbours"],
-    ),
-}
-
-
-@pytest.mark.parametrize("case", CLOUDS)
-def test_cloud_settings_that_cannot_be_used(case: str, folder: Path) -> None:
-    lines, words = CLOUDS[case]
-    settings = folder / "session.toml"
-    settings.write_text(f"{settings.read_text()}\n[clouds]\n{lines}\n")
-    contains(refusal(folder), *words)
-
-
-def test_no_such_folder_and_no_session_in_it(tmp_path: Path) -> None:
-    contains(refusal(tmp_path / "none"), "none does not exist", "expected a session folder")
-    contains(refusal(tmp_path), str(tmp_path), "no session.toml", "`handtrack new` makes one")
-    (tmp_path / "file").write_text("")
-    contains(refusal(tmp_path / "file"), "file is a file", "expected a session folder")
-
-
-def test_no_calibration(folder: Path) -> None:
-    (folder / "calibration.toml").unlink()
-    contains(refusal(folder), "calibration.toml", "no such file", "expected the camera calibration")
-
-
-def test_the_cameras_error_names_file_and_table(folder: Path) -> None:
-    edit(folder / "calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, nan, 0.0]")
-    contains(refusal(folder), "calibration.toml, [cam_1]: rotation", "expected finite numbers")
-
-
-def test_images_of_another_size_than_calibrated(folder: Path) -> None:
-    edit(folder / "calibration.toml", "size = [64, 48]", "size = [640, 480]")
-    contains(refusal(folder), "cam0/000.png", "frame 0", "64 x 48", "calibrated for 640 x 480")
-
-
-def test_one_later_mask_of_another_size(folder: Path) -> None:
-    cv2.imwrite(str(folder / "masks/cam1/002.png"), np.zeros((48, 65), np.uint8))
-    session = Session.open(folder)
-    with pytest.raises(HandtrackError, match=r"cam1/002.png, frame 2: the image is 65 x 48"):
-        session.observation(2)
-    errors = [text for severity, text in examine(session) if severity == "error"]
-    assert len(errors) == 1
-    assert "cam1/002.png, frame 2: the image is 65 x 48" in errors[0]
-
-
 def test_links_out_of_the_folder(folder: Path) -> None:
     outside = folder.parent / "outside"
     (folder / "cam0").rename(outside)
@@ -341,25 +266,6 @@ def test_c48_a_pipe_is_not_opened(folder: Path, name: str) -> None:
     contains(refusal(folder), f"{name} is a pipe or a device, not a file, so it was not opened")
 
 
-def test_links_within_the_folder_are_fine(folder: Path) -> None:
-    """Fault C57."""
-    (folder / "cam0").rename(folder / "elsewhere")
-    (folder / "cam0").symlink_to(folder / "elsewhere")
-    assert Session.open(folder).image("cam0", 1) is not None
-
-
-def test_numbers_in_file_names(folder: Path) -> None:
-    (folder / "cam0/001.png").rename(folder / "cam0/first.png")
-    contains(refusal(folder), "first.png: no digits in the file name")
-    (folder / "cam0/first.png").rename(folder / "cam0/0002.png")
-    contains(refusal(folder), "'0002.png' and '002.png' are both frame 2")
-
-
-def test_hidden_files_are_not_frames(folder: Path) -> None:
-    (folder / "cam0/._001.png").write_bytes(b"resource fork")
-    assert Session.open(folder).warnings == []
-
-
 def test_a_first_pose_must_belong_to_the_session(folder: Path) -> None:
     write_init(folder, frame=4)
     contains(refusal(folder), "init.json: frame = 4", "the session has the frames 0 to 3")
@@ -367,10 +273,3 @@ def test_a_first_pose_must_belong_to_the_session(folder: Path) -> None:
     contains(refusal(folder), "no parameter 'index_dip'", "init.json", "index_dip_flex")
     write_init(folder, xyz=None, parameters={"index_dip_flex": 0.1, "wrist_flex": 0.1})
     assert Session.open(folder).init is not None
-
-
-def test_a_session_file_that_is_no_text(folder: Path) -> None:
-    (folder / "session.toml").write_bytes(b"\xff\xfe")
-    contains(refusal(folder), "session.toml: not UTF-8 text")
-    (folder / "session.toml").write_text("tracking = 3")
-    contains(refusal(folder), "the table [session] is missing")

@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.files.toml_edit import edit_toml
 from handtrack.model.articulated import HandScale
-from handtrack.session.doctor.check_hand import check_init
 from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from tests.session.body_session import OFFSETS, PERSON, Filmed, film
-
-JOINTS = tuple(sorted({name.partition("_")[2] or name for name in OFFSETS}))
+from tests.session.body_session import OFFSETS, Filmed, film
 
 
 @pytest.fixture(scope="module")
@@ -63,35 +55,6 @@ def test_one_camera_leaves_a_bodys_pose_open_and_says_so(tmp_path):
     assert sure[0] < SURE, "a person who stands may bend to the camera or away from it"
 
 
-def test_a_frame_in_which_nobody_was_seen_gives_nothing(filmed, tmp_path):
-    folder = tmp_path / "session"
-    shutil.copytree(filmed.folder, folder)
-    for file in folder.glob("pose/*/000002.json"):
-        file.unlink()
-    run = TrackingRun.open(Session.open(folder), use_init=False)
-    assert find_first_poses(run, 2) == []
-    assert find_first_poses(run, 3)
-
-
-def test_a_body_without_joints_is_told_what_it_needs(filmed):
-    run = TrackingRun.open(Session.open(filmed.folder), {"keypoints.weight": 0.0}, use_init=False)
-    with pytest.raises(HandtrackError, match=r"found by 2D joints only.*keypoint_layout.*--init FILE"):  # fmt: skip
-        find_first_poses(run)
-
-
-def test_the_doctor_says_the_same(tmp_path):
-    alone = film(tmp_path / "session", cameras=1, frames=1)
-    (found,) = check_init(Session.open(alone.folder))
-    assert "`--init auto` looks for one" in found.text
-    edit_toml(
-        alone.folder / "session.toml",
-        {"camera.0.keypoints": None, "camera.0.keypoint_layout": None},
-        "a session's settings",
-    )
-    (found,) = check_init(Session.open(alone.folder))
-    assert "found by 2D joints only" in found.text
-
-
 def test_size_and_offsets_are_found_over_the_recording(sized):
     scale = sized.scale
     assert scale.overall * np.mean(list(scale.parts.values())) == pytest.approx(1.05, abs=0.03)
@@ -110,13 +73,3 @@ def test_offsets_of_left_and_right_are_mirror_images(sized):
             assert offsets[f"right_{joint}"] == pytest.approx((-x, y, z))
         elif side != "right":
             assert x == pytest.approx(0.0, abs=1e-9), "in the middle plane"
-
-
-def test_what_was_given_stays(filmed, tmp_path: Path):
-    given = film(tmp_path / "session", frames=6)
-    session = Session.open(given.folder)
-    (best,) = find_first_poses(TrackingRun.open(session, use_init=False))
-    scale = TrackingRun.open(session, first=best.first_pose).scale
-    assert (scale.overall, set(scale.parts.values()) | {1.0}) == (1.0, {1.0})
-    assert set(OFFSETS) < set(scale.offsets_mm), "the offsets alone are found"
-    assert PERSON.overall != 1.0

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.session import bundled
-from handtrack.session.bundled import bundled_names, bundled_session
-from tests.conftest import REPOSITORY
+from handtrack.session.bundled import bundled_session
 
 
 @pytest.fixture
@@ -20,11 +18,6 @@ def installed(tmp_path, monkeypatch):
     monkeypatch.setattr(bundled, "_INSTALLED", shelf)
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     return shelf
-
-
-def test_a_checkout_uses_its_own_folder():
-    for name in bundled_names():
-        assert bundled_session(name) == REPOSITORY / "sessions" / name
 
 
 def test_an_installed_program_gives_out_a_working_copy(installed, tmp_path):
@@ -40,16 +33,3 @@ def test_the_users_work_is_kept_and_a_short_copy_completed(installed):
     assert bundled_session("fist") == folder
     assert (folder / "session.toml").read_text() == "my own settings"
     assert (folder / "masks" / "0.png").read_text() == "mask"
-
-
-def test_an_unknown_name_names_the_known(installed):
-    with pytest.raises(HandtrackError) as error:
-        bundled_session("foot")
-    assert str(error.value) == "no bundled session 'foot'; known: fist"
-
-
-def test_a_home_that_cannot_be_written_is_said(installed, tmp_path, monkeypatch):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "file"))
-    with pytest.raises(HandtrackError, match="cannot be copied to .*HANDTRACK_HOME"):
-        bundled_session("fist")

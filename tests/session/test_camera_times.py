@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.session.doctor.examine import examine, examine_start
+from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from tests.capture.test_synchrony import camera, pictures
 from tests.session.small_session import edit, make_session
-from tests.session.test_bad_sessions import contains, refusal
 
 COUNT = 12
 SHAPE = (48, 64)
@@ -62,45 +61,6 @@ def test_c8_a_late_camera_is_joined_by_its_lag(late: int, folder: Path) -> None:
     assert session.frame_count == max(COUNT, COUNT - late)
 
 
-def test_c8_masks_and_keypoints_go_with_the_images(folder: Path) -> None:
-    session = second_camera(folder, "lag_s = 0.1", range(COUNT))
-    mask = np.zeros(SHAPE, np.uint8)
-    mask[5:9, 5:9] = 255
-    cv2.imwrite(str(folder / "masks/cam1/001.png"), mask)
-    seen = session.observation(0).silhouettes
-    assert [s.mask.sum() for s in seen] == [38 * 30, 16]
-
-
-def test_c8_half_a_frame_is_not_too_far_and_more_is(folder: Path) -> None:
-    session = second_camera(folder, "lag_s = 0.05", range(COUNT))
-    assert session.observation(1).frames_later == {"cam1": pytest.approx(-0.5)}
-    assert shown(session, "cam1") == list(range(COUNT))
-    edit(folder / "session.toml", "lag_s = 0.05", "lag_s = 0.04\nfps = 5.0")
-    joined = shown(Session.open(folder), "cam1", range(7))
-    assert joined == [0, None, 1, None, 2, None, 3]
-
-
-@pytest.mark.parametrize(
-    ("settings", "off_ms"),
-    [
-        ("lag_s = 0.05", 50),
-        ("lag_s = 0.125", 25),
-        ("lag_s = 0.2", 0),
-        ("fps = 40.0", 0),
-        ("fps = 9.0", 25),
-    ],
-)
-def test_c8_frames_that_are_not_of_the_same_moment_are_told(
-    settings: str, off_ms: int, folder: Path
-) -> None:
-    session = second_camera(folder, settings, range(COUNT))
-    told = [text for text in session.warnings if "'cam1'" in text]
-    assert len(told) == bool(off_ms)
-    (times,) = (view.times for view in session.views if view.name == "cam1")
-    assert times is not None
-    assert 100 * times.off_frames == pytest.approx(off_ms, abs=3)
-
-
 def test_c7_a_faster_and_a_slower_camera_are_joined_by_time(folder: Path) -> None:
     session = second_camera(folder, "fps = 40.0", range(4 * COUNT))
     assert shown(session, "cam1") == list(range(0, 4 * COUNT, 4))
@@ -136,24 +96,6 @@ def test_c4_a_variable_rate_is_joined_by_its_time_stamps(folder: Path) -> None:
     assert session.time_s(5) == pytest.approx(1000.5)
 
 
-def test_c8_the_lag_of_a_camera_with_time_stamps_counts_too(folder: Path) -> None:
-    second_camera(folder, "lag_s = 0.3", range(COUNT))
-    times = [0.1 * m for m in range(COUNT)]
-    session = stamps(folder, {"cam0": times, "cam1": times})
-    assert shown(session, "cam1")[:4] == [3, 4, 5, 6]
-    edit(folder / "session.toml", "lag_s = 0.3\n", "")
-    edit(folder / "session.toml", 'name = "cam0"', 'name = "cam0"\nlag_s = 0.3')
-    session = Session.open(folder)
-    assert shown(session, "cam1")[:5] == [
-        None,
-        None,
-        None,
-        0,
-        1,
-    ]  # the first camera is the session's clock
-    assert session.time_s(0) == pytest.approx(-0.3)
-
-
 def test_c8_the_doctor_says_the_line_to_write(folder: Path) -> None:
     edit(folder / "calibration.toml", "rotation = [0.0, 0.7, 0.0]", "rotation = [0.1, 0.5, 0.15]")
     for name, turn, late in (("cam0", 0.0, 0), ("cam1", 0.5, 5)):
@@ -178,46 +120,3 @@ def test_c8_the_doctor_says_the_line_to_write(folder: Path) -> None:
     texts = [f.text for f in examine(Session.open(folder))]
     assert not [text for text in texts if "same moment" in text]
     assert "camera 'cam1': its frames are taken by time; 55 of the session's 60 have one." in texts
-
-
-def test_c7_a_video_of_another_rate_is_told_with_the_line_to_write(folder: Path) -> None:
-    writer = cv2.VideoWriter(
-        str(folder / "cam1.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 40.0, SHAPE[::-1]
-    )
-    for level in range(4 * COUNT):
-        writer.write(np.full((*SHAPE, 3), 5 * level, np.uint8))
-    writer.release()
-    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nimages = "cam1.avi"')
-    session = Session.open(folder)
-    words = "camera 'cam1': the video says 40 fps, the session 10. If the video is right, write `fps = 40`"
-    for texts in ([f.text for f in examine(session)], examine_start(session)):
-        assert any(text.startswith(words) for text in texts)
-    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nfps = 40')
-    session = Session.open(folder)
-    assert session.frame_count == COUNT + 1
-    assert [video.path.name for video in session.videos] == ["cam1.avi"]
-    assert not any("fps, " in text for text in examine_start(session))
-
-
-def test_c8_a_lag_beyond_the_recording_is_an_error_in_words(folder: Path) -> None:
-    session = second_camera(folder, "lag_s = -40", range(COUNT))
-    assert shown(session, "cam1") == [None] * COUNT
-    edit(folder / "session.toml", "lag_s = -40", "lag_s = 40")
-    session = Session.open(folder)
-    assert session.frame_count == COUNT
-    assert shown(session, "cam1") == [None] * COUNT
-    errors = [f.text for f in examine(session) if f.severity == "error"]
-    assert (
-        "camera 'cam1': its frames are taken by time; 0 of the session's 12 have one. Look at `lag_s` [s], `fps` and the time "
-        "stamps: they never meet."
-    ) in errors
-
-
-@pytest.mark.parametrize("line", ['lag_s = "3"', "lag_s = nan", "lag_s = inf"])
-def test_c8_a_lag_that_is_no_number_is_refused(line: str, folder: Path) -> None:
-    edit(folder / "session.toml", 'name = "cam1"', f'name = "cam1"\n{line}')
-    contains(refusal(folder), "camera 'cam1'", "lag_s = ", "expected a number [s]")
-
-
-def test_c7_without_these_keys_frames_go_by_their_numbers(folder: Path) -> None:
-    assert all(view.times is None for view in Session.open(folder).views)

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.images.frame_notes import listed
 from handtrack.geometry.camera import Camera, CameraRig
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
-from handtrack.model.pose_library import named_pose
 from handtrack.session.doctor import check_hand
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.examine import examine
@@ -231,49 +225,9 @@ def test_c28_exchanged_cameras_are_named() -> None:
     assert "They would fit if cameras 'cam1' and 'cam2' were exchanged" in said
 
 
-def side_by_side(order: tuple[int, int]) -> str:
-    """Return what the doctor says of a pair 0.1 m apart that looks one way, each image given to one of its cameras."""
-    matrix = np.array([[400.0, 0, 159.5], [0, 400.0, 119.5], [0, 0, 1]])
-    pair = [
-        Camera(name, (320, 240), matrix, np.zeros(5), np.eye(3), np.array([-x, 0, 0.6]))
-        for name, x in (("a", 0.0), ("b", 0.1))
-    ]
-    middle = np.array([[0.06, 0.01, 0.0]])
-    outlines = []
-    for camera in pair:
-        mask = np.zeros((240, 320), np.uint8)
-        column, row = camera.project(middle)[0].round().astype(int)
-        cv2.circle(mask, (int(column), int(row)), 30, 255, -1)
-        outlines.append(mask)
-    views = [
-        SimpleNamespace(
-            camera=camera, has_masks=True, settings=SimpleNamespace(roi=None), name=camera.name, unknown_at=lambda _frame: None,
-            mask=lambda _frame, shown=outlines[which]: shown,
-        )
-        for camera, which in zip(pair, order, strict=True)
-    ]  # fmt: skip
-    found = check_outlines(SimpleNamespace(views=views, frame_count=4))  # type: ignore[arg-type]
-    return " ".join(finding.text for finding in found)
-
-
-def test_c28_an_exchanged_pair_that_looks_one_way_is_named() -> None:
-    assert side_by_side((0, 1)) == ""
-    said = side_by_side((1, 0))
-    assert "what is seen lies behind the cameras" in said
-    assert "They would fit if cameras 'a' and 'b' were exchanged" in said
-
-
 def test_c27_inverse_extrinsics_are_named() -> None:
     said = recalibrated(lambda cameras: [inverse(camera) for camera in cameras])
     assert "would fit if rotation and translation in calibration.toml led from the camera" in said
-
-
-def test_c27_c28_nothing_is_named_where_nothing_would_fit() -> None:
-    assert recalibrated(list) == ""
-    said = recalibrated(lambda c: [c[0], replace(c[1], translation=c[1].translation + 0.1), c[2]])
-    assert "do not fit together" in said
-    assert "would fit" not in said
-    assert "Was a camera moved" in said
 
 
 def depth_session(folder: Path, value: int) -> Session:
@@ -294,41 +248,3 @@ def depth_session(folder: Path, value: int) -> Session:
 )
 def test_odd_depth_is_found(value: int, text: str, folder: Path) -> None:
     assert any(text in finding.text for finding in examine(depth_session(folder, value)))
-
-
-def test_depth_is_in_metres(folder: Path) -> None:
-    depth = depth_session(folder, 500).view("cam1").depth_m(2)
-    assert depth is not None
-    assert math.isclose(depth[3, 4], 0.5)
-
-
-def test_a_session_without_any_frames(folder: Path) -> None:
-    text = (folder / "session.toml").read_text()
-    text = "\n".join(line for line in text.splitlines() if not line.startswith(("images", "masks")))
-    (folder / "session.toml").write_text(text)
-    (folder / "init.json").unlink()
-    (finding,) = examine(Session.open(folder))
-    assert finding.severity == "error"
-    assert "no frames at all" in finding.text
-
-
-def test_frames_are_listed_as_runs() -> None:
-    assert listed([1, 2, 3, 7, 9, 10]) == "1-3, 7, 9-10"
-    assert listed(range(0, 40, 2)) == "0, 2, 4, 6, 8, 10 and 14 more runs"
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-@pytest.mark.parametrize("pose", ["open", "fist", "pinch"])
-def test_joints_of_the_other_hand_are_told(side: str, pose: str, folder: Path) -> None:
-    """Also where they are a few millimetres off, and the hand is not the mean one."""
-    model = load_model(side=side, scale=HandScale(0.9))
-    joint = named_pose(model, pose)
-    joint[3:6] = 0.4, -1.0, 0.3
-    rng = np.random.default_rng(1)
-    xyz = model.keypoints21(model.bones(joint)) + rng.normal(scale=0.002, size=(21, 3))
-    write_init(folder, xyz=xyz.tolist())
-    told = [f.text for f in examine(Session.open(folder)) if "left hand" in f.text]
-    assert bool(told) == (side == "left"), told
-    if told:
-        assert told[0].startswith("init.json: its joints are a left hand's: they fit one to ")
-        assert 'Is side = "right" right in session.toml?' in told[0]

@@ -7,21 +7,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
-from handtrack.arrays import D3, Floats, N
+from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.model_file import load_model
-from handtrack.session.doctor.check_cameras import check_lens
-from handtrack.session.doctor.check_joints import check_joints, joint_lines
-from handtrack.session.doctor.examine import examine
+from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.session import Session
-from handtrack_app.cli import main
 
 FRAMES, NOISE_PX = 60, 1.5
 SIZE = (640, 480)
@@ -159,71 +154,7 @@ def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path: Path) -> Non
     assert "'cam1'" in said[0].text and "ring" in said[0].text and "'cam0'" not in said[0].text
 
 
-@pytest.mark.parametrize("frames", [0, FRAMES // 4])
-def test_a_finger_seen_elsewhere_in_few_frames_is_no_camera_s_fault(
-    tmp_path: Path, frames: int
-) -> None:
-    it = recorded()
-    it.pixels["cam1"][:frames, 13:17] += (30.0, -25.0)
-    found = list(check_joints(Session.open(it.write(tmp_path))))
-    assert [f.severity for f in found] == ["ok"]
-
-
-@pytest.mark.parametrize(
-    ("coefficients", "odd"),
-    [
-        (
-            [-0.014, 1.42, 0.0, 0.0, -6.39],
-            False,
-        ),  # as measured, and as a format with four leaves it
-        ([-0.014, 1.42, 0.0, 0.0, 0.0], True),
-        ([-0.3, 0.12, 0.0, 0.0, 0.0], False),
-        ([0.0, 0.0, 0.0, 0.0, 0.0], False),
-    ],
-)
-def test_a_lost_lens_coefficient_is_named(coefficients: list[float], odd: bool) -> None:
-    matrix = [[925.0, 0.0, 356.0], [0.0, 925.0, 355.0], [0.0, 0.0, 1.0]]
-    one = Camera("cam0", (720, 720), matrix, coefficients, np.eye(3), np.zeros(3))
-    said = [finding.text for finding in check_lens(one) if "k3" in finding.text]
-    assert len(said) == odd
-
-
 @pytest.mark.parametrize("degrees", [(-35.0, 10.0, 50.0), (-20.0, 20.0), (0.0, 90.0)])
 def test_a_sound_calibration_is_left_alone(tmp_path: Path, degrees: tuple[float, ...]) -> None:
     found = list(check_joints(Session.open(recorded(degrees).write(tmp_path))))
     assert [f.severity for f in found] == ["ok"] and "meet in space to" in found[0].text, found
-
-
-def test_a_camera_with_joints_only_is_more_than_drawn(tmp_path: Path) -> None:
-    said = [f.text for f in examine(Session.open(recorded().write(tmp_path)))]
-    assert not any("only drawn" in text for text in said)
-    assert sum("joints in 60 files" in text for text in said) == 3
-
-
-def test_the_rig_is_drawn_with_odd_cameras_in_orange(tmp_path: Path) -> None:
-    it = recorded()
-    mirrored(it)
-    session = it.write(tmp_path / "session")
-    out = tmp_path / "rig.png"
-    assert main(["doctor", str(session), "--picture", str(out)]) == 0
-    picture = cv2.imread(str(out))
-    assert (picture == (0, 94, 213)).all(axis=2).any()
-    assert main(["doctor", str(session), "--picture", str(tmp_path / "rig.txt")]) == 2
-    sound = recorded().write(tmp_path / "sound")
-    lines = joint_lines(Session.open(sound))
-    assert len(lines) == 5 and all(line.shape == (5, 3) for line in lines)
-
-
-def test_points_are_where_lines_of_sight_meet() -> None:
-    cameras = [replace(one, distortions=np.zeros(5)) for one in recorded().cameras.values()]
-    points: Floats[N, D3] = moving_hand()[3]
-    pixels = np.stack([one.project(points) for one in cameras])
-    pixels[1:, 4] = np.nan
-    found = triangulated(cameras, pixels)
-    assert np.isnan(found[4]).all()
-    known = np.arange(21) != 4
-    np.testing.assert_allclose(found[known], points[known], atol=1e-9)
-    missed = missed_px(cameras, pixels, found)
-    assert np.nanmax(missed) < 1e-6 and np.isnan(missed[:, 4]).all()
-    behind = missed_px(cameras, pixels, found - 10 * cameras[0].rotation[2])
-    assert np.isinf(behind[0, known]).all()

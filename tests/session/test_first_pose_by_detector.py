@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -52,17 +49,3 @@ def test_a_hand_is_found_where_the_detector_sees_it(
     row = int(np.flatnonzero(session.truth.frame == frame)[0])
     found = best.model.keypoints21(best.model.bones(best.params))
     assert 1e3 * np.linalg.norm(found - session.truth.keypoints21[row], axis=1).mean() < 8.0
-
-
-def test_hands_of_the_other_side_are_not_ours(session: Session) -> None:
-    detector = SeesTheTruth(session, 60)
-    detector._images = [(image, replace(hand, right=0.01)) for image, hand in detector._images]
-    assert detection.joints_of_frame(session, 60, detector, 5.0) == ()  # type: ignore[arg-type]
-
-
-def test_without_weights_nothing_is_detected(
-    session: Session, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path))
-    monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
-    assert detection.usable_detector(session) is None

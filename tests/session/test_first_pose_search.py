@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 
 import numpy as np
 import pytest
 
 from handtrack.capture.images.openpose import write_hand
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.session.bundled import bundled_session
 from handtrack.session.first_pose import first_pose_search
-from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
-from handtrack.tracking.find_pose import spread_order
 from handtrack.tracking.frame.settings import TrackerSettings
 from tests.session.small_session import edit, keypoints, make_session
 
@@ -100,58 +97,10 @@ def pretended(session, monkeypatch):
     return search
 
 
-def test_no_other_frame_is_tried_once_one_is_sure(pretended):
-    best, asked = pretended({0: 0.4, 4: 0.9})
-    assert (best[0].frame, best[0].given) == (4, None)
-    assert asked == [0, 4]
-
-
-def test_a_pose_that_is_surely_the_right_one_ends_the_search_however_well_it_is_known(pretended):
-    best, asked = pretended({0: 0.9}, nearness=0.3)
-    assert best[0].confidence == pytest.approx(0.27)
-    assert asked == [0]
-
-
 def test_the_surest_of_four_frames_is_taken(pretended):
     best, asked = pretended({0: 0.2, 2: 0.5, 6: 0.3})
     assert best[0].frame == 2
     assert asked == [0, 4, 2, 6]
-
-
-def test_a_hand_of_another_size_is_looked_for_again_in_that_size(pretended):
-    best, asked = pretended({0: 0.2, 2: 0.5, (2, 0.8): 0.6}, sizes={2: 0.8})
-    assert asked == [0, 4, 2, 6, (2, 0.8)]
-    assert best[0].confidence == pytest.approx(0.6)
-
-
-def test_one_that_is_sure_is_not_looked_for_again(pretended):
-    best, asked = pretended({0: 0.9}, sizes={0: 0.8})
-    assert asked == [0]
-    assert best[0].model.scale.overall == pytest.approx(0.8)
-
-
-def test_frames_are_tried_all_over_the_range():
-    assert spread_order(range(10, 18)) == [10, 14, 12, 16, 11, 15, 13, 17]
-    assert spread_order(range(5)) == [0, 2, 1, 3, 4]
-    for count in (1, 2, 3, 7, 100):
-        assert sorted(spread_order(range(count))) == list(range(count))
-
-
-def test_a_body_without_joints_is_refused(session):
-    run = TrackingRun.open(session, {"model.name": "body34"}, use_init=False)
-    with pytest.raises(HandtrackError, match="found by 2D joints only"):
-        find_first_poses(run, 0)
-
-
-def test_frames_without_a_hand_give_nothing(session, tmp_path):
-    folder = tmp_path / "empty"
-    shutil.copytree(session.folder, folder, ignore=shutil.ignore_patterns("tracks"))
-    for mask in (folder / "masks").rglob("*.png"):
-        mask.unlink()
-    text = (folder / "session.toml").read_text().replace("masks = ", "# masks = ")
-    (folder / "session.toml").write_text(text)
-    run = TrackingRun.open(Session.open(folder), use_init=False)
-    assert find_first_poses(run) == []
 
 
 def in_images(session, cameras, frame=0):
@@ -174,50 +123,6 @@ def test_joints_in_one_image_are_settled_by_the_silhouettes(session):
     assert error_mm(found[0], points(session, 30)) < 6.0
     assert found[0].confidence > 0.5
     assert "one camera" in found[0].note
-
-
-def test_an_unknown_camera_is_named(session):
-    first = FirstPose(0, {}, None, "openpose21", {"left": np.zeros((21, 2))})
-    with pytest.raises(HandtrackError, match="no camera 'left'.*known: cam0, cam1, cam2"):
-        TrackingRun.open(session, {}, first)
-
-
-def test_joints_in_images_are_written_as_they_are_read(session, tmp_path):
-    first = in_images(session, ("cam0", "cam1"))
-    first.pixels["cam1"][4] = np.nan
-    path = tmp_path / "init.json"
-    write_first_pose(path, first)
-    again = read_first_pose(path)
-    assert again.frame == 0
-    assert list(again.pixels) == ["cam0", "cam1"]
-    for name, pixels in first.pixels.items():
-        assert again.pixels[name] == pytest.approx(pixels, nan_ok=True)
-
-
-BAD = {
-    "unit": ({"unit": "m"}, 'points in images are in pixels: expected "px"'),
-    "rows": ({"cameras": {"cam0": [[1, 2]] * 20}}, "camera 'cam0' has 20 rows; expected 21"),
-    "row": ({"cameras": {"cam0": [[1, 2, 3], *[[1, 2]] * 20]}}, "row 0 of camera 'cam0' is .1, 2, 3.; expected"),
-    "few": ({"cameras": {"cam0": [[1, 2]] * 3 + [None] * 18}}, "no camera has more than 3 of 21"),
-    "none": ({"cameras": {}}, "expected keypoints by camera"),
-    "convention": ({"convention": None}, "unknown convention null"),
-    "both": ({"xyz": []}, "both xyz and cameras"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_joints_in_images_are_refused(case, tmp_path):
-    changes, message = BAD[case]
-    data = {
-        "frame": 0,
-        "convention": "openpose21",
-        "unit": "px",
-        "cameras": {"cam0": [[1, 2]] * 21},
-    }
-    path = tmp_path / "init.json"
-    path.write_text(json.dumps(data | changes))
-    with pytest.raises(HandtrackError, match=message):
-        read_first_pose(path)
 
 
 def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatch):

@@ -123,29 +123,6 @@ def test_a_gap_is_one_points_and_not_the_frames(form: str, tmp_path: Path) -> No
     np.testing.assert_array_equal(read_truth(tmp_path / "truth.npz").keypoints21, truth.keypoints21)
 
 
-def test_a_point_that_is_never_known_is_none(tmp_path: Path) -> None:
-    path = long_csv(tmp_path / "t.csv")
-    lines = [line for line in path.read_text().splitlines() if ",wrist," not in line]
-    path.write_text("\n".join([*lines, "7,index_mcp,,,"]))
-    truth, _ = read_given_truth(path, "right")
-    assert (len(truth.joint_names), truth.keypoints21) == (20, None)
-    assert truth.frame.tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize(("text", "expected"), [
-    ("", "no points in space that are known here"),
-    ("Dear hand", "no points in space that are known here"),
-    ("PathFileType\t4\n", "without rows of points"),
-    ("frame,wrist_x,wrist_y,wrist_z\n0,a,1,2", "'a'; expected a number"),
-    ("frame,nose_x,nose_y,nose_z\n0,0,1,2", "no hand's"),
-    ("frame,joint,x,y,z\n-1,wrist,0,0,0", "whole numbers, each once"),
-])  # fmt: skip
-def test_others_are_refused(text: str, expected: str, tmp_path: Path) -> None:
-    (tmp_path / "t.csv").write_text(text)
-    with pytest.raises(HandtrackError, match=expected):
-        read_given_truth(tmp_path / "t.csv", "right")
-
-
 def test_what_is_made_to_do_harm_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.trc")
     with pytest.raises(HandtrackError, match="is a pipe"):

@@ -10,12 +10,11 @@ import pytest
 
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
-from handtrack.model.size import POPULATION_SIGMA, hand_length_mm, is_unmeasured
+from handtrack.model.size import POPULATION_SIGMA, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.sizing import size_of_frames, tracked_for_size, who_is_open
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
-from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.doubt.judgement import judged
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
@@ -65,14 +64,6 @@ def test_half_a_hand_tells_no_size() -> None:
     assert fitted(0.5, SMALL, given)[1].overall == SMALL.overall
 
 
-def test_a_whole_hand_tells_its_size() -> None:
-    _, size = fitted(0.0)
-    assert size is not None
-    assert not is_unmeasured(size)
-    # two neighbouring frames tell as much as one
-    assert size.std["length_mm"] < 0.6 * POPULATION_SIGMA * hand_length_mm(MEAN)
-
-
 def test_what_is_stated_of_joints_includes_a_size_that_is_held() -> None:
     def stated(scale: HandScale) -> np.ndarray:
         model = load_model("hand26", scale=scale)
@@ -88,12 +79,6 @@ def test_what_is_stated_of_joints_includes_a_size_that_is_held() -> None:
     joints = MEAN.joint_positions(MEAN.bones(MEAN.rest_params()))
     away = np.linalg.norm(joints - joints.mean(axis=0), axis=1)
     np.testing.assert_allclose(more, POPULATION_SIGMA * away, rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize(("overall", "child"), [(0.67, True), (0.9, False), (1.1, False)])
-def test_a_childs_size_is_called_one(overall: float, child: bool) -> None:
-    model = load_model("hand26", scale=HandScale(overall, std={"length_mm": 3.0, "overall": 0.02}))
-    assert ("child" in hand_words(model)) == child
 
 
 def test_the_first_frames_do_not_decide_where_they_are_bad() -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from tests.session.small_session import edit, keypoints, make_session
 from tests.session.test_bad_sessions import contains, refusal
@@ -81,22 +78,6 @@ def test_c52_texts_made_to_break_their_reader_are_one_sentence(
     assert len(told) < 1000
 
 
-@pytest.mark.parametrize("name", ["ünïcode 🖐 漢字", "x" * 170, "a b%20c'd"])
-def test_c56_folders_of_any_name_are_opened(name: str, tmp_path: Path) -> None:
-    whole = tmp_path / name
-    whole.mkdir()
-    session = Session.open(make_session(whole))
-    assert {finding.severity for finding in examine(session)} == {"ok"}
-
-
-def test_c57_data_that_is_linked_and_a_session_that_was_moved_open(folder: Path) -> None:
-    (folder / "masks/cam0").rename(folder / "elsewhere")
-    (folder / "masks/cam0").symlink_to("../elsewhere")
-    moved = folder.with_name("moved")
-    shutil.move(folder, moved)
-    assert len(Session.open(moved).observation(1).silhouettes) == 2
-
-
 def test_c58_tables_as_spreadsheets_write_them(folder: Path) -> None:
     rows = ["camera,frame,time_s", *(f"cam0,{frame},{frame / 10}" for frame in range(4))]
     edit(folder / "session.toml", "fps = 10.0", 'timestamps = "t.csv"')
@@ -104,11 +85,3 @@ def test_c58_tables_as_spreadsheets_write_them(folder: Path) -> None:
     assert Session.open(folder).time_s(3) == pytest.approx(0.3)
     (folder / "t.csv").write_text("\n".join(rows).replace(",", ";"))
     contains(refusal(folder), "the columns are camera;frame;time_s", "expected camera,frame,time_s")
-
-
-def test_c58_a_session_file_with_a_mark_and_windows_line_ends_is_read(folder: Path) -> None:
-    text = (folder / "session.toml").read_text()
-    (folder / "session.toml").write_bytes(b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode())
-    init = json.dumps(json.loads((folder / "init.json").read_text()))
-    (folder / "init.json").write_bytes(b"\xef\xbb\xbf" + init.encode())
-    assert Session.open(folder).init is not None

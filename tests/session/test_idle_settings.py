@@ -74,20 +74,3 @@ class Recording:
 )
 def test_only_what_is_idle_is_named(values, seen, said):
     assert idle_settings(TrackerSettings().with_values(values), seen, "hand") == said
-
-
-def test_of_two_reasons_the_models_kind_is_told():
-    settings = TrackerSettings().with_values({"model.spread_ring": 0.5})
-    (said,) = idle_settings(settings, Recording(), "body")
-    assert said.startswith("model.spread_ring = 0.5 has no effect: it is about a hand")
-
-
-@pytest.mark.parametrize("method", ["paper2007", "paper2004", "paper2003"])
-def test_what_a_method_sets_is_nobodys_mistake(method):
-    """Only what was changed beside it is told."""
-    settings = TrackerSettings().with_values({"method": method})
-    for kind in ("hand", "body"):
-        assert idle_settings(settings, Recording(), kind) == []
-    changed = settings.with_values({"cloud.crop_mm": 33})
-    (told,) = idle_settings(changed, Recording(), "hand")
-    assert told.startswith("cloud.crop_mm has no effect")

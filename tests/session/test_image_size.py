@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import scaled_by
 from handtrack.session.session import Session
 from tests.capture.test_synchrony import camera
 from tests.session.small_session import edit, make_session
@@ -38,12 +37,6 @@ def test_c11_the_line_to_write_is_said_and_does_it(folder: Path) -> None:
     assert [s.mask.shape for s in session.observation(0).silhouettes] == [(48, 64), (24, 32)]
 
 
-@pytest.mark.parametrize("size", ["[32, 48]", "[32, 30]", "[-32, -24]", "[0, 0]"])
-def test_c11_a_size_that_is_no_scaled_one_is_refused(size: str, folder: Path) -> None:
-    edit(folder / "session.toml", 'name = "cam1"', f'name = "cam1"\nimage_size = {size}')
-    contains(refusal(folder), "camera 'cam1': image_size = ", "64 x 48 scaled by one factor", "cut")
-
-
 def test_c11_pixels_of_a_scaled_camera_are_where_resized_images_have_them(
     rng: np.random.Generator,
 ) -> None:
@@ -53,20 +46,3 @@ def test_c11_pixels_of_a_scaled_camera_are_where_resized_images_have_them(
     points = rng.uniform(-0.05, 0.05, (9, 3))
     block = (large.project(points) - 1.5) / 4
     assert np.allclose(small.project(points), block, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("size", "found", "factor"),
-    [
-        ((1280, 720), (640, 360), 0.5),
-        ((1280, 720), (853, 480), 2 / 3),
-        ((640, 480), (1280, 960), 2.0),
-        ((1280, 720), (640, 480), None),
-        ((1280, 720), (1280, 960), None),
-        ((640, 480), (480, 640), None),
-    ],
-)
-def test_c11_one_factor_is_told_from_others(
-    size: tuple[int, int], found: tuple[int, int], factor: float | None
-) -> None:
-    assert scaled_by(size, found) == (None if factor is None else pytest.approx(factor, rel=1e-3))

@@ -10,7 +10,6 @@ import pytest
 
 import handtrack.session.live.live_session as live_session
 from handtrack.arrays import Array
-from handtrack.errors import HandtrackError
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.live.live_recording import LiveRecording
 from handtrack.session.live.live_session import LIVE_SETTINGS, open_live
@@ -90,30 +89,6 @@ def test_cameras_are_numbered_in_the_sessions_order_and_masks_are_computed(studi
     assert session.known_frames == range(frame + 1)
 
 
-def test_asking_for_the_next_frame_waits_for_it(studio: Studio) -> None:
-    first = studio.show()
-    for device in studio.devices.values():
-        device.show(hand_image(5))
-    seen = studio.session.observation(first + 1)
-    assert len(seen.silhouettes) == 2
-    assert seen.time_s > studio.session.time_s(first)
-    image = studio.session.image("cam0", first + 1)
-    assert image is not None and tuple(image[20, 6]) == SKIN
-
-
-def test_a_missing_camera_is_a_missing_observation(studio: Studio) -> None:
-    studio.show()
-    feed = studio.session.live
-    assert feed is not None
-    feed.tolerance_s = 0.001
-    studio.devices["1"].show(hand_image())
-    made = feed.make_next(10.0)
-    assert made is not None
-    seen = studio.session.observation(made.number)
-    assert [one.camera.name for one in seen.silhouettes] == ["cam1"]
-    assert feed.counts["cam0"].missing == 1
-
-
 def recorded(studio: Studio, folder: Path) -> LiveRecording:
     recording = LiveRecording(folder, studio.session)
     assert studio.session.live is not None
@@ -154,34 +129,6 @@ def test_a_recording_opens_as_a_session_with_its_poses(studio: Studio, tmp_path:
     assert track.frame.tolist() == [0, 1, 2]
 
 
-def test_frames_without_a_camera_are_left_out_and_counted(studio: Studio, tmp_path: Path) -> None:
-    recording = recorded(studio, tmp_path / "new")
-    run = TrackingRun.open(studio.session, {"model.fit_size": False}, use_init=False)
-    studio.show()
-    feed = studio.session.live
-    assert feed is not None
-    feed.tolerance_s = 0.001
-    studio.devices["0"].show(hand_image())
-    assert feed.make_next(10.0) is not None
-    feed.tolerance_s = 10.0
-    studio.show()
-    assert recording.count == 2
-    assert "1 frames were left out: a camera showed nothing." in recording.close(run)
-    assert Session.open(tmp_path / "new").frame_count == 2
-
-
-def test_a_recording_of_nothing_leaves_nothing(studio: Studio, tmp_path: Path) -> None:
-    recording = recorded(studio, tmp_path / "new")
-    run = TrackingRun.open(studio.session, {"model.fit_size": False}, use_init=False)
-    assert recording.close(run) == "Nothing was recorded: no frame came."
-    assert not (tmp_path / "new").exists()
-
-
-def test_a_recording_replaces_nothing(studio: Studio, folder: Path) -> None:
-    with pytest.raises(HandtrackError, match=r"desk is not empty; nothing was recorded.*--record"):
-        LiveRecording(folder, studio.session)
-
-
 def test_a_calibration_alone_will_do(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for path in ("session.toml", "init.json", "truth.npz"):
         (folder / path).unlink()
@@ -190,23 +137,3 @@ def test_a_calibration_alone_will_do(folder: Path, monkeypatch: pytest.MonkeyPat
     assert studio.session.fps == 30.0
     assert len(studio.session.observation(studio.show()).silhouettes) == 2
     studio.close()
-
-
-@pytest.mark.parametrize(
-    ("devices", "words"),
-    [
-        ({"cam7": "0"}, "no camera 'cam7' in --camera cam7=0; known: cam0, cam1"),
-        ({"cam0": "0", "cam1": "0"}, "'0' is given to the cameras cam0 and cam1"),
-    ],
-)
-def test_cameras_that_cannot_be_meant_are_told(folder: Path, devices, words: str) -> None:
-    with pytest.raises(HandtrackError) as error:
-        open_live(folder, devices)
-    assert words in str(error.value)
-
-
-def test_a_folder_without_calibration_is_told(tmp_path: Path) -> None:
-    with pytest.raises(
-        HandtrackError, match=r"no calibration.toml there; a live source needs calibrated cameras"
-    ):
-        open_live(tmp_path, {})

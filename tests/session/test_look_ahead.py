@@ -52,12 +52,3 @@ def test_a_damaged_frame_is_told_of_when_it_is_asked_for():
         ahead(1, None)
     assert ahead(2, None) == 2
     ahead.close()
-
-
-def test_one_thread_reads_as_it_goes(monkeypatch):
-    monkeypatch.setenv("HANDTRACK_THREADS", "1")
-    recording = Recording()
-    ahead = LookAhead(recording.observe, recording.prepare, range(3), 0)
-    assert [ahead(frame, None) for frame in range(3)] == [0, 1, 2]
-    ahead.close()
-    assert recording.beside == []

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.capture.images.frames import ImageFiles
 from handtrack.errors import HandtrackError
 from handtrack.session.layout import matching_files
 
@@ -32,26 +31,6 @@ def test_a18_no_file_is_resolved_or_asked_for_by_itself(tmp_path: Path, monkeypa
         monkeypatch.setattr(Path, name, counted)
     assert len(matching_files(folder, "masks/cam0/*.png", "here")) == 200
     assert len(calls) < 20
-
-
-def test_a18_how_many_frames_there_are_is_known_without_looking_at_all(tmp_path: Path) -> None:
-    files = ImageFiles(matching_files(_folder(tmp_path, 50), "masks/cam0/*.png", "here"))
-
-    class Counted(dict[int, Path]):
-        def __iter__(self):
-            raise AssertionError("all frames are looked at")
-
-    files._files = Counted(files._files)
-    assert files.frames == range(50)
-
-
-@pytest.mark.parametrize("pattern", ["masks/cam0/*.png", "masks/*/*.png", "masks/**/*.png", "*/cam0/00000?.png", "masks/cam0/[0-9]*.png"])  # fmt: skip
-def test_patterns_mean_what_they_do_in_a_shell(tmp_path: Path, pattern: str) -> None:
-    folder = _folder(tmp_path, 3)
-    masks = folder / "masks" / "cam0"
-    (masks / ".000009.png").touch()
-    (masks / "000008.png").mkdir()
-    assert matching_files(folder, pattern, "here") == sorted(masks.glob("00000[0-2].png"))
 
 
 def test_links_that_lead_out_of_the_folder_are_refused(tmp_path: Path) -> None:

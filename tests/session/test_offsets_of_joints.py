@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from handtrack.capture.images.openpose import write_hand
 from handtrack.files.toml_edit import edit_toml
 from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model, read_scale, write_scale
-from handtrack.observation.observation import ImageKeypoints
+from handtrack.model.model_file import load_model
 from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.run import TrackingRun
-from handtrack.session.seen.joint_errors import joint_sigma_px
 from handtrack.session.session import Session
 from handtrack.simulation.motion import motion
-from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
+from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement
 
@@ -98,67 +93,3 @@ def test_results_have_landmarks_where_the_detector_sees_the_joints(folder, tmp_p
     again = read_npz(tmp_path / "poses.npz").in_landmarks("mediapipe21")
     np.testing.assert_allclose(again.keypoints21, landmarks, atol=1e-12)
     np.testing.assert_allclose(again.in_landmarks("joints").keypoints21, joints, atol=1e-9)
-
-
-def test_another_detectors_offsets_are_not_taken_for_this_ones(folder):
-    write_scale(folder / "other.json", HandScale(1.0, {}, {}, OFFSETS, {}, "openpose21"))
-    assert read_scale(folder / "other.json").landmark_definition == "openpose21"
-    session = Session.open(folder)
-    session.file = replace(session.file, hand=replace(session.file.hand, scale="other.json"))
-    given = TrackingRun.open(session, {"model.fit_size": "false"})
-    assert (given.scale.offsets_mm, given.scale.landmark_definition) == ({}, "mediapipe21")
-    unused = TrackingRun.open(session, {"keypoints.weight": 0})
-    assert unused.scale.offsets_mm == OFFSETS
-    assert unused.scale.landmark_definition == "openpose21"
-
-
-def test_nothing_is_fitted_where_that_is_not_wished(folder):
-    session = Session.open(folder)
-    assert TrackingRun.open(session, {"model.fit_size": "false"}).scale == HandScale()
-    assert TrackingRun.open(session, {"keypoints.weight": 0}).scale == HandScale()
-
-
-def test_a_saved_hand_brings_its_offsets(folder):
-    saved = HandScale(1.0, {}, {}, OFFSETS)
-    write_scale(folder / "hand.json", saved)
-    edit_toml(folder / "session.toml", {"hand.scale": "hand.json"}, "a session's settings")
-    run = TrackingRun.open(Session.open(folder))
-    assert (run.scale, run.size_is_open) == (saved, False)
-
-
-@pytest.mark.parametrize("noise", [0.5, 4.0])
-def test_joints_count_for_as_exact_as_cameras_agree(noise, rng):
-    """The error in each direction is found from what triangulation leaves of it, from two cameras and from three; a hand's
-    points are known to 2 mm at best.
-    """
-    for count in (2, 3):
-        cameras = simulated_rig(count).cameras
-        depth = np.median([c.to_camera(np.zeros(3))[2] for c in cameras])
-        least = 0.002 * float(np.median([c.pixels_per_m(depth) for c in cameras]))
-        found = joint_sigma_px(tuple(_NoisyView(camera, noise, rng) for camera in cameras))
-        assert found == pytest.approx(np.hypot(noise, least), rel=0.15)
-
-
-@pytest.mark.parametrize(("given", "expected"), [(0.0, 0.0), (1.5, 1.5), (20.0, 20.0)])
-def test_a_given_error_of_joints_stands_and_none_is_measured(folder, given, expected):
-    use = {"model.fit_size": "false", "keypoints.sigma_px": given}
-    run = TrackingRun.open(Session.open(folder), use)
-    measured = joint_sigma_px(tuple(run.session.views))
-    for joints in run.seen(0).keypoints:
-        assert (joints.sigma_px == (expected or measured)).all()
-
-
-class _NoisyView:
-    """One camera that sees random points of a hand's breadth, the same in all cameras, with noise."""
-
-    keypoint_files = SimpleNamespace(
-        frames=range(40), layout=SimpleNamespace(points=dict.fromkeys(keypoint_names()))
-    )
-
-    def __init__(self, camera, noise, rng):
-        self.camera, self.noise, self.rng = camera.without_distortion(), noise, rng
-
-    def keypoints(self, frame, sigma_px):
-        points = np.random.default_rng(frame).normal(scale=0.04, size=(21, 3))
-        pixels = self.camera.project(points) + self.rng.normal(scale=self.noise, size=(21, 2))
-        return (ImageKeypoints(self.camera, keypoint_names(), pixels, sigma_px),)

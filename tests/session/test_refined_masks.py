@@ -103,13 +103,3 @@ def test_a_full_disk_is_told_with_the_file_and_leaves_no_part(
     with pytest.raises(HandtrackError, match="000003.png"):
         refinement.write(view, masks, 3)
     assert {*session.folder.rglob("*")} == before
-
-
-def test_files_of_others_are_left_alone(
-    session: Session, drawn: Recording, rng: np.random.Generator
-) -> None:
-    other = session.folder / MASKS_FOLDER / "cam0"
-    other.mkdir(parents=True)
-    (other / "mine.png").write_bytes(b"")
-    with pytest.raises(HandtrackError, match="did not write"):
-        MaskRefinement(session, track_of(drawn, rng))

@@ -8,11 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
-from handtrack.observation.observation import Keypoints
 from handtrack.session.bundled import bundled_session
-from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.simulation.simulate import Simulation, simulate
@@ -55,59 +52,6 @@ def test_a_result_says_where_it_comes_from(session, run):
     assert settings["silhouettes.term"] == "coverage"
     assert track.version
     np.testing.assert_allclose(track.time_s, [0.0, 1 / session.fps])
-
-
-def test_overrides_win_over_the_session_and_wrong_ones_are_refused(session):
-    run = TrackingRun.open(session, {"solver.iterations": "5", "model.coupling": "18"})
-    assert run.settings.solver.iterations == 5
-    assert len(run.initial()[1]) == 18
-    with pytest.raises(HandtrackError, match="no setting 'solver.speed'; known: "):
-        TrackingRun.open(session, {"solver.speed": 5})
-
-
-def test_with_values_keeps_the_hand(run):
-    resized = run.with_scale(HandScale(1.1, {"index": 0.97}))
-    other = resized.with_values({"model.coupling": "21", "model.forearm": "true"})
-    assert other.scale == resized.scale
-    assert other.model.has_forearm
-    assert "wrist_flex" in other.model.transform.names
-    assert "index_dip_flex" not in other.model.transform.names
-    assert not run.model.has_forearm  # the first is as it was
-
-
-def test_without_a_first_pose_it_says_how_to_make_one(run):
-    with pytest.raises(HandtrackError) as error:
-        replace(run, first=None).initial()
-    assert str(error.value).startswith(f"{run.session.folder}: there is no init.json, ")
-    assert "Save first-frame pose" in str(error.value)
-    assert "--init FILE" in str(error.value)
-
-
-def test_the_first_frame_holds_the_given_keypoints_and_no_other(run):
-    frame, params = run.initial()
-    assert frame == 0
-    given = run.observation(0).keypoints
-    assert len(given) == 1
-    assert isinstance(given[0], Keypoints)
-    assert run.observation(1).keypoints == ()
-    off = run.model.keypoints21(run.model.bones(params)) - run.first.xyz
-    assert np.linalg.norm(off, axis=1).mean() < 0.010  # 5 mm a coordinate of noise: 8 mm a point
-
-
-def test_a_first_pose_by_parameters_is_taken_as_it_is(run):
-    pose = FirstPose(3, {"root_tx": 0.01, "index_pip_flex": 0.7})
-    other = replace(run, first=pose)
-    frame, params = other.initial()
-    assert frame == 3
-    value = dict(zip(run.model.transform.names, params, strict=True))
-    assert value["root_tx"] == 0.01
-    assert value["index_pip_flex"] == 0.7
-    assert sum(map(bool, params)) == 2
-    assert other.observation(3).keypoints == ()
-
-
-def test_no_forearm_where_none_is_seen(run):
-    assert not run.forearm
 
 
 def test_a_forearm_is_modelled_where_masks_show_one(tmp_path):
@@ -182,12 +126,3 @@ def test_the_hands_size_is_fitted_to_keypoints_and_masks(larger):
     size = json.loads(track.scale)
     assert size["overall"] == run.scale.overall
     assert set(size["parts"]) >= {"thumb", "index", "middle", "ring", "little"}
-
-
-def test_fitting_the_size_stops_when_asked(larger):
-    run = TrackingRun.open(larger, should_stop=lambda: True)
-    assert run.scale.overall == pytest.approx(1.06, rel=0.06)  # that of the keypoints
-
-
-def test_tracking_stops_when_asked(run):
-    assert list(run.track(range(5), *run.initial(), should_stop=lambda: True)) == []

@@ -70,20 +70,6 @@ def test_masks_start_from_joints(folder: Path) -> None:
     assert not [finding for finding in found if finding.severity == "error"]
 
 
-def test_short_gaps_are_bridged_and_long_ones_see_nothing(folder: Path) -> None:
-    session = opened(folder, '{ method = "seeded" }', JOINTS)
-    (bridged,) = session.observation(3).silhouettes
-    (beside,) = session.observation(2).silhouettes
-    assert (bridged.mask == 1).sum() == pytest.approx((beside.mask == 1).sum(), rel=0.15)
-    assert session.observation(11).silhouettes == ()
-
-
-def test_without_joints_it_says_how_to_find_some(folder: Path) -> None:
-    session = opened(folder, '{ method = "seeded" }')
-    with pytest.raises(HandtrackError, match=r"camera 'cam0'.*no `keypoints`.*handtrack detect"):
-        session.mask("cam0", 2)
-
-
 def test_files_of_masks_may_say_that_nobody_knows(folder: Path) -> None:
     (folder / "masks").mkdir()
     mask = np.zeros(SIZE[::-1], np.uint8)

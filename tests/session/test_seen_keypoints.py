@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.session.run import TrackingRun
@@ -106,21 +105,3 @@ def test_a_body_is_tracked_from_the_command_line(folder, capsys):
     off = np.linalg.norm(camera.project(shown) - camera.project(expected), axis=1)[seen]
     assert off.max() < 10.0
     assert np.median(off) < 3.0
-
-
-def test_a_layout_without_files_is_refused(folder):
-    file = folder / "session.toml"
-    file.write_text(SETTINGS.replace('keypoints = "joints/*.json"\n', ""))
-    with pytest.raises(HandtrackError) as error:
-        Session.open(folder)
-    assert "keypoint_layout says how `keypoints` are to be read, which is missing." in str(
-        error.value
-    )
-
-
-def test_files_that_are_not_there_are_named(folder):
-    file = folder / "session.toml"
-    file.write_text(SETTINGS.replace("joints/*.json", "points/*.json"))
-    with pytest.raises(HandtrackError) as error:
-        Session.open(folder)
-    assert 'nothing matches "points/*.json"' in str(error.value)

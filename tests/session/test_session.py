@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.bundled import bundled_names, bundled_session
-from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
 from tests.session.small_session import edit, make_session, write_truth
 
@@ -95,24 +93,6 @@ def test_masks_computed_from_images(folder: Path) -> None:
     assert [s.camera.name for s in Session.open(folder).observation(1).silhouettes] == ["cam1"]
 
 
-def test_a_region_of_interest_limits_a_view(folder: Path) -> None:
-    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nroi = [10, 5, 20, 30]')
-    valid = Session.open(folder).observation(0).silhouettes[1].valid
-    assert (valid[5:35] == (10, 30)).all()
-    assert (valid[35:] == 0).all()
-
-
-def test_the_last_observations_are_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("handtrack.session.seen.memory._OBSERVATIONS_KEPT", 2)
-    session = Session.open(folder)
-    first = session.observation(0)
-    assert session.observation(0) is first
-    for frame in (1, 2):
-        session.observation(frame)
-    assert session.observation(2) is session.observation(2)
-    assert session.observation(0) is not first
-
-
 def test_time_is_that_of_the_first_camera_with_time_stamps(folder: Path) -> None:
     rows = ["camera,frame,time_s"]
     rows += [f"cam0,{f},{f * 0.1:.3f}" for f in range(4)]
@@ -123,14 +103,6 @@ def test_time_is_that_of_the_first_camera_with_time_stamps(folder: Path) -> None
     assert [session.time_s(f) for f in range(3)] == pytest.approx([0.0, 0.1, 0.2])
     assert session.fps == pytest.approx(10.0, rel=0.06)
     assert session.time_s(5) == pytest.approx(0.3 + 2 / session.fps)
-
-
-def test_missing_times_lie_between_their_neighbours(folder: Path) -> None:
-    (folder / "times.csv").write_text("camera,frame,time_s\ncam0,1,0.1\ncam0,3,0.4\n")
-    edit(folder / "session.toml", "fps = 10.0", 'fps = 10.0\ntimestamps = "times.csv"')
-    session = Session.open(folder)
-    assert session.time_s(2) == pytest.approx(0.25)
-    assert session.time_s(0) == pytest.approx(0.0)
 
 
 def test_truth_and_first_pose_come_along(folder: Path) -> None:
@@ -150,29 +122,6 @@ def test_truth_and_first_pose_come_along(folder: Path) -> None:
     assert bare.init is None
 
 
-def test_definitions_and_saved_hands_are_files_of_the_folder(folder: Path) -> None:
-    (folder / "my.toml").write_text("")
-    (folder / "me.json").write_text("{}")
-    edit(folder / "session.toml", '"hand26"', '"my.toml"')
-    edit(folder / "session.toml", '"fit"', '"me.json"')
-    session = Session.open(folder)
-    assert session.hand_model == folder / "my.toml"
-    assert session.hand_scale == folder / "me.json"
-    (folder / "me.json").unlink()
-    with pytest.raises(HandtrackError, match=r"\[hand\], scale: no file \"me.json\" in"):
-        _ = session.hand_scale
-
-
-def test_a_camera_with_nothing_is_only_drawn(folder: Path) -> None:
-    edit(folder / "session.toml", 'name = "cam1"\nmasks = "masks/cam1/*.png"', 'name = "cam1"')
-    session = Session.open(folder)
-    assert [s.camera.name for s in session.observation(0).silhouettes] == ["cam0"]
-    assert (
-        "note",
-        "camera 'cam1': no images, masks, depth or joints; it is only drawn.",
-    ) in examine(session)
-
-
 def test_the_real_desk_recording(data_dir: Path) -> None:
     session = Session.open(data_dir / "sessions/desk_two_view")
     assert session.frame_count == 378
@@ -184,17 +133,3 @@ def test_the_real_desk_recording(data_dir: Path) -> None:
         assert 0 < partial.mean() < 0.01  # only along outlines
     assert session.init is not None
     assert session.init.frame == 18
-
-
-@pytest.mark.parametrize("name", [*bundled_names(), "webxr_depth_640", "webxr_stereo_768"])
-def test_rendered_recordings_are_found_in_order(name: str, request: pytest.FixtureRequest) -> None:
-    if name in bundled_names():
-        folder = bundled_session(name)
-    else:
-        folder = request.getfixturevalue("data_dir") / "sessions" / name
-    session = Session.open(folder)
-    findings = examine(session)
-    odd = {finding.severity for finding in findings} - {"ok"}
-    assert odd == ({"note"} if name == "another_hand" else set())  # its arm leaves the images
-    assert session.truth is not None
-    assert len(session.truth.frame) == session.frame_count

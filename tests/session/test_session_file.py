@@ -13,7 +13,6 @@ from handtrack.session.session_file import (
     HandSettings,
     RecordingSettings,
     SessionFile,
-    dotted,
     read_session_file,
     write_session_file,
 )
@@ -39,26 +38,6 @@ def test_what_is_written_reads_back(file: SessionFile, tmp_path: Path) -> None:
     assert read_session_file(tmp_path / "session.toml") == file
 
 
-@pytest.mark.parametrize(
-    "clouds",
-    [
-        CloudSettings(files="c/*.npz"),
-        CloudSettings(depth=("kinect",)),
-        CloudSettings(
-            files="c/*",
-            given={"crop_m": False, "outlier_neighbours": False, "near_m": False, "far_m": 2.0},
-        ),
-        CloudSettings(
-            stereo=(("cam0", "cam1"),), given={"stereo_window_px": 9, "stereo_left_right_px": 0.5}
-        ),
-    ],
-)
-def test_every_source_of_clouds(clouds: CloudSettings, tmp_path: Path) -> None:
-    file = SessionFile(FULL.session, FULL.hand, FULL.cameras, clouds)
-    write_session_file(tmp_path / "session.toml", file)
-    assert read_session_file(tmp_path / "session.toml").clouds == clouds
-
-
 def test_defaults(tmp_path: Path) -> None:
     folder = tmp_path / "my recording"
     folder.mkdir()
@@ -69,12 +48,3 @@ def test_defaults(tmp_path: Path) -> None:
     assert file.hand == HandSettings("hand26", "right", 1.0, "auto")
     assert file.clouds is None
     assert file.tracking == {}
-
-
-def test_tracking_settings_by_dotted_names(tmp_path: Path) -> None:
-    path = tmp_path / "session.toml"
-    write_session_file(path, BARE)
-    text = "\n[tracking]\nsilhouettes.weight = 2.0\n[tracking.solver]\niterations = 9\n"
-    path.write_text(path.read_text() + text)
-    expected = {"silhouettes.weight": 2.0, "solver.iterations": 9}
-    assert dotted(read_session_file(path).tracking) == expected

@@ -39,35 +39,6 @@ def test_pins_come_back_from_the_file_and_lie_there_in_the_image_as_it_was_taken
     assert len(seen.pins) == 2
 
 
-def test_all_pins_are_told_as_arrays(tmp_path):
-    pins = SessionPins(tmp_path, RIG)
-    assert pins.table().pixel.shape == (0, 2) and pins.table().point.shape == (0, 3)
-    pins.hold(7, [TIP])
-    pins.hold(3, [ON_BONE, TIP])
-    table = pins.table()
-    assert table.frame.tolist() == [3, 3, 7]
-    assert table.camera == ("left",) * 3
-    assert table.place == ("index_distal", "index_tip", "index_tip")
-    np.testing.assert_array_equal(table.point[0], ON_BONE.point)
-    assert np.isnan(table.point[1:]).all()
-    np.testing.assert_array_equal(
-        table.pixel[2], RIG["left"].distort_points(np.array(TIP.pixel)), "as it was taken"
-    )
-
-
-def test_without_pins_there_is_no_file_and_what_somebody_else_wrote_is_kept(tmp_path):
-    pins = SessionPins(tmp_path, RIG)
-    pins.hold(0, [TIP])
-    ours = pins.write()
-    pins.hold(0, [])
-    assert pins.write(ours) is None
-    assert not list(tmp_path.rglob("*.json"))
-    (tmp_path / "pins.json").write_text('{"format": 1, "pins": []}')
-    pins.hold(0, [TIP])
-    pins.write(ours)
-    assert '"pins": []' in next((tmp_path / "versions").glob("pins*")).read_text()
-
-
 @pytest.mark.parametrize(
     ("row", "words"),
     [

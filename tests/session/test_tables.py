@@ -18,7 +18,6 @@ from handtrack.store.record import Record
 from handtrack.store.step_record import read_result, result_content
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import PARTS, Alternative, FrameResult, Status, TrackResult
-from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked
 
 
@@ -47,73 +46,6 @@ def test_a_result_comes_back_as_it_was(rng, tmp_path):
     assert isinstance(back.joint_names, tuple)
 
 
-def test_what_all_frames_share_comes_back(rng, tmp_path):
-    camera = CameraError("left", (0.5, 0.0, 0.0), (0.0, 0.0, 1.5), 0.2, 2.0, (0.1,) * 8)
-    found = Refinement("converged", 5, (camera,))
-    path = tmp_path / "poses.npz"
-    write_result(path, replace(sample_track(rng), refinement=found.text))
-    text = read_npz(path).refinement
-    assert text is not None
-    assert Refinement.read(text) == found
-
-
-def test_a_result_without_keypoints_comes_back(rng, tmp_path):
-    track = replace(sample_track(rng), keypoints21=None)
-    write_npz(tmp_path / "poses.npz", track)
-    assert read_npz(tmp_path / "poses.npz").keypoints21 is None
-
-
-def test_the_energys_parts_come_back(rng, tmp_path):
-    first, second = sample_track(rng).frames()[:2]
-    track = stacked(
-        [replace(first, energies={"rest": 1.5}), replace(second, energies={"cloud": 2})]
-    )
-    write_npz(tmp_path / "poses.npz", track)
-    back = read_npz(tmp_path / "poses.npz")
-    assert back.energy_names == ("rest", "cloud")
-    np.testing.assert_array_equal(back.energies, [[1.5, np.nan], [np.nan, 2.0]])
-    assert [frame.energies for frame in back.frames()] == [{"rest": 1.5}, {"cloud": 2.0}]
-    assert back.between(range(second.frame, second.frame + 1)).energies.shape == (1, 2)
-
-
-def told_frames(rng):
-    """Return a tracked, a doubtful and a lost frame: reasons of three kinds, one or several poses carried along."""
-    poses = rng.normal(size=(2, len(PARAMETERS)))
-    carried = (
-        Alternative(poses[0], 3.0, 0.7, -1, "start"),
-        Alternative(poses[1], 4.5, 0.3, 2, "index jumped"),
-    )
-    doubtful = Reason("part outside", "index distal", "cam1", 0.61)
-    poor = Reason("poor cloud", "glove9", number=0.4, other=0.7)
-    return [
-        sample_frame(rng, 3),
-        replace(sample_frame(rng, 4, Status.DOUBTFUL), reason=doubtful, alternatives=carried),
-        replace(sample_frame(rng, 5, Status.LOST), reason=poor, alternatives=carried[:1]),
-        replace(sample_frame(rng, 6, Status.LOST), reason=Reason("unseen")),
-    ]
-
-
-def test_a_frame_read_back_is_the_frame(rng, tmp_path):
-    """All of it: why it is doubtful, and the poses that were carried along."""
-    frames = told_frames(rng)
-    write_npz(tmp_path / "poses.npz", stacked(frames))
-    track = read_npz(tmp_path / "poses.npz")
-    assert track.reason.tolist() == [frame.note for frame in frames]
-    for frame, back in zip(frames, track.frames(), strict=True):
-        assert repr(back.reason) == repr(frame.reason)  # NaN is not equal to itself
-        assert (back.note, back.fits, back.poor_cloud) == (frame.note, frame.fits, frame.poor_cloud)
-        assert back.is_simplified == (frame.frame == 5)
-        for field in fields(FrameResult):
-            if field.name not in ("reason", "alternatives"):
-                np.testing.assert_array_equal(getattr(back, field.name), getattr(frame, field.name))
-        assert len(back.alternatives) == len(frame.alternatives)
-        for pose, known in zip(back.alternatives, frame.alternatives, strict=True):
-            for field in fields(Alternative):
-                np.testing.assert_array_equal(getattr(pose, field.name), getattr(known, field.name))
-    part = track.between(range(4, 6))
-    assert [frame.note for frame in part.frames()] == [frame.note for frame in frames[1:3]]
-
-
 def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
     """Each field that may be left out is given, whatever there will be."""
     poses = rng.normal(size=(1, len(PARAMETERS)))
@@ -138,35 +70,6 @@ def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
                 np.testing.assert_array_equal(read, value)
 
 
-def test_reasons_are_whole_and_known(rng, tmp_path):
-    path = tmp_path / "poses.npz"
-    write_npz(path, stacked(told_frames(rng)))
-    altered(path, reason_where=None)
-    with pytest.raises(HandtrackError, match="arrays are missing: reason_where; expected all of"):
-        read_npz(path)
-    write_npz(path, stacked(told_frames(rng)))
-    altered(path, reason_kind=np.array(["", "a mood", "unseen", ""]))
-    with pytest.raises(HandtrackError, match="reason_kind has the unknown value 'a mood'"):
-        read_npz(path)
-    write_npz(path, stacked(told_frames(rng)))
-    names = ("reason", "reason_kind", "reason_where", "reason_numbers")
-    altered(path, **dict.fromkeys(names))  # as an earlier version wrote it
-    assert all(frame.reason is None for frame in read_npz(path).frames())
-
-
-def test_the_file_holds_exactly_the_contracts_keys(rng, tmp_path):
-    write_npz(tmp_path / "poses.npz", sample_track(rng))
-    with np.load(tmp_path / "poses.npz", allow_pickle=False) as data:
-        assert set(data.files) == {
-            *("format", "frame", "time_s", "parameter_names", "parameters", "bone_names"),
-            *("T_world_bone", "joint_names", "joint_positions", "keypoints21", "status", "energy"),
-            *("iterations", "parameter_std", "joint_covariance"),
-            *("model", "side", "scale", "session", "settings", "version"),
-        }
-        assert data["format"] == 1
-        assert data["parameter_names"].dtype.kind == "U"
-
-
 def test_the_same_result_gives_the_same_bytes(rng, tmp_path):
     track = sample_track(rng)
     write_npz(tmp_path / "a.npz", track)
@@ -185,13 +88,6 @@ def test_a_failed_write_leaves_the_old_file_and_no_rubbish(tmp_path):
         raise RuntimeError("power cut")
     assert path.read_text() == "old"
     assert [file.name for file in tmp_path.iterdir()] == ["poses.npz"]
-
-
-@pytest.mark.skipif(os.name == "nt", reason="modes are those of POSIX")
-def test_written_files_have_the_usual_mode(rng, tmp_path):
-    write_npz(tmp_path / "poses.npz", sample_track(rng))
-    (tmp_path / "plain").touch()
-    assert (tmp_path / "poses.npz").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
 @pytest.mark.parametrize(
@@ -221,16 +117,6 @@ def test_what_is_wrong_with_a_file_is_said(rng, tmp_path, changes, message):
     assert message in str(error.value)
 
 
-def test_files_that_are_no_results(tmp_path):
-    with pytest.raises(HandtrackError, match="no such file"):
-        read_npz(tmp_path / "none.npz")
-    with pytest.raises(HandtrackError, match="is a folder; expected a poses.npz"):
-        read_npz(tmp_path)
-    (tmp_path / "poses.npz").write_bytes(b"PK torn")
-    with pytest.raises(HandtrackError, match="not a readable .npz"):
-        read_npz(tmp_path / "poses.npz")
-
-
 def test_what_is_written_over_is_kept(rng, tmp_path):
     """Fault C64."""
     path = tmp_path / "poses.npz"
@@ -243,17 +129,6 @@ def test_what_is_written_over_is_kept(rng, tmp_path):
     assert kept.name.startswith("poses_2023111")
     assert_same(read_npz(kept), first)
     assert_same(read_npz(path), second)
-
-
-def test_only_the_latest_twenty_versions_stay(rng, tmp_path):
-    path, tracks = tmp_path / "poses.npz", [sample_track(rng) for _ in range(24)]
-    for i, track in enumerate(tracks):
-        write_result(path, track)
-        os.utime(path, (1_700_000_000 + i // 2,) * 2)  # two results in the same second
-    kept = versions(path)
-    assert len(kept) == 20
-    for file, track in zip(kept, tracks[3:23], strict=True):
-        assert_same(read_npz(file), track)
 
 
 @pytest.mark.skipif(not hasattr(time, "tzset"), reason="this system's time zone cannot be changed")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 from pathlib import Path
@@ -48,11 +47,3 @@ def test_whatever_may_change_poses_is_another_beginning(folder: Path) -> None:
     (folder / "cam0/003.png").unlink()
     now = changed(before, made_from(folder))
     assert now == {"session.toml", "calibration.toml", "masks of cam0", "images of cam0"}
-
-
-def test_another_first_pose_is_another_beginning(folder: Path) -> None:
-    before = made_from(folder)
-    pose = json.loads((folder / "init.json").read_text())
-    pose["xyz"][20][0] += 1e-6
-    (folder / "init.json").write_text(json.dumps(pose))
-    assert "first pose" in changed(before, made_from(folder))

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.session.session import Session
 from tests.session.small_session import edit, make_session
 from tests.session.test_bad_sessions import contains, refusal
 
@@ -52,9 +51,3 @@ def test_c10_times_in_another_unit_are_refused(
     (folder / "t.csv").write_text("\n".join(["camera,frame,time_s", *rows]))
     edit(folder / "session.toml", "fps = 10.0", f'{fps}timestamps = "t.csv"')
     contains(refusal(folder), "t.csv", f"Are these {unit}", f"Multiply time_s by {1 / per_s:g}")
-
-
-def test_c10_slow_recordings_are_fine_where_fps_says_so(folder: Path) -> None:
-    (folder / "t.csv").write_text("camera,frame,time_s\ncam0,0,0\ncam0,1,20\ncam0,2,40\n")
-    edit(folder / "session.toml", "fps = 10.0", 'fps = 0.05\ntimestamps = "t.csv"')
-    assert Session.open(folder).time_s(1) == 20.0

@@ -52,12 +52,3 @@ def test_a12_whatever_was_put_there_is_kept_whenever_it_was_written(folder: Path
     assert Store(folder / "tracks").current() == (Span(1, 0, 5),), (
         "what is current is the user's choice"
     )
-
-
-def test_a_file_that_cannot_be_read_is_told_and_stays(folder: Path) -> None:
-    poses = folder / "tracks/poses.npz"
-    poses.write_bytes(b"no npz")
-    said = imported(folder)
-    assert said.startswith(f"{poses}: not a readable .npz")
-    assert poses.read_bytes() == b"no npz"
-    assert not Store(folder / "tracks").takes()

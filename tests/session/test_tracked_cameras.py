@@ -21,8 +21,6 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack.tracking.frame.frame_result import posed_result
-from handtrack.tracking.frame.result import Status
 
 
 def recorded(folder: Path, seed: int, cameras: int = 3, joints_px: float = 0.0) -> Path:
@@ -92,27 +90,6 @@ def test_a_camera_turned_by_a_degree_is_named(
     assert angle and float(angle[1]) == pytest.approx(1.0, abs=0.45), said
     (found,) = check_tracked_cameras(run.session)
     assert (found.severity, found.text) == ("warning", f"{POSES_FILE}: {said}")
-
-
-def test_of_two_cameras_with_joints_both_are_named(tmp_path: Path) -> None:
-    folder = recorded(tmp_path / "session", 1, 2, 1.0)
-    turned(folder, 1, (2.0, 0.0, 0.0))
-    said, _ = tracked(folder, JOINTS_ALONE)
-    assert "'cam0'" in said and "'cam1'" in said and "turned by" in said, said
-
-
-def test_frames_in_which_nothing_was_seen_say_nothing(tmp_path: Path) -> None:
-    folder = recorded(tmp_path / "session", 1, 2, 1.0)
-    for path in (folder / "keypoints").glob("*/*.json"):
-        if int(path.stem) in (1, 2):
-            path.unlink()
-    run = TrackingRun.open(Session.open(folder), JOINTS_ALONE | QUICK)
-    posed = [
-        posed_result(run.model, run.observation(f), run.initial()[1], Status.DOUBTFUL, None)
-        for f in range(5)
-    ]
-    assert isinstance(doubt_of_cameras(run, posed), str)
-    assert doubt_of_cameras(run, posed[1:3] * 2) == ""
 
 
 @pytest.mark.parametrize(("cameras", "lost"), [(3, [1]), (2, [1])])

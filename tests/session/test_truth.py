@@ -24,23 +24,6 @@ def test_reads_all_arrays(tmp_path: Path) -> None:
     assert truth.time_s[3] == pytest.approx(0.3)
 
 
-def test_either_kind_alone_is_enough(tmp_path: Path) -> None:
-    write_truth(tmp_path, joint_names=None, joint_positions=None, time_s=None)
-    assert read_truth(tmp_path / "truth.npz").joint_positions is None
-    write_truth(tmp_path, keypoints21=None)
-    assert read_truth(tmp_path / "truth.npz").keypoints21 is None
-
-
-def test_points_that_are_not_known_are_nan(tmp_path: Path) -> None:
-    given = np.random.default_rng(0).normal(size=(4, 21, 3))
-    given[2, 5, 1] = np.nan
-    write_truth(tmp_path, keypoints21=given)
-    read = read_truth(tmp_path / "truth.npz").keypoints21
-    assert read is not None
-    assert np.argwhere(np.isnan(read)).tolist() == [[2, 5, axis] for axis in range(3)]
-    np.testing.assert_array_equal(read[:2], given[:2])
-
-
 NOT_FINITE = np.zeros((4, 21, 3))
 NOT_FINITE[2, 5, 1] = np.inf
 BAD: dict[str, tuple[dict[str, Any], str]] = {
@@ -91,18 +74,3 @@ def test_malformed_truth_is_refused(case: str, tmp_path: Path) -> None:
     with pytest.raises(HandtrackError, match=message) as caught:
         read_truth(tmp_path / "truth.npz")
     assert "truth.npz" in str(caught.value)
-
-
-@pytest.mark.parametrize("content", [b"", b"hello", b"PK\x03\x04cut"])
-def test_files_that_are_no_npz(content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "truth.npz"
-    path.write_bytes(content)
-    with pytest.raises(HandtrackError, match=r"truth.npz: not a readable .npz of plain arrays"):
-        read_truth(path)
-
-
-def test_a_single_array_is_no_npz(tmp_path: Path) -> None:
-    with (tmp_path / "truth.npz").open("wb") as file:
-        np.save(file, np.zeros(3))
-    with pytest.raises(HandtrackError, match=r"truth.npz: not a readable .npz"):
-        read_truth(tmp_path / "truth.npz")

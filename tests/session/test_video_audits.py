@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 from collections import Counter
 from pathlib import Path
 from typing import ClassVar
@@ -14,7 +12,7 @@ import pytest
 
 import handtrack.capture.images.video as video_module
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.video_audits import count_beside, keep_audits
+from handtrack.session.seen.video_audits import keep_audits
 from handtrack.session.session import Session
 from tests.session.small_session import edit, make_session, write_init
 
@@ -79,17 +77,6 @@ def test_opening_decodes_one_frame_a_video(folder: Path) -> None:
     assert session.is_counted
 
 
-def test_what_was_counted_is_kept_for_the_next_opening(folder: Path) -> None:
-    first = Session.open(folder)
-    count_beside(folder, first.videos).join()
-    assert first.is_counted
-    CountingCapture.calls.clear()
-    again = Session.open(folder)
-    assert again.is_counted
-    assert again.frame_count == FRAMES
-    assert decoded() == 1
-
-
 def test_damage_is_told_and_remembered(folder: Path) -> None:
     """Fault C3."""
     cut(folder / "cam0.avi")
@@ -105,34 +92,6 @@ def test_damage_is_told_and_remembered(folder: Path) -> None:
     again = Session.open(folder)
     assert again.known_frames == range(count)
     assert again.warnings == session.warnings
-
-
-@pytest.mark.parametrize(
-    "change", ["another video", "touched", "the file is broken", "other format"]
-)
-def test_what_is_kept_of_another_file_is_not_believed(folder: Path, change: str) -> None:
-    session = Session.open(folder)
-    count_beside(folder, session.videos).join()
-    kept = folder / "tracks" / "videos.json"
-    if change == "another video":
-        write_video(folder / "cam0.avi", FRAMES + 5)
-    elif change == "touched":
-        os.utime(folder / "cam0.avi", ns=(1, 1))
-    elif change == "the file is broken":
-        kept.write_text(kept.read_text()[:-20])
-    else:
-        kept.write_text(json.dumps(json.loads(kept.read_text()) | {"format": 2}))
-    again = Session.open(folder)
-    assert not again.is_counted
-    assert again.frame_count == FRAMES + 5 * (change == "another video")
-
-
-def test_a_folder_that_cannot_be_written_works_without(folder: Path) -> None:
-    session = Session.open(folder)
-    (folder / "tracks").write_text("a file is in the way")
-    count_beside(folder, session.videos).join()
-    assert session.frame_count == FRAMES
-    assert not Session.open(folder).is_counted
 
 
 def test_a_first_pose_behind_the_end_of_a_cut_video_is_refused_once_it_is_counted(

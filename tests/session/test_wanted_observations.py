@@ -46,15 +46,6 @@ def test_the_crop_comes_before_the_thinning(folder):
     assert (cropped.points[:, 2] < 0.1).all()
 
 
-def test_a_crop_that_is_switched_off_is_off(folder):
-    settings = folder / "session.toml"
-    settings.write_text(f"{settings.read_text()}crop_m = false\n")
-    session = Session.open(folder)
-    kept = session.observation(0, hand_distance=to_middle)
-    assert (kept.cloud.points[:, 2] > 0.1).any()
-    assert session.observation(0) is kept  # the hand made no difference
-
-
 @pytest.mark.parametrize(
     ("values", "masks", "clouds"),
     [
@@ -84,27 +75,3 @@ def test_what_has_no_weight_is_not_looked_at(folder, monkeypatch, values, masks,
     assert read == {"masks": masks, "clouds": clouds}
     assert len(seen.silhouettes) == masks
     assert (seen.cloud is not None) == bool(clouds)
-
-
-def test_parts_of_an_observation_are_not_computed_twice(folder, monkeypatch):
-    session = Session.open(folder)
-    alone = session.observation(0, cloud=False)
-    assert alone.cloud is None
-    monkeypatch.setattr(View, "silhouette", None)  # called once more, it would fail
-    assert session.observation(0).silhouettes is alone.silhouettes
-    assert session.observation(0, hand_distance=to_middle).silhouettes is alone.silhouettes
-
-
-@pytest.mark.parametrize("wanted", ["edges", "intensity"])
-def test_images_are_read_only_where_they_are_looked_at(folder, monkeypatch, wanted):
-    read: list[int] = []
-    plain = View.image
-    monkeypatch.setattr(View, "image", lambda self, frame: read.append(frame) or plain(self, frame))
-    run = TrackingRun.open(Session.open(folder))
-    assert run.observation(1).images == ()
-    assert read == []
-    seen = run.with_values({f"{wanted}.weight": 1}).observation(1)
-    assert [view.camera.name for view in seen.images] == ["cam0"]  # cam1 has none
-    assert seen.images[0].pixels.shape == (48, 64, 3)
-    assert len(seen.silhouettes) == 2
-    assert set(read) == {1}

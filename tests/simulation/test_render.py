@@ -9,7 +9,7 @@ from handtrack.diagnostics.residual_image import model_mask
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.model_file import load_model
-from handtrack.simulation.render import pixel_rays, render, render_mask, shade
+from handtrack.simulation.render import render_mask
 from handtrack.simulation.simulate import simulated_rig
 
 FOCAL, SIZE = 200.0, (101, 81)
@@ -37,28 +37,6 @@ def test_a_ball_on_the_axis_is_a_disc_of_its_tangent_cone():
     np.testing.assert_array_equal(mask > 0, disc)
 
 
-def test_depth_and_normal_at_the_middle():
-    front, depth, normal = render(camera(), balls(((0, 0, 1.0), 0.1)))
-    assert front[40, 50] == 0
-    assert depth[40, 50] == pytest.approx(0.9)
-    np.testing.assert_allclose(normal[40, 50], [0, 0, -1], atol=1e-9)
-    assert front[0, 0] == -1
-    assert depth[0, 0] == 0.0
-
-
-def test_the_nearer_ball_hides_the_farther_whatever_the_order():
-    near, far = ((0, 0, 0.6), 0.05), ((0, 0, 1.0), 0.2)
-    for order in ((near, far), (far, near)):
-        front, depth, _ = render(camera(), balls(*order))
-        assert order[front[40, 50]] is near
-        assert depth[40, 50] == pytest.approx(0.55)
-
-
-def test_what_lies_behind_the_camera_is_not_seen():
-    assert not render_mask(camera(), balls(((0, 0, -1.0), 0.1))).any()
-    assert not render_mask(camera(), balls(((0, 0, 0.05), 0.1))).any()
-
-
 @pytest.mark.parametrize("count", [1, 6])
 def test_the_hands_mask_is_that_of_its_conics(rng, count):
     """Rays cut with ellipsoids, and ellipses filled: two ways to the same silhouette."""
@@ -82,18 +60,3 @@ def test_a_lens_bends_the_picture_as_it_bends_points():
     np.testing.assert_allclose([u.mean(), v.mean()], lens.project(centre), atol=0.3)
     plain = camera().project(centre)
     assert np.hypot(*(lens.project(centre) - plain)) > 2.0
-
-
-def test_rays_made_once_give_the_same(rng):
-    flesh = balls(((0.02, 0.01, 0.8), 0.1))
-    once = render(camera(), flesh, pixel_rays(camera()))
-    for one, two in zip(once, render(camera(), flesh), strict=True):
-        np.testing.assert_array_equal(one, two)
-
-
-def test_shading_is_brightest_towards_the_light():
-    front, _, normal = render(camera(), balls(((0, 0, 1.0), 0.15)))
-    picture = shade(front, normal, np.array([[200.0, 200, 200]]), np.full((*front.shape, 3), 7.0))
-    assert picture.dtype == np.uint8
-    assert (picture[front < 0] == 7).all()
-    assert picture[32, 42, 0] > picture[48, 58, 0]  # upper left against lower right

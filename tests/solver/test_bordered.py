@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.solver.block_banded import BlockBanded
 from handtrack.solver.bordered import Bordered
 
@@ -47,9 +46,3 @@ def test_its_covariances_are_the_dense_one_s():
         for k in range(min(3, FRAMES - t)):
             found = inverse[t, k] + system.spread(t, k)
             np.testing.assert_allclose(found, blocks[t + k, :, t], rtol=1e-7, atol=1e-10)
-
-
-def test_what_nothing_holds_is_said():
-    system, _ = _system(2)
-    with pytest.raises(HandtrackError, match="nothing holds"):
-        Bordered(system.frames, 0 * system.border, np.diag([1.0, 0.0])).solve(np.zeros((FRAMES, SIZE)), np.zeros(2))  # fmt: skip

@@ -21,13 +21,11 @@ from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_clo
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.keypoint_kernels import keypoint_kernel
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import GemanMcClure, Huber, UniformOutliers
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
-from handtrack.terms.term_table import TermTable
 
 CAMERAS = simulated_rig(2, (160, 120)).cameras
 CASES = (
@@ -162,19 +160,3 @@ def test_a_term_written_in_numpy_still_works(rng):
     own = replace(problem, observation_terms=[OnlyNumpy()])
     assert own.compiled is None
     np.testing.assert_allclose(solve(own, start).params, solve(problem, start).params, atol=1e-6)
-
-
-def test_a_term_that_cannot_be_compiled_as_it_is_set_up(rng):
-    problem, _ = scene("points", rng)
-    grown = replace(problem.model.skeleton, growth=np.ones(problem.model.skeleton.bone_count))
-    assert replace(problem, model=replace(problem.model, skeleton=grown)).compiled is None
-
-
-def test_arrays_of_other_types_are_converted_not_misread(rng):
-    problem, params = scene("points", rng)
-    (term,) = problem.observation_terms
-    single = replace(term.observed, positions=term.observed.positions.astype(np.float32))
-    ours = replace(problem, observation_terms=[replace(term, observed=single)])
-    np.testing.assert_allclose(ours.cost(params), problem.cost(params), rtol=1e-4)
-    with pytest.raises(ValueError, match="zip"):
-        TermTable(keypoint_kernel, np.zeros(3))

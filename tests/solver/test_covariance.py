@@ -11,14 +11,12 @@ from handtrack.solver.covariance import (
     UNOBSERVABLE_STD,
     covariance,
     inherited_information,
-    joint_position_jacobian,
     uncertainty,
     with_lasting_errors,
 )
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from tests.derivatives import check_jacobian
 
 
 def seen_joints(model, params, sigma=0.002, names=None, noise=0.0, rng=None):
@@ -56,27 +54,6 @@ def test_a_prediction_inherits_what_was_not_known_before():
     np.testing.assert_allclose(told, np.diag([1.0, 0.0, 100.0]), atol=1e-12)  # 1 / (1/4 + 3/4)
     assert inherited_information(motion, None) is motion
     assert inherited_information(motion, np.eye(2)) is motion
-
-
-def test_what_is_inherited_is_the_inverse_of_the_sum(rng):
-    a, b = (x @ x.T for x in rng.normal(size=(2, 6, 6)))
-    expected = np.linalg.inv(np.linalg.inv(a) + b)
-    np.testing.assert_allclose(inherited_information(a, b), expected, rtol=1e-8, atol=1e-10)
-
-
-@pytest.mark.parametrize("coupling", ["26", "18"])
-def test_joint_positions_move_as_the_jacobian_says(rng, coupling):
-    hand = load_model(coupling=coupling, forearm=coupling == "26")
-    params = hand.clipped(rng.normal(scale=0.3, size=len(hand.transform.names)))
-    bones, twists, _ = hand.linearize(params)
-    jacobian = joint_position_jacobian(hand, bones, twists) @ hand.transform.matrix
-    check_jacobian(
-        lambda x: hand.joint_positions(hand.bones(x)).ravel(),
-        jacobian.reshape(-1, len(params)),
-        params,
-        [f"{joint} {axis}" for joint in hand.joint_names for axis in "xyz"],
-        hand.transform.names,
-    )
 
 
 def test_noisy_points_scatter_the_pose_as_it_is_stated(rng, model, bent):

@@ -61,29 +61,6 @@ def test_gradient(rng, coupling, forearm, kind, at_zero):
     check_problem(problem_of(model, kind, truth, params, rng), params, **settings)
 
 
-def test_costs_by_name_add_up(rng):
-    model = load_model()
-    params = a_pose(model, rng, False)
-    problem = problem_of(model, "coverage", a_pose(model, rng, False), params, rng)
-    costs = problem.costs(params)
-    assert set(costs) == {"coverage", "prior", "posture"}
-    assert sum(costs.values()) == pytest.approx(problem.cost(params))
-
-
-def test_the_order_of_terms_does_not_matter(rng):
-    model = load_model()
-    params, truth = a_pose(model, rng, False), a_pose(model, rng, False)
-    one = problem_of(model, "coverage", truth, params, rng)
-    two = problem_of(model, "keypoints", truth, params, rng)
-    terms = [*one.observation_terms, *two.observation_terms]
-    here = Problem(model, terms).linearize(params)
-    there = Problem(model, terms[::-1]).linearize(params)
-    np.testing.assert_allclose(here.gradient, there.gradient, rtol=1e-12)
-    np.testing.assert_allclose(
-        here.hessian, there.hessian, rtol=1e-12, atol=1e-12 * np.abs(here.hessian).max()
-    )
-
-
 def test_a_coupled_system_is_the_free_one_seen_through_the_coupling(rng):
     """H → TᵀHT, g → Tᵀg."""
     free, coupled = load_model(coupling="26"), load_model(coupling="18")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from typing import Any
 
-from handtrack.store.history import NOTE, Action, Change, History, merged
+from handtrack.store.history import Action, Change, History
 
 
 def do(history: History, key: str, after: Any, kind: str = "do", joins: bool = False) -> Action:
@@ -55,26 +55,6 @@ def test_a_drag_is_one_step_back_to_where_it_began() -> None:
     assert history.state == {"a": 1}
     travel(history, history.redoing())
     assert history.state == {"a": 4}
-
-
-def test_a_drag_that_is_not_written_yet_is_one_action() -> None:
-    history = History()
-    first = do(history, "a", 1)
-    further = Action(first.id, "do", "", (Change("a", 1, 5), Change("b", None, 2)))
-    amended = history.amend(merged([first, further]))
-    assert (amended.id, amended.changes) == (1, (Change("a", None, 5), Change("b", None, 2)))
-    assert history.state == {"a": 5, "b": 2}
-    travel(history, history.undoing())
-    assert history.state == {}
-
-
-def test_a_note_is_no_step() -> None:
-    history = History()
-    do(history, "a", 1)
-    do(history, "a", None, NOTE)
-    assert history.state == {}
-    travel(history, history.undoing())
-    assert (len(history.past), history.state) == (0, {})
 
 
 def test_history_has_no_end() -> None:

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.store import lease as lease_file
-from handtrack.store.lease import SILENT_S, Lease, LeaseTaken, holder_of
+from handtrack.store.lease import Lease, LeaseTaken, holder_of
 from handtrack.store.store import Store, WritableStore
 from tests.store.made import about, add_take, files_of, step
 
@@ -68,24 +67,6 @@ def test_a_lease_of_a_program_that_was_killed_is_stale(tmp_path: Path) -> None:
         assert store.lease.generation == 2
 
 
-def test_another_process_of_the_same_number_is_not_the_holder(tmp_path: Path) -> None:
-    Lease.acquire(tmp_path, "gone")
-    assert holder_of(tmp_path) is not None
-    change(tmp_path, process_started="1")
-    if Path("/proc/self/stat").exists():
-        assert holder_of(tmp_path) is None
-
-
-def test_a_holder_on_another_machine_lives_as_long_as_it_says_so(tmp_path: Path) -> None:
-    with WritableStore(tmp_path, "elsewhere"):
-        path = change(tmp_path, machine="another", host="lab2", pid=1)
-        with pytest.raises(LeaseTaken, match="process 1 on lab2"):
-            WritableStore(tmp_path, "here")
-        silent = path.stat().st_mtime - SILENT_S - 1
-        os.utime(path, (silent, silent))
-        assert holder_of(tmp_path) is None
-
-
 def test_a_torn_lease_is_no_reason_to_write(tmp_path: Path) -> None:
     (tmp_path / "lease-000004.json").write_text('{"generation": 4, "pro')
     with pytest.raises(LeaseTaken, match="an unknown program"):
@@ -93,27 +74,6 @@ def test_a_torn_lease_is_no_reason_to_write(tmp_path: Path) -> None:
     os.utime(tmp_path / "lease-000004.json", (0, 0))  # whoever wrote that was killed at it
     with WritableStore(tmp_path, "here") as store:
         assert store.lease.generation == 5
-
-
-@pytest.mark.parametrize("pid", ["abc", None, 1.5, 2**40, -1, [1]])
-def test_a_lease_of_an_odd_process_is_a_torn_one(pid: object, tmp_path: Path) -> None:
-    Lease.acquire(tmp_path, "handtrack track")
-    os.utime(change(tmp_path, pid=pid))
-    with pytest.raises(LeaseTaken, match="an unknown program"):
-        WritableStore(tmp_path, "here")
-
-
-def test_names_that_only_look_like_numbers_are_none_of_ours(tmp_path: Path) -> None:
-    for name in ("takes/²", "takes/0001x"):
-        (tmp_path / name).mkdir(parents=True)
-        (tmp_path / name / "000001.log").write_bytes(b"")
-    (tmp_path / "actions").mkdir()
-    for name in ("lease-²³.json", "actions/²³.log", "takes/²/²³.log"):
-        (tmp_path / name).write_bytes(b"x")
-    with WritableStore(tmp_path, "here") as store:
-        assert store.takes() == []
-        add_take(store, range(2))
-        assert [take.number for take in store.takes()] == [1]
 
 
 def test_of_two_that_find_a_stale_lease_one_gets_it(tmp_path: Path, monkeypatch) -> None:
@@ -130,19 +90,3 @@ def test_of_two_that_find_a_stale_lease_one_gets_it(tmp_path: Path, monkeypatch)
     with pytest.raises(LeaseTaken, match="`the quicker`"):
         Lease.acquire(tmp_path, "the slower")
     others[0].release()
-
-
-def test_generations_go_on_after_those_that_have_written(tmp_path: Path) -> None:
-    for generation in (1, 2):
-        with WritableStore(tmp_path, "a test") as store:
-            assert store.lease.generation == generation
-            add_take(store, range(2))
-
-
-def test_a_holder_is_written_for_people(tmp_path: Path) -> None:
-    with WritableStore(tmp_path, "handtrack track") as store:
-        (path,) = tmp_path.glob("lease-*.json")
-        assert json.loads(path.read_text()) == asdict(store.lease.holder)
-        assert str(replace(store.lease.holder, pid=7, host="lab", since="now")) == (
-            "`handtrack track` (process 7 on lab, since now)"
-        )

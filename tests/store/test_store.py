@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.store.spans import Span, with_span
+from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
-from tests.store.made import about, add_take, files_of, same, step
+from tests.store.made import about, add_take, same, step
 
 
 @pytest.fixture
@@ -36,12 +36,6 @@ def test_a_take_is_read_as_it_was_written(folder: Path, rng: np.random.Generator
     assert take.is_finished
     assert take.about == about()
     assert not Store(folder).damage()
-
-
-def test_nothing_is_left_but_records(folder: Path) -> None:
-    with WritableStore(folder, "a test") as store:
-        store.make_current([Span(add_take(store, range(3)), 0, 3)])
-    assert files_of(folder) == ["actions/000001.log", "takes/0001/000001.log"]
 
 
 def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder: Path) -> None:
@@ -81,13 +75,6 @@ def test_pruning_is_for_takes_that_are_not_current(folder: Path) -> None:
             store.make_current(store.restored(1))
         assert add_take(store, range(3)) == 3, "a number is used once"
     assert not (folder / "takes/0001").exists()
-
-
-def test_spans_are_cut_where_another_is_put_over_them() -> None:
-    spans = with_span((), Span(1, 0, 10))
-    assert with_span(spans, Span(2, 3, 5)) == (Span(1, 0, 3), Span(2, 3, 5), Span(1, 5, 10))
-    assert with_span(spans, Span(1, 10, 12)) == (Span(1, 0, 12),)
-    assert with_span(spans, Span(2, 0, 10)) == (Span(2, 0, 10),)
 
 
 def test_a7_a_write_that_fails_at_any_call_leaves_all_that_was_saved(

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.terms.images.carried_texture import (
     CarriedTextureTerm,
     Texture,
-    exposed_as,
     still_visible,
     texture_points,
 )
@@ -49,21 +47,6 @@ def test_it_is_the_sum_that_numpy_makes(rng, loss):
     assert term.cost(moved) == pytest.approx(reference.cost)
 
 
-def test_counted_from_the_most_it_differs_by_a_constant(rng):
-    bones, _, mesh, views = scene(rng)
-    seen = texture_seen(rng, bones, mesh, views)
-    plain, counted = (CarriedTextureTerm(seen, 12.0, from_unexplained=on) for on in (False, True))
-    moved = moved_along(bones, rng.normal(scale=0.002, size=6 * BONES))
-    most = 0.5 * 9.0 * sum(len(texture.bone) for texture, _ in seen)
-    for pose in (bones, moved):
-        assert plain.cost(pose) - counted.cost(pose) == pytest.approx(most)
-    assert_same_system(counted.linearize(moved), texture_system(counted, moved))
-    with pytest.raises(
-        HandtrackError, match="only the loss GemanMcClure has a most to count from, Huber"
-    ):
-        CarriedTextureTerm(seen, 12.0, Huber(1.0), from_unexplained=True)
-
-
 def test_images_are_looked_up_between_and_beyond_their_pixels(rng):
     pixels = rng.integers(0, 255, (12, 9, 3)).astype(np.uint8)
     corners = np.array([[2.0, 3.0], [7.0, 10.0]])
@@ -82,15 +65,6 @@ def test_images_are_looked_up_between_and_beyond_their_pixels(rng):
     np.testing.assert_allclose(part.values, whole.values[3:11, 2:8], atol=1e-3)
 
 
-def test_points_of_the_surface_project_to_their_pixels(patterned):
-    bones, mesh, camera, draw = patterned
-    texture, pixel = carried(mesh, bones, camera, draw(bones))
-    places = camera.project(bones.to_world(texture.bone, texture.local))
-    np.testing.assert_allclose(places, pixel, atol=1e-9)
-    spacing = np.abs(pixel[:, None] - pixel[None]).max(axis=2)
-    assert spacing[spacing > 0].min() == 2
-
-
 def test_a_step_finds_the_texture_where_it_went(patterned):
     bones, mesh, camera, draw = patterned
     texture, pixel = carried(mesh, bones, camera, draw(bones), 2.0)
@@ -107,19 +81,6 @@ def test_a_step_finds_the_texture_where_it_went(patterned):
     assert term.cost(pose) < 0.2 * term.cost(bones)
 
 
-def test_another_exposure_changes_little(patterned):
-    """Darker by half and with an offset: medians and median deviations bring the colours together."""
-    bones, mesh, camera, draw = patterned
-    picture = draw(bones)
-    texture, pixel = carried(mesh, bones, camera, picture)
-    dark = np.clip(25.0 + 0.6 * picture, 0, 255).astype(np.uint8)
-    now = smooth_image(dark, 1.0, pixel)
-    fitted = exposed_as(texture, bones, now)
-    off = np.abs(fitted.color - now.look_up(pixel)[0])
-    assert np.median(off) < 2.5
-    assert np.abs(texture.color - now.look_up(pixel)[0]).mean() > 5 * off.mean()
-
-
 def test_hidden_points_do_not_count(rng, patterned):
     bones, mesh, camera, draw = patterned
     texture, _ = carried(mesh, bones, camera, draw(bones))
@@ -132,8 +93,3 @@ def test_hidden_points_do_not_count(rng, patterned):
     points = turned.to_world(left.bone, left.local)
     front = picture.at(camera.project(points))[1]
     assert (camera.to_camera(points)[:, 2] < front + STEP_M).all()
-
-
-def test_a_sigma_of_nothing_is_refused():
-    with pytest.raises(HandtrackError, match="intensity: sigma 0 grey levels"):
-        CarriedTextureTerm([], sigma=0.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
@@ -69,11 +68,3 @@ def test_a_ray_that_passes_by_pulls_the_hand_across_and_not_along(model, bones):
     ray = (beside - CENTRE) / np.linalg.norm(beside - CENTRE)
     assert np.linalg.norm(pull) > 1.0
     assert abs(pull @ ray) < 0.2 * np.linalg.norm(pull)
-
-
-def test_what_is_no_length_is_refused(model):
-    with pytest.raises(HandtrackError) as told:
-        one(model, np.zeros(3), along_m=0.0)
-    assert str(told.value) == (
-        "cloud_rays: sigmas 0 m along and 0.001 m beside; expected positive lengths."
-    )

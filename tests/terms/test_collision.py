@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -13,7 +12,6 @@ from handtrack.model.model_file import load_model
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
-from handtrack.terms.priors.body_priors import body_priors, stabilisation
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.terms.contact import contact
 from tests.terms.collision_reference import signed_distance
@@ -45,13 +43,6 @@ def test_the_force_parts_them_along_the_shortest_way():
     np.testing.assert_allclose(force[:, 3:], 0.0, atol=1e-9)  # the centres lie on the line
 
 
-def test_crossed_rods_part_across_both():
-    """Long rods in x and y whose middles are 1 cm apart in z: out is along z, not along a rod."""
-    flesh, bones = two([[0.3, 0.02, 0.02], [0.02, 0.3, 0.02]], [[0, 0, 0], [0.05, -0.08, 0.01]])
-    depth = CollisionTerm(flesh, PAIR).depths(bones)[0]
-    assert 0.02 < depth < 0.03
-
-
 def test_parts_that_lie_in_each_other_are_parted_sideways():
     """Crossed thighs with one middle: every direction looks alike from the centres, the way out is across both."""
     turns = rotation_matrix(np.array([[0, 0, 0.4], [0, 0, -0.4]]))
@@ -76,17 +67,6 @@ def test_it_agrees_with_the_plain_form(rng):
     assert seen > 20
 
 
-def test_moving_both_together_changes_nothing():
-    body = load_model("body34")
-    joint = body.rest_params()
-    joint[body.skeleton.parameter("left_shoulder_flex")] = 1.2
-    moved = joint.copy()
-    moved[:6] = [0.3, -1.0, 2.0, 0.5, -0.8, 0.2]
-    term = CollisionTerm.of(body)
-    assert term.cost(body.bones(joint)) > 0.1
-    assert term.cost(body.bones(moved)) == pytest.approx(term.cost(body.bones(joint)), rel=1e-9)
-
-
 def test_neighbours_and_what_touches_at_rest_do_not_collide():
     body = load_model("body34")
     flesh, parent = body.flesh["fine"], body.skeleton.parent
@@ -96,56 +76,6 @@ def test_neighbours_and_what_touches_at_rest_do_not_collide():
     assert (parent[pairs[:, 0]] != pairs[:, 1]).all()
     assert (parent[pairs[:, 1]] != pairs[:, 0]).all()
     assert CollisionTerm.of(body).cost(body.bones(body.rest_params())) == 0.0
-
-
-def test_an_arm_through_the_chest_is_pushed_out():
-    body = load_model("body34")
-    start = body.rest_params()
-    turned = {"shoulder_abd": 20, "shoulder_flex": 70, "shoulder_twist": -130, "elbow_flex": 100}
-    for name, degrees in turned.items():
-        start[body.skeleton.parameter(f"left_{name}")] = np.deg2rad(degrees)
-    term = CollisionTerm.of(body)
-    assert term.depths(body.bones(start)).max() > 0.03
-    # alone: the pull to rest would take the arm out as well
-    solved = solve(Problem(body, [term], []), start)
-    assert term.depths(body.bones(solved.params)).max() < 0.02
-    assert [type(prior) for prior in body_priors(body).bones] == [CollisionTerm]
-
-
-def test_flesh_gives_way_by_a_share_of_its_thickness():
-    body = load_model("body34")
-    hard, soft = CollisionTerm.of(body, firm=1.0), CollisionTerm.of(body, firm=0.8)
-    np.testing.assert_allclose(soft.flesh.radii, 0.8 * hard.flesh.radii)
-    np.testing.assert_array_equal(hard.flesh.radii, body.flesh["metaballs"].radii)
-    crossed = body.params_from({"left_hip_abd": -0.4, "right_hip_abd": -0.1})
-    assert soft.cost(body.bones(crossed)) < hard.cost(body.bones(crossed))
-
-
-def test_a_hand_may_have_the_term_too():
-    hand = load_model()
-    term = CollisionTerm.of(hand)
-    assert term.cost(hand.bones(hand.rest_params())) == 0.0
-    assert stabilisation(hand) is None
-
-
-def test_clavicles_are_held():
-    body = load_model("body34")
-    held = stabilisation(body)
-    raised = np.zeros(34)
-    raised[body.skeleton.parameter("left_clavicle_elevate")] = np.deg2rad(20)
-    assert held is not None
-    assert held.cost(raised) == pytest.approx(0.5 * 2.0**2)
-    other = np.zeros(34)
-    other[body.skeleton.parameter("left_elbow_flex")] = 1.0
-    assert held.cost(other) == 0.0
-
-
-def test_errors():
-    flesh, _ = two([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, 1, 0]])
-    with pytest.raises(HandtrackError, match="collision: sigma 0 m and slack 0.01 m; expected"):
-        CollisionTerm(flesh, PAIR, sigma_m=0.0)
-    with pytest.raises(HandtrackError, match="no set of ellipsoids 'skin' in the model body34"):
-        CollisionTerm.of(load_model("body34"), "skin")
 
 
 def test_a_hand_s_fingers_cross_in_front_of_each_other():

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
@@ -71,12 +70,6 @@ def test_an_observed_field_takes_the_masks_place(rng):
     assert_same_system(term.linearize(off), dense)
 
 
-def test_cost_alone_is_the_cost_of_the_system(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    term = ConicFieldTerm(seen, flesh)
-    assert term.cost(bones) == term.linearize(bones).cost
-
-
 @pytest.mark.parametrize("normalised", [True, False])
 def test_gradient_is_the_slope_of_the_cost(rng, normalised):
     bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
@@ -119,17 +112,6 @@ def test_moving_hand_and_cameras_together_changes_nothing(rng):
     )
 
 
-def test_the_order_of_ellipsoids_does_not_matter(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    order = rng.permutation(len(flesh))
-    shuffled = Ellipsoids(
-        tuple(flesh.name[i] for i in order),
-        flesh.bone[order], flesh.centre[order], flesh.rotation[order], flesh.radii[order],
-    )  # fmt: skip
-    one, two = (ConicFieldTerm(seen, f).linearize(bones) for f in (flesh, shuffled))
-    assert_same_system(one, two, 1e-12)
-
-
 def test_ellipsoids_behind_around_and_beside_the_camera_are_skipped(rng):
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
     centre = seen[0].camera.centre
@@ -141,64 +123,6 @@ def test_ellipsoids_behind_around_and_beside_the_camera_are_skipped(rng):
     flesh = replace(flesh, centre=np.zeros_like(flesh.centre))
     system = ConicFieldTerm(seen, flesh).linearize(bones)
     assert_same_system(system, dense_field(seen, flesh, bones).system())
-
-
-def test_ellipsoids_without_breadth_are_skipped(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    some = np.arange(len(flesh)) < 5
-    flat = replace(flesh, radii=np.where(some[:, None], 0.0, flesh.radii))
-    one, two = (ConicFieldTerm(seen, f).linearize(bones) for f in (flat, flesh.subset(~some)))
-    assert_same_system(one, two, 1e-12)
-
-
-def test_nothing_in_view_leaves_the_masks_cost_and_no_slope(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
-    away = replace(bones, position=bones.position + 100.0)
-    system = ConicFieldTerm(seen, flesh).linearize(away)
-    assert system.cost == pytest.approx(0.5 * sum((s.mask.astype(float) ** 2).sum() for s in seen))
-    assert not system.gradient.any()
-    assert not system.hessian.any()
-
-
-def test_empty_masks_and_unseen_images_are_no_trouble(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    black = [replace(s, mask=np.zeros_like(s.mask)) for s in seen]
-    assert_same_system(
-        ConicFieldTerm(black, flesh).linearize(bones), dense_field(black, flesh, bones).system()
-    )
-    unseen = [replace(s, valid=np.zeros_like(s.valid)) for s in seen]
-    assert ConicFieldTerm(unseen, flesh).linearize(bones).cost == 0.0
-
-
-def test_several_terms_share_a_prepared_silhouette(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    ready = [prepare(s) for s in seen]
-    one, two = ConicFieldTerm(ready, flesh), ConicFieldTerm(seen, flesh)
-    assert one.silhouettes[0] is ready[0]
-    assert one.cost(bones) == two.cost(bones)
-
-
-def test_each_silhouette_may_have_its_own_weight(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    together = ConicFieldTerm(seen, flesh, weight=(1.0, 2.0, 0.5)).linearize(bones)
-    apart = [
-        ConicFieldTerm([s], flesh, weight=w).linearize(bones)
-        for s, w in zip(seen, (1.0, 2.0, 0.5), strict=True)
-    ]
-    assert_same_system(together, apart[0] + apart[1] + apart[2], 1e-12)
-
-
-def test_bad_silhouettes_are_refused(rng):
-    seen = silhouettes_of(rng, 1)[0]
-    with pytest.raises(
-        HandtrackError,
-        match=r"mask of camera 'cam0': it has the shape \(5, 5\), expected \(72, 96\)",
-    ):
-        prepare(replace(seen, mask=np.zeros((5, 5), np.float32)))
-    holed = seen.mask.copy()
-    holed[40, 48] = np.inf
-    with pytest.raises(HandtrackError, match="its highest value is inf"):
-        prepare(replace(seen, mask=holed, valid=np.tile(np.array([0, 96], np.int32), (72, 1))))
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render
 from handtrack.terms.images.depth_picture import depth_picture
@@ -38,12 +37,3 @@ def test_a_window_holds_the_model_and_nothing_is_around_it(rng):
     outside = picture.at(np.array([[-5.0, 3.0], [3.0, 1e9], [np.nan, 2.0]]))
     assert (outside[0] == -1).all()
     assert np.isinf(outside[1]).all()
-
-
-def test_a_model_behind_the_camera_is_not_seen(rng):
-    bones, flesh = bones_of(rng), ellipsoids_of(rng, 3)
-    camera = camera_of(rng)
-    away = 2.0 * (camera.centre - bones.reference)
-    behind = BonePoses(bones.reference + away, bones.rotation, bones.position + away)
-    face, _ = depth_picture(ellipsoid_mesh(flesh), behind, camera).in_image()
-    assert (face == -1).all()

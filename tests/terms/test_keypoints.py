@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.simulation.simulate import simulated_rig
@@ -87,25 +85,3 @@ def test_a_far_point_no_longer_pulls(model, bones):
     pull = [np.abs(t.linearize(bones).gradient).max() for t in (robust, plain)]
     assert pull[0] < 1e-6 * pull[1]
     assert robust.cost(bones) == pytest.approx(4.5, rel=1e-3)
-
-
-def test_an_unknown_joint_is_named(model, bones):
-    seen = Keypoints(("wrist", "elbow"), np.zeros((2, 3)), SIGMA_M)
-    with pytest.raises(HandtrackError) as error:
-        KeypointTerm(model, seen).cost(bones)
-    assert "no joint 'elbow'" in str(error.value)
-    assert "thumb_cmc" in str(error.value)
-
-
-def test_openpose_points_by_name_are_the_models_own(model, bones):
-    seen = Keypoints(keypoint_names(), model.keypoints21(bones), SIGMA_M)
-    assert KeypointTerm(model, seen).cost(bones) == 0.0
-
-
-@pytest.mark.parametrize("view", [in_space, in_image])
-def test_nothing_known_costs_nothing(model, bones, view):
-    observed = view(model, bones)
-    (observed.positions if view is in_space else observed.pixels)[:] = np.nan
-    system = KeypointTerm(model, observed).linearize(bones)
-    assert system.cost == 0.0
-    assert not system.gradient.any()

@@ -73,13 +73,6 @@ def test_parts_that_are_one_limb_show_no_edge_between_them(camera):
     assert 0.6 < found.length_px.sum() / (4 * np.pi * 24) < 0.8  # two thirds of two circles
 
 
-def test_beyond_the_image_nothing_is_outline(camera):
-    bones, flesh = balls((0.13, 0.0, 0.5))  # cut by the image's right border
-    found = outline(camera, bones, flesh)
-    assert len(found.bone) > 10
-    assert (found.pixel[:, 0] <= 319).all()
-
-
 def test_the_outline_of_a_coarse_mesh_is_where_its_normals_turn_away(camera):
     """Between a corner that looks to the camera and one that looks away: on their edge, nearer to whichever is nearer to turning."""
     bones, flesh = balls((0.03, -0.01, 0.5))

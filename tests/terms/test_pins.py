@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.observation.pins import PIN_SIGMA_PX, ImagePins, Pin
 from handtrack.simulation.simulate import simulated_rig
@@ -41,9 +40,3 @@ def test_derivatives_of_pins_at_rest_and_elsewhere(rng):
         near = HAND.bones(HAND.clipped(params + rng.normal(scale=0.03, size=26)))
         term = KeypointTerm(HAND, _seen(near))
         check_observation_term(term, HAND.bones(params), HAND.skeleton.bone_names)
-
-
-@pytest.mark.parametrize("pin", [Pin("cam0", (1.0, 2.0), "wing"), Pin("cam0", (1.0, 2.0), "", "tail")])  # fmt: skip
-def test_a_place_that_the_model_has_not_is_named(pin):
-    with pytest.raises(HandtrackError, match=r"wing|tail"):
-        KeypointTerm(HAND, ImagePins(CAMERA, (pin,))).cost(HAND.bones(HAND.rest_params()))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior
 from handtrack.tracking.frame.terms.posture import posture_prior
 from tests.derivatives import check_parameter_term
 
@@ -31,12 +31,6 @@ def test_a_bell_without_correlations_is_the_plain_prior(rng):
     np.testing.assert_allclose(correlated.linearize(x).hessian, plain.linearize(x).hessian)
 
 
-def test_a_combination_that_fits_costs_nothing():
-    prior = LinearPrior(np.array([[1.0, -2 / 3, 0.0]]))
-    assert prior.cost(np.array([0.4, 0.6, 7.0])) == pytest.approx(0.0)
-    assert prior.cost(np.array([1.4, 0.6, 7.0])) == pytest.approx(0.5)
-
-
 @pytest.mark.parametrize("strength", [0.25, 1.0])
 def test_the_posture_prior_at_random_angles(rng, strength):
     model = load_model()
@@ -47,18 +41,6 @@ def test_the_posture_prior_at_random_angles(rng, strength):
     assert one is not None
     x = rng.normal(size=26)
     assert prior.cost(x) == pytest.approx(strength * one.cost(x))
-
-
-def test_the_posture_prior_is_about_fingers_alone(rng):
-    model = load_model(forearm=True)
-    prior = posture_prior(model, 1.0)
-    assert prior is not None
-    assert not prior.rows[:, : model.parameter_names.index("thumb_cmc_flex")].any()
-    evenly = np.zeros(len(model.parameter_names))
-    for name, value in (("mcp_flex", 0.6), ("pip_flex", 0.6), ("dip_flex", 0.4)):
-        for finger in ("index", "middle", "ring", "little"):
-            evenly[model.parameter_names.index(f"{finger}_{name}")] = value
-    assert prior.cost(evenly) == pytest.approx(0.0)
 
 
 def test_the_last_joint_is_tied_to_the_middle_one_the_less_the_more_that_bends():

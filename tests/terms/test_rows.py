@@ -33,11 +33,3 @@ def test_the_system_is_that_of_the_dense_jacobian(rng):
     assert system.cost == 1.25
     np.testing.assert_allclose(system.gradient, dense.T @ (weight * residual))
     np.testing.assert_allclose(system.hessian, dense.T @ (weight[:, None] * dense), atol=1e-12)
-
-
-def test_no_rows_are_no_system():
-    none = Rows(np.zeros(0), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 6)), 0.0, np.zeros(0))
-    system = none.bone_system(2)
-    assert system.gradient.shape == (12,)
-    assert not system.gradient.any()
-    assert not system.hessian.any()

@@ -71,23 +71,6 @@ def test_two_runs_give_the_same_bytes(bundled, opening):
     np.testing.assert_array_equal(part.joint_covariance, first.joint_covariance)
 
 
-def test_backward_from_a_later_first_frame(bundled, opening):
-    start = bundled.model.transform.solver_params(opening.parameters[24])
-    back = bundled.result(bundled.track(range(6, 25), 24, start))
-    np.testing.assert_array_equal(back.frame, np.arange(6, 25))
-    off = errors_mm(back, bundled.session.truth)
-    assert off.mean() < 0.14  # measured 0.098 mm
-    assert off.max() < 0.7  # measured 0.34 mm
-
-
-@pytest.mark.parametrize(("coupling", "measured_mm"), [("21", 0.09), ("18", 0.45)])
-def test_a_coupled_hand_follows_as_far_as_its_joints_agree(bundled, coupling, measured_mm):
-    """The open hand has straight distal joints; the abductions differ from the linked ones."""
-    run = bundled.with_values({"model.coupling": coupling})
-    track = run.result(run.track(range(8), *run.initial()))
-    assert errors_mm(track, run.session.truth).mean() < 1.6 * measured_mm
-
-
 def test_an_independent_hand_mesh_is_followed():
     """Another model's surface and joints (linear skinning), ragged masks; its joints lie elsewhere by definition."""
     run = TrackingRun.open(Session.open(bundled_session()))

@@ -86,15 +86,6 @@ def test_the_hand_is_followed_without_any_mask(forward):
     assert set(forward[3].energies) >= {"edges", "intensity"}
 
 
-def test_the_same_bytes_again_and_backward(seen, forward):
-    again = followed(seen)
-    for one, two in zip(forward, again, strict=True):
-        np.testing.assert_array_equal(one.parameters, two.parameters)
-    backward = followed(seen, start=COUNT - 1)
-    assert [r.frame for r in backward] == list(range(COUNT - 1, -1, -1))
-    assert errors_mm(backward).max() < 9.0  # measured 5.5 mm
-
-
 def test_a_frame_redone_gives_the_same(seen, forward):
     """The state is all that counts, texture too: any frame can be tracked again."""
     tracker = Tracker(MODEL, BOTH)
@@ -105,35 +96,6 @@ def test_a_frame_redone_gives_the_same(seen, forward):
     np.testing.assert_array_equal(one.parameters, forward[5].parameters)
     _, plain = tracker.step(replace(state, texture=replace(last, first=None)), seen[5])
     assert not np.array_equal(plain.parameters, forward[5].parameters)
-
-
-def test_by_intensity_alone_the_first_pose_is_the_given_one(seen):
-    results = followed(seen, settings(intensity__weight=1), range(5))
-    np.testing.assert_allclose(results[0].parameters, MOTION[0], atol=1e-12)
-    assert results[0].status == Status.DOUBTFUL
-    assert results[0].note == "the pose is the given one; its texture is carried from here on"
-    assert errors_mm(results).max() < 5.0
-
-
-def test_a_missing_image_is_passed_over(seen):
-    gap = [
-        *seen[:3],
-        replace(seen[3], images=()),
-        replace(seen[4], images=seen[4].images[1:]),
-        *seen[5:],
-    ]
-    results = followed(gap)
-    assert [r.status == Status.LOST for r in results] == [i == 3 for i in range(COUNT)]
-    assert errors_mm(results[5:]).max() < 10.0
-
-
-def test_images_cost_nothing_where_they_are_not_asked_for(seen):
-    off = TrackerSettings()
-    assert not off.looks_at_images
-    before = Before(seen[0], MODEL.bones(MOTION[0]))
-    assert see_appearance(seen[1], MODEL, off, before) is None
-    assert see_appearance(seen[1], MODEL, settings(intensity__weight=1), None) is None
-    assert see_appearance(replace(seen[1], images=()), MODEL, BOTH, before) is None
 
 
 def test_texture_comes_from_the_last_frame_and_the_first(seen):

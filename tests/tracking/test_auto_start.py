@@ -21,7 +21,6 @@ from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
-from handtrack.tracking.search.start_confidence import shares
 from tests.experiments.starts.auto_start import search
 
 HANDS = [load_model(forearm=arm) for arm in (False, True)]
@@ -86,32 +85,6 @@ def test_a_forearm_is_noticed(rng):
     found = auto_start(HANDS, TrackerSettings(), depth_camera(params, rng, arm))
     assert found[0].model.has_forearm
     assert error_mm(found[0].result, params, arm) < 12.0
-
-
-def test_nothing_to_be_seen_gives_no_pose():
-    nothing = Observation(0, 0.0)
-    assert auto_start(HANDS, TrackerSettings(), nothing) == []
-    few = Observation(0, 0.0, cloud=PointCloud(np.zeros((5, 3))))
-    assert auto_start(HANDS, TrackerSettings(), few) == []
-    switched_off = TrackerSettings().with_values({"cloud.weight": 0.0})
-    ball = np.random.default_rng(0).normal(scale=0.03, size=(500, 3))
-    assert auto_start(HANDS, switched_off, Observation(0, 0.0, cloud=PointCloud(ball))) == []
-
-
-def test_it_stops_when_asked(rng):
-    seen = depth_camera(turned("open", rng), rng)
-    assert auto_start(HANDS, TrackerSettings(), seen, should_stop=lambda: True) == []
-
-
-def test_a_tie_is_told_as_one():
-    assert shares(np.array([100.0, 100.0]), 20.0) == pytest.approx([0.5, 0.5])
-    costs = np.array([100.0, 150.0, 300.0])
-    clear = shares(costs, 20.0)
-    assert clear[0] > 0.95
-    assert clear[0] > clear[1] > clear[2]
-    assert shares(costs, 8.0)[0] < clear[0], "fewer measurements tell less"
-    assert shares(np.array([7.0]), 20.0) == pytest.approx([1.0])
-    assert shares(50 * costs, 20.0) == pytest.approx(clear), "what errors are usual is not assumed"
 
 
 @pytest.mark.parametrize(("name", "frame"), [("", 50), ("webxr_exact_depth_768", 24)])

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import rotation_matrix, rotation_vector
+from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import PriorSettings
-from handtrack.tracking.size.cameras import ALL, LATE, TIME, CameraChanges, velocities
+from handtrack.tracking.size.cameras import LATE, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate
-from handtrack.tracking.size.motion import TURN, Motion, changes, moved
+from handtrack.tracking.size.motion import Motion, changes, moved
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.whole.refinement import Refinement
-from tests.derivatives import check_gradient, check_jacobian
+from tests.derivatives import check_jacobian
 
 HAND = load_model("hand26")
 MATRIX = np.array([[500.0, 0.0, 160.0], [0.0, 510.0, 120.0], [0.0, 0.0, 1.0]])
@@ -72,13 +71,6 @@ def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
     assert told.corrected(_camera("another", 0.1)).name == "another"
 
 
-def test_what_is_known_of_cameras_beforehand_has_its_own_gradient(rng):
-    cameras = _changed(rng)
-    check_gradient(
-        lambda x: cameras.stepped(x).prior().cost, cameras.prior().gradient, np.zeros(18), rtol=1e-5
-    )
-
-
 def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
     cameras = _changed(rng)
     cameras.values[:, LATE] = 0.0
@@ -103,30 +95,3 @@ def test_a_camera_that_is_late_by_frames_is_looked_at_in_other_images():
     assert late.ahead == (0, 2)
     np.testing.assert_allclose(late.values[:, LATE], [0.3, 0.2])
     np.testing.assert_allclose(late.late, [0.3, -1.8])
-
-
-def test_the_clock_is_that_of_most_cameras_by_however_little_it_is_off():
-    cameras = CameraChanges.none(tuple(_camera(name, 0.2) for name in "abc")).finding(TIME)
-    assert cameras.stepped(np.array([-0.05, 0.2, -0.05])).common == pytest.approx(-0.05)
-
-
-def test_what_is_known_of_a_cameras_time_costs_nothing():
-    cameras = (_camera("left", -0.6), _camera("right", 0.5))
-    known = CameraChanges.none(cameras, {"right": -0.5})
-    assert known.prior().cost == 0.0
-    seen = known.seen_poses(1, np.zeros((1, 9)), np.full((1, 9), 0.01))
-    assert seen.poses[0, 0] == pytest.approx(-0.005)
-    assert known.finding(ALL & ~ALL).count == 0
-
-
-def test_velocities_are_those_of_a_steady_turn():
-    poses = np.zeros((5, 9))
-    turn = rotation_matrix(np.array([0.0, 0.3, 0.0]))
-    rotation = rotation_matrix(np.array([2.0, 0.5, 0.1]))
-    for n in range(5):
-        poses[n, TURN], poses[n, 0] = rotation_vector(rotation), 0.01 * n
-        rotation = turn @ rotation
-    np.testing.assert_allclose(
-        velocities(poses), np.tile([0.01, 0, 0, 0, 0.3, 0, 0, 0, 0], (5, 1)), atol=1e-9
-    )
-    assert velocities(poses[:1]) == pytest.approx(0.0)

@@ -20,7 +20,6 @@ from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
 from handtrack.tracking.search.initialize import fit_keypoints
-from handtrack.tracking.search.policy import looks_everywhere, why_hand_may_be_lost
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 
@@ -134,21 +133,6 @@ def test_a_hand_goes_on_where_masks_end_that_cut_its_cloud():
     for result in found:
         assert result.status != Status.LOST
         assert np.linalg.norm(errors_m(result), axis=1).mean() < 0.008
-
-
-def test_among_other_things_no_other_hand_is_looked_for():
-    (result,) = tracked([seen(0, plate(measured(0).mean(axis=0) + [0.0, 0.0, 0.03], 0.3))])
-    assert result.clutters
-    assert not why_hand_may_be_lost(result, [result])
-
-
-def test_a_lost_hand_is_looked_for_where_it_was_most_of_the_time():
-    """Only now and then everywhere: points thinned over all of a room leave few on it."""
-    (one,) = tracked([seen(0)])
-    lost = replace(one, status=Status.LOST)
-    assert not looks_everywhere([one])
-    everywhere = [n for n in range(1, 12) if looks_everywhere([one, *[lost] * n])]
-    assert everywhere == [1, 3, 4, 7, 9]
 
 
 def test_a_real_hand_goes_on_where_its_joints_end(data_dir):

@@ -58,22 +58,6 @@ def test_it_does_not_take_another_hands_flesh_for_another_pose():
     assert np.mean(np.concatenate(inside) < CHI2_90) > 0.7
 
 
-@pytest.mark.parametrize(
-    ("off_m", "count", "sharper"), [(1e-4, 3000, True), (3e-3, 3000, False), (1e-4, 400, False)]
-)
-def test_a_cloud_is_taken_as_exactly_as_it_lies_where_that_can_be_known(rng, off_m, count, sharper):
-    """Not where it lies no nearer than usual, nor where so little is seen that the hand can be bent to meet it all."""
-    model = load_model()
-    bones = model.bones(model.rest_params())
-    points, normals = sample_surface(MetaballSurface.of(model), bones, count, rng)
-    points += off_m * rng.normal(size=(count, 1)) * normals
-    seen = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), model, bones, TrackerSettings())
-    assert seen is not None
-    found = seen.sharpened(model, bones, 2e-3)
-    assert (found.sigma_m is not None) is sharper
-    assert (found is seen) is not sharper
-
-
 @pytest.mark.parametrize("doubted", [False, True])
 def test_k_shares_the_weight_between_cloud_and_model(rng, doubted):
     """Also where depths are doubted; there, at K = 1/2, each side counts whole."""

@@ -11,7 +11,6 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.proposers.finger_moves import finger_shifts
 from handtrack.tracking.state import TrackerState
@@ -41,23 +40,6 @@ def test_a_cloud_alone_gives_the_pose(rng, pose):
     _, result = Tracker(model).step(TrackerState.beginning_at(model.clipped(start)), observation)
     assert result.status == Status.TRACKED
     assert error_mm(model, result, joint) < 0.25  # measured 0.04 to 0.11 mm
-
-
-def test_a_cloud_far_from_the_hand_is_not_the_hands(rng):
-    model = load_model()
-    joint, observation = seen(model, "open", rng)
-    away = PointCloud(observation.cloud.points + [0.5, 0.0, 0.0])
-    _, result = Tracker(model).step(
-        TrackerState.beginning_at(joint), Observation(0, 0.0, cloud=away)
-    )
-    assert result.status == Status.LOST
-
-
-def test_a_forearm_in_the_cloud_is_noticed(rng):
-    for forearm in (True, False):
-        model = load_model(forearm=forearm)
-        joint, observation = seen(model, "open", rng)
-        assert (forearm_in_view(model, [(joint, observation)]) > 0) is forearm
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model, scale_from, scale_table
+from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.simulate import simulated_rig
@@ -73,20 +70,6 @@ def test_derivatives_by_pose_size_and_offsets(rng, side):
     check_gradient(cost, system.gradient, both, names)
 
 
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_offsets_of_a_person_are_those_of_the_model(rng, side):
-    size = SizeParameters(load_model("hand26", side, HandScale(1.1, {"thumb": 0.9})), NAMES)
-    scale = size.scale(rng.normal(size=len(size.names)))
-    grown, built = size.grown(size.deviations(scale)), load_model("hand26", side, scale)
-    params = built.rest_params()
-    here, there = grown.bones(params), built.bones(params)
-    ours = here.to_world(grown.joint_bone, grown.seen_point)
-    theirs = there.to_world(built.joint_bone, built.seen_point)
-    np.testing.assert_allclose(ours, theirs, atol=1e-12)
-    assert np.abs(ours - grown.joint_positions(here)).max() > 1e-3
-    assert scale_from(scale_table(scale), Path("hand.json")) == scale
-
-
 def test_offsets_and_size_are_found(rng):
     problems, poses = frames(rng)
     scale, _ = fit_size(problems, poses, seen=NAMES)
@@ -122,16 +105,3 @@ def test_the_stated_doubt_of_a_length_is_the_true_one(lasts):
         true = hand_length_mm(load_model(scale=HandScale(1.06)))
         off.append((hand_length_mm(load_model(scale=scale)) - true) / scale.std["length_mm"])
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
-
-
-def test_what_of_a_size_is_not_fitted_is_as_uncertain_as_before(rng):
-    problems, poses = frames(rng)
-    names = SizeParameters(problems[0].model).names
-    scale, _ = fit_size(problems, poses, np.array([name == "overall" for name in names]))
-    assert scale.std["middle"] == pytest.approx(0.04)
-    assert scale.std["overall"] < 0.02
-    length = hand_length_mm(load_model(scale=scale))
-    assert scale_from(scale_table(scale), Path("hand.json")).std == scale.std
-    with pytest.raises(HandtrackError, match=r"hand\.json: .* standard deviations are not all"):
-        scale_from({"overall": 1.0, "std": {"overall": -0.1}}, Path("hand.json"))
-    assert 0.01 * length < scale.std["length_mm"] < 0.03 * length, "half of it is the finger"

@@ -10,20 +10,17 @@ import pytest
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.assessment import what_is_open
 from handtrack.tracking.frame.doubt.judgement import judged
 from handtrack.tracking.frame.doubt.stated import curls, misfit, stated_covariance
-from handtrack.tracking.frame.doubt.wrong import Signs, probably_beyond, probably_off
+from handtrack.tracking.frame.doubt.wrong import probably_beyond
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import PARTS, Status
+from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
-from tests.sample_track import sample_frame, stacked
 
 HAND = load_model("hand26")
 CHI2_90 = 6.251388631170325
@@ -31,26 +28,6 @@ CHI2_90 = 6.251388631170325
 
 def flat(total_m: float) -> np.ndarray:
     return np.tile(total_m**2 / 3 * np.eye(3), (len(HAND.joint_names), 1, 1))
-
-
-@pytest.mark.parametrize("name", Signs.__dataclass_fields__)
-def test_no_sign_makes_a_gross_error_less_probable(name):
-    found = [
-        probably_off(HAND, flat(0.003), Signs(**{name: size})) for size in (0.0, 0.5, 1.0, 2.0)
-    ]
-    assert (np.diff([off.frame for off in found]) >= 0).all()
-    assert (np.diff([off.parts for off in found], axis=0) >= 0).all()
-
-
-def test_the_less_sure_a_joint_the_more_probably_it_is_off():
-    off = [probably_off(HAND, flat(s), Signs()) for s in (0.001, 0.01, 0.02, 0.05)]
-    assert (np.diff([o.frame for o in off]) > 0).all()
-    assert off[0].frame < 0.02
-    assert off[-1].frame > 0.8
-    wide = flat(0.002)
-    wide[HAND.joint_names.index("ring_tip")] *= 100.0
-    found = probably_off(HAND, wide, Signs())
-    assert PARTS[int(np.argmax(found.parts))] == "ring"
 
 
 def test_the_tail_is_a_normal_distribution_s(rng):
@@ -102,19 +79,6 @@ def test_the_own_hand_s_stated_90_percent_hold(rng):
     assert all(0 <= r.p_off_25mm <= 1 and r.p_off_10mm.shape == (6,) for r in last.values())
 
 
-def test_a_live_frame_is_no_surer_for_what_nobody_knows_yet(rng):
-    """Frames after have yet to move it: it counts as moved as far as most are, neither not at all nor far."""
-    pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[0])
-    seen = mask_views(HAND, pose, list(simulated_rig(2, (160, 120), 0.4)))
-    terms = frame_terms(HAND, TrackerSettings(), seen, HAND.bones(pose), None)
-    energies = {"coverage": 10.0}
-    off = [
-        judged(terms, pose, 10.0, energies, flat(0.003), (), moved_m).p_off_25mm
-        for moved_m in (0.0, None, 0.05)
-    ]
-    assert (np.diff(off) > 0).all()
-
-
 def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng):
     """Of two cameras; where they see them elsewhere they confirm nothing."""
     pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[4])
@@ -134,37 +98,3 @@ def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng):
     assert agreeing[0] < 0.8 * alone[0]
     assert agreeing[1] < 0.8 * alone[1]
     assert elsewhere == alone
-
-
-def test_probabilities_are_kept_in_poses_npz(rng, tmp_path):
-    told = replace(sample_frame(rng, 3), p_off_25mm=0.2, p_off_10mm=np.linspace(0, 0.5, 6))
-    track = stacked([told, sample_frame(rng, 4)])
-    write_npz(tmp_path / "poses.npz", track)
-    arrays = np.load(tmp_path / "poses.npz")
-    assert arrays["part_names"].tolist() == ["palm", "thumb", "index", "middle", "ring", "little"]
-    np.testing.assert_array_equal(arrays["p_off_25mm"], [0.2, np.nan])
-    back = read_npz(tmp_path / "poses.npz")
-    assert back.at(3).p_off_25mm == 0.2
-    np.testing.assert_array_equal(back.at(3).p_off_10mm, told.p_off_10mm)
-    assert back.at(4).p_off_10mm is None
-
-
-def test_a_body_whose_joints_are_15_cm_open_is_doubtful():
-    """As before one camera: stated 15 to 20 cm, it was called tracked."""
-    body = load_model("body34")
-    wide = np.tile(0.18**2 / 3 * np.eye(3), (len(body.joint_names), 1, 1))
-    reason = what_is_open(body, wide, 15.0)
-    assert reason is not None
-    assert reason.words == "what was seen leaves the whole body open: ± 180 mm"
-    assert what_is_open(body, wide / 4, 15.0) is None
-
-
-def test_what_was_not_seen_is_no_surer_for_little_noise():
-    """Clouds that fit better than their noise say so of what they show, not of a finger behind the hand."""
-    straight = curls(HAND, HAND.joint_params(HAND.rest_params()))
-    known, hidden = 0.002**2, 0.02**2
-    covariance = np.tile(np.diag([known, known, hidden]), (len(HAND.joint_names), 1, 1))
-    stated = stated_covariance(HAND, straight, covariance, 0.3, by_cloud=True)
-    wrist = HAND.joint_names.index("wrist")
-    assert stated[wrist, 2, 2] > 0.9 * hidden
-    assert stated[wrist, 0, 0] < 0.7 * known

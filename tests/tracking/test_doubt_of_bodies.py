@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
@@ -13,7 +12,6 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import (
     ImageKeypoints,
     ImageView,
-    Keypoints,
     Observation,
     Silhouette,
 )
@@ -91,17 +89,6 @@ def test_one_camera_s_mask_or_image_leaves_flips_open_and_two_cameras_do_not():
         beside = replace(seen, silhouettes=(*seen.silhouettes, Silhouette(SIDE, mask)))
         terms = frame_terms(BODY, settings, beside, BODY.bones(pose), None)
         assert not mirrored_covariance(terms, pose).any()
-
-
-@pytest.mark.parametrize("seen", ["two cameras", "points in space"])
-def test_what_is_seen_from_two_sides_has_no_mirror_image(seen):
-    pose = _stepping()
-    places = Keypoints(BODY.joint_names, BODY.joint_positions(BODY.bones(pose)), 0.01)
-    by = {
-        "two cameras": _seen(pose, FRONT, SIDE),
-        "points in space": Observation(0, 0.0, keypoints=(places,)),
-    }
-    assert not mirrored_covariance(_terms(by[seen], pose), pose).any()
 
 
 def test_a_body_in_one_camera_is_doubtful_and_in_two_it_is_not():

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.model.pose_library import named_pose
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
-from handtrack.tracking.search.poor_cloud import poor_cloud_settings, simplified
+from handtrack.tracking.search.poor_cloud import poor_cloud_settings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
@@ -76,44 +75,6 @@ def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind):
     assert (kind == "auto") != (f"({kind})" in results[-1].note)
 
 
-def test_what_is_held_stays_held(poor):
-    """glove9 in a poor frame: not a finger moves."""
-    fingers = [i for i, n in enumerate(MODEL.parameter_names) if i >= 6 and "_cmc_" not in n]
-    held = tracked(poor, **{"model.fallback": "glove9"})[-1]
-    np.testing.assert_allclose(held.parameters[fingers], TRUTH[0][fingers], atol=1e-9)
-
-
-def test_nothing_is_claimed_of_held_fingers(poor):
-    """Their joints may be as far off as limits let them; the palm's are known."""
-    result = tracked(poor[:2], **{"model.fallback": "glove9"})[-1]
-    spread = 1e3 * np.sqrt(np.trace(result.joint_covariance, axis1=1, axis2=2))
-    tip, wrist = (MODEL.joint_names.index(name) for name in ("index_tip", "wrist"))
-    assert spread[tip] > 30.0
-    assert spread[wrist] < 15.0
-
-
-def test_it_can_be_switched_off(poor):
-    assert not any(r.poor_cloud for r in tracked(poor[:2], **{"model.fallback": "none"}))
-
-
-def test_it_ends_with_the_poor_frames(poor, good):
-    """The fingers are found again as soon as they are measured."""
-    mixed = [good[0], poor[1], poor[2], *good[3:]]
-    results = tracked(mixed)
-    assert [r.poor_cloud for r in results[:3]] == [False, True, True]
-    assert not any(r.poor_cloud for r in results[4:])
-    assert palm_mm(results[-1], TRUTH[-1]) < 1.5
-
-
-def test_the_simpler_hand_stands_where_the_whole_one_stood(rng):
-    joint = named_pose(MODEL, "pinch")
-    joint[:6] = rng.normal(scale=0.2, size=6)
-    for kind, count in (("glove9", 9), ("ball6", 6)):
-        few = simplified(MODEL, joint, kind)
-        assert len(few.model.transform.names) == count
-        np.testing.assert_allclose(few.whole(few.start), joint, atol=1e-12)
-
-
 def test_depths_are_doubted_not_directions(poor):
     """Points that moved by centimetres along their lines of sight leave the palm where it is; moved aside they take it along."""
     seen = poor[1]
@@ -131,20 +92,6 @@ def test_depths_are_doubted_not_directions(poor):
     assert wrong.mean() > 0.2
     assert palm_mm(found(deeper), TRUTH[1]) < 6.0
     assert palm_mm(found(aside), TRUTH[1]) > 9.0
-
-
-def test_settings_of_poor_frames_look_for_no_fallback_of_their_own():
-    calm = poor_cloud_settings(TrackerSettings())
-    assert calm.model.fallback == "none"
-    assert calm.cloud.doubt_depth
-    assert replace(calm.model, fallback="auto") == TrackerSettings().model
-
-
-def test_a_palm_in_a_poor_cloud_is_never_looked_for_elsewhere() -> None:
-    assert TrackerSettings().tracker.recovery
-    follow = poor_cloud_settings(TrackerSettings()).tracker
-    assert not follow.recovery
-    assert not follow.escape
 
 
 def test_what_no_line_of_sight_meets_may_be_a_hole(poor, good):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
@@ -18,12 +17,11 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import UNKNOWN, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.forearm import forearm_cut, forearm_in_view, forearm_length
+from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.person import OpenPerson
@@ -80,13 +78,6 @@ def seen_with_arm(joint, length, cameras, frame=0):
     return Observation(frame, frame / 25, tuple(views))
 
 
-def valid(camera: Camera, line):
-    spans = np.tile(np.array([0, camera.size[0]], np.int32), (camera.size[1], 1))
-    spans = spans if line is None else clip_spans(spans, line)
-    u = np.arange(camera.size[0])
-    return (u >= spans[:, :1]) & (u < spans[:, 1:])
-
-
 @pytest.mark.parametrize("length", [0.0, 0.04, 0.07, 0.2])
 def test_the_length_of_a_forearm_is_told_by_two_near_cameras(length):
     """From one side, an arm towards the cameras would be hidden by every hand: that is no sign of one."""
@@ -120,44 +111,6 @@ def test_where_nobody_knows_a_forearm_may_go_on():
         lengths.append(forearm_length(HAND, HAND.bones(without_arm(posed())), cut))
     assert lengths[0] > 0.09
     assert lengths[1] < 0.06
-
-
-def test_no_silhouettes_show_no_forearm():
-    assert np.isnan(forearm_length(HAND, HAND.bones(without_arm(posed())), ()))
-    assert forearm_in_view(HAND, [(without_arm(posed()), Observation(0, 0.0))]) is None
-
-
-@pytest.mark.parametrize("flex", [-1.3, 0.0, 0.8, 1.5])
-@pytest.mark.parametrize("pose", ["open", "fist"])
-def test_the_hand_always_counts_whichever_way_the_arm_points(flex, pose):
-    """Where the arm pointed to the camera, the line ran across the fingers, and they drifted away unseen."""
-    joint = posed(flex=flex, pose=pose)
-    params = WHOLE.transform.solver_params(joint)
-    for model, pose_of in ((WHOLE, params), (HAND, without_arm(joint))):
-        for hand, whole in zip(
-            mask_views(HAND, without_arm(joint), near_pair()).silhouettes,
-            mask_views(WHOLE, params, near_pair()).silhouettes,
-            strict=True,
-        ):
-            line = forearm_cut(whole, model, model.bones(pose_of), 0.1)
-            cut = (hand.mask > 0) & ~valid(hand.camera, line)
-            assert cut.sum() < 0.003 * hand.mask.sum()
-
-
-def test_the_mask_counts_no_further_than_its_own_end_and_the_setting():
-    joint = posed(flex=0.2)
-    bones = WHOLE.bones(WHOLE.transform.solver_params(joint))
-
-    def reached(length, most):
-        silhouette = seen_with_arm(joint, length, near_pair()).silhouettes[0]
-        counts = valid(silhouette.camera, forearm_cut(silhouette, WHOLE, bones, most))
-        reach = np.arange(0.0, 0.15, 0.001)
-        u, v = np.rint(silhouette.camera.project(bones.to_world(ARM, reach[:, None] * [0, 1, 0]))).T
-        return reach[np.argmin(counts[v.astype(int), u.astype(int)])]
-
-    assert reached(0.2, 0.1) == pytest.approx(0.1, abs=0.003)
-    assert reached(0.2, 0.06) == pytest.approx(0.06, abs=0.003)
-    assert 0.04 < reached(0.06, 0.1) < 0.06
 
 
 def test_a_cloud_shows_an_arm_where_it_goes_on_behind_the_wrist(rng):
@@ -199,35 +152,6 @@ def test_a_cuff_does_not_carry_an_arm_over_the_fingers(turn, period, rng):
     )
     found = np.array([result.keypoints21 for result in results])
     assert 1e3 * np.linalg.norm(found - truth, axis=2).mean() < 11.0
-
-
-def test_the_arm_ends_where_most_frames_show_that_it_does():
-    """One frame in which more was seen, or nothing, decides nothing."""
-    joint, cameras = posed(flex=0.2), simulated_rig(3, (320, 240)).cameras
-    seen = [seen_with_arm(joint, length, cameras) for length in (0.2, 0.04, 0.04, 0.04, 0.0)]
-    arm_m = forearm_in_view(HAND, [(without_arm(joint), s) for s in seen])
-    assert arm_m == pytest.approx(0.035, abs=0.012)
-
-
-def test_other_models_are_not_cut():
-    ball = load_model("ball6")
-    silhouette = mask_views(HAND, without_arm(posed()), near_pair()).silhouettes[0]
-    assert forearm_cut(silhouette, ball, ball.bones(ball.rest_params()), 0.1) is None
-
-
-@pytest.mark.parametrize(
-    ("length", "model"), [(0.04, WHOLE), (0.2, WHOLE), (0.03, HAND), (0.2, HAND)]
-)
-def test_a_hand_with_an_arm_stays_where_it_is(length, model):
-    """Two near cameras see little of depth: the hand went centimetres along the arm, or towards the cameras."""
-    motion = [posed(0.02 * f, 0.01 * f, 0.002 * f) for f in range(6)]
-    seen = [seen_with_arm(j, length, near_pair(), f) for f, j in enumerate(motion)]
-    start = WHOLE.transform.solver_params(motion[0]) if model is WHOLE else without_arm(motion[0])
-    results = track_frames(Tracker(model, QUICK), lambda f, _: seen[f], 0, start, range(6))
-    for joint, result in zip(motion, results, strict=True):
-        truth = HAND.keypoints21(HAND.bones(without_arm(joint)))
-        assert result.keypoints21 is not None
-        assert 1e3 * np.linalg.norm(result.keypoints21 - truth, axis=1).mean() < 4.0
 
 
 @pytest.mark.parametrize("forearm", [False, 0.025])

@@ -10,7 +10,6 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 
@@ -19,23 +18,6 @@ def posed(model, shift=0.0):
     joint = named_pose(model, "open")
     joint[:3] = [shift, 0.1, 0.4]
     return model.transform.solver_params(joint)
-
-
-def test_near_the_hand_it_is_the_surfaces_distance_and_far_away_no_more_than_that(rng):
-    model = load_model()
-    bones = model.bones(posed(model))
-    points = bones.position.mean(axis=0) + rng.normal(scale=0.4, size=(4000, 3))
-    known, found = (
-        MetaballSurface.of(model).distance(bones, points),
-        hand_distance(model, bones)(points),
-    )
-    near = known < 0.2
-    assert near.sum() > 100
-    np.testing.assert_array_equal(found[near], known[near])
-    assert (found[known > 0.3] > 0.1).all()
-    assert (
-        found <= known + 0.003
-    ).all()  # the box is outside of the ellipsoids, merged ones swell a little
 
 
 def test_tracking_tells_where_the_hand_is_expected_unless_it_was_lost(rng):

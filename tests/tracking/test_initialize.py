@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
@@ -29,22 +28,6 @@ def test_exact_keypoints_give_back_the_hand(rng, pose):
     params = fit_keypoints(model, seen)
     error = np.linalg.norm(model.keypoints21(model.bones(params)) - seen.positions, axis=1)
     assert error.max() < 1e-3  # the weak pull to the relaxed hand is all that is left
-
-
-def test_missing_keypoints_are_filled_by_the_model(rng):
-    model = load_model()
-    seen = seen_pose(model, "curl", rng)
-    full = seen.positions.copy()
-    seen.positions[[3, 8, 11, 20]] = np.nan
-    params = fit_keypoints(model, seen)
-    assert np.linalg.norm(model.keypoints21(model.bones(params)) - full, axis=1).max() < 0.03
-
-
-def test_too_few_keypoints_are_refused():
-    points = np.full((21, 3), np.nan)
-    points[:3] = np.eye(3)
-    with pytest.raises(HandtrackError, match="3 keypoints are known, at least 4 are needed"):
-        fit_keypoints(load_model(), Keypoints(keypoint_names(), points, 0.005))
 
 
 def test_the_hands_size_is_found_from_noisy_keypoints():

@@ -5,16 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.control import Control
-from handtrack.tracking.search.engine import Candidate, Fit
 from handtrack.tracking.search.keypoint_start import (
-    ImageJointLandscape,
     hands_from_images,
     triangulated,
 )
@@ -82,21 +78,3 @@ def test_one_camera_leaves_a_choice_with_the_hand_in_it(rng, turn):
     for h in (h for h in found if h.weight > 0.01):
         off = CAMERAS[0].project(points_of(h.params)) - seen[0].pixels
         assert np.median(np.linalg.norm(off, axis=1)) < 5.0, "all of them look like what was seen"
-
-
-def test_the_cheapest_attitudes_are_those_that_are_polished():
-    seen = ImageKeypoints(CAMERAS[0], MODEL.joint_names, np.zeros((len(MODEL.joint_names), 2)), 1.0)
-    landscape = ImageJointLandscape(MODEL, (seen,), seen)
-    start = MODEL.rest_params()
-    candidates = [Candidate(MODEL, start, cost) for cost in (3.0, 1.0, 5.0, 2.0)]
-    kept = landscape.fit(Fit("cheapest", 2), candidates, Control())
-    assert [candidate.cost for candidate in kept] == [1.0, 2.0]
-
-
-def test_too_few_joints_are_refused(rng):
-    seen = seen_by(CAMERAS[:1], points_of(posed("rest", [0.0, 0.0, 0.0])), rng)
-    seen[0].pixels[3:] = np.nan
-    with pytest.raises(
-        HandtrackError, match=r"3 joints are seen in one image, at least 4 are needed"
-    ):
-        hands_from_images(MODEL, seen)

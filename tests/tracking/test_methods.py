@@ -9,21 +9,18 @@ import pytest
 from scipy.spatial.distance import cdist
 
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import carried_mesh, sample_surface
 from handtrack.observation.observation import ImageKeypoints, ImageView, Observation
 from handtrack.sampling.chains import Chain
 from handtrack.sampling.diffusion import long_tailed
-from handtrack.solver.problem import Problem
 from handtrack.terms.priors.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
-from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
@@ -32,68 +29,15 @@ from handtrack.tracking.search.policy import SHIFTED_FINGERS
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
-from handtrack_app.commands.terminal.track_options import parse_sources
 from tests.experiments.silhouettes.binary_fist import scene
 from tests.model.metaballs_reference import merged
 from tests.terms.conic_field_reference import dense_field
 
-PAPERS = ("paper2007", "paper2004", "paper2003")
 HAND, BALL = load_model(), load_model("ball6")
 
 
 def settings(method, **values):
     return TrackerSettings().with_values({"method": method} | values)
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_a_method_sets_what_it_says(name):
-    chosen, method = settings(name), METHODS[name]
-    assert (chosen.method, chosen.traits) == (name, method.traits)
-    flat = chosen.flat()
-    for setting, value in method.values.items():
-        assert flat[setting] == SETTINGS[setting].accept(value) == value
-    others = set(flat) - set(method.values) - {"method"}
-    assert all(flat[setting] == SETTINGS[setting].default for setting in others)
-    assert TrackerSettings().with_values(flat) == chosen
-
-
-def test_what_is_given_beside_a_method_wins_and_the_method_over_what_was_there():
-    before = {
-        "solver.iterations": 12,
-        "cloud.balance": 0.3,
-        "cloud.doubt_depth": True,
-        "cloud.distance": "d1",
-    }
-    of_session = TrackerSettings().with_values(before)
-    asked = of_session.with_values({"method": "paper2004"})
-    assert (asked.solver.iterations, asked.cloud) == (100, settings("paper2004").cloud)
-    assert settings("paper2004", **{"solver.iterations": "20"}).solver.iterations == 20
-    both = of_session.with_values({"solver.iterations": 20, "method": "paper2004"})
-    assert both.solver.iterations == 20
-
-
-def test_another_method_takes_back_what_the_one_before_had_set():
-    own = settings("paper2007", **{"silhouettes.weight": 2.0})
-    back = own.with_values({"method": "default"})
-    assert back == TrackerSettings().with_values({"silhouettes.weight": 2.0})
-    assert own.with_values({"method": "paper2004"}).solver.limits == "projection"
-
-
-def test_an_unknown_method_is_refused():
-    with pytest.raises(
-        HandtrackError, match="setting 'method': expected one of default, paper2007"
-    ):
-        settings("paper1999")
-
-
-def test_use_brings_back_what_a_method_leaves_out():
-    asked = parse_sources("silhouettes,keypoints", settings("paper2007"))
-    assert asked == {
-        "cloud.weight": 0,
-        "edges.weight": 0,
-        "intensity.weight": 0,
-        "keypoints.weight": 1,
-    }
 
 
 # ---- 2007
@@ -122,16 +66,6 @@ def test_silhouettes_cost_half_the_sum_of_all_pixels_squares(fist):
         (term,) = frame_terms(fist.model, chosen, seen, bones, None).stage(0, bones)
         expected = 0.5 * float(((plain.predicted + inside * plain.observed) ** 2).sum())
         assert term.cost(bones) == pytest.approx(expected, rel=1e-5)
-
-
-def test_the_inside_of_a_mask_is_about_the_mean_of_the_field_that_a_hand_has_there(fist):
-    """A constant that is far from it bends fingers until the field is nearer (six cameras: docs/explanation/accuracy.md)."""
-    means = []
-    for params, seen in zip(fist.joint_params, fist.observations, strict=True):
-        bones = fist.model.bones(fist.model.transform.solver_params(params))
-        plain = dense_field(list(seen.silhouettes), fist.model.flesh["fine"], bones)
-        means.append(plain.predicted.mean(where=plain.predicted < 0.0))
-    assert settings("paper2007").traits.inside == pytest.approx(np.mean(means), abs=0.05)
 
 
 def test_without_limits_a_joint_bends_where_it_never_could(fist):
@@ -184,24 +118,6 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     # far from the cloud the nearest of some near points, so within some percent
     assert model_side.cost(bones) == pytest.approx(0.5 * 0.7 * 1e6 * e2, rel=0.04)
     assert found.sharpened(BALL, bones, 0.1) is found
-
-
-def test_a_cloud_is_measured_to_a_surface_of_the_method_s_sharpness():
-    """β: one ellipsoid has none to speak of, so that of a glove, where palm and fingers meet."""
-    glove = load_model("glove9")
-    bones = glove.bones(glove.rest_params())
-    points, _ = sample_surface(MetaballSurface.of(glove), bones, 400, np.random.default_rng(0))
-    costs = {}
-    for beta in (200.0, 1000.0):
-        chosen = settings(
-            "paper2004", **{"cloud.balance": 1.0, "cloud.sharpness_per_mm": 1e-3 * beta}
-        )
-        found = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), glove, bones, chosen)
-        assert found is not None
-        off = merged(MetaballSurface.of(glove, beta), bones, points)[0]
-        costs[beta] = cloud_terms(found, glove, chosen, 1.2)[0].cost(bones)
-        assert costs[beta] == pytest.approx(0.5e6 * float((off**2).sum()), rel=1e-6)
-    assert costs[200.0] > 10.0 * costs[1000.0]
 
 
 def test_fingers_are_shifted_to_both_sides_in_each_frame_and_the_least_energy_wins():
@@ -273,20 +189,6 @@ def test_the_long_tailed_bell_is_cauchys_along_each_axis(rng):
     np.testing.assert_allclose(distance, expected)
 
 
-def test_joints_begin_and_are_not_looked_at_again():
-    camera = scene(1, 30, (160, 120), range(0, 1)).observations[0].silhouettes[0].camera
-    joints = camera.project(HAND.joint_positions(HAND.bones(HAND.rest_params())))
-    marks = ImageKeypoints(camera, HAND.joint_names, joints, 1.0)
-    image = ImageView(camera, np.zeros((120, 160, 3), np.uint8))
-    seen = Observation(0, 0.0, keypoints=(marks,), images=(image,))
-    tracker = Tracker(HAND, settings("paper2003"))
-    first = tracker._looked_at(TrackerState.beginning_at(HAND.rest_params()), seen)
-    later = tracker._looked_at(TrackerState(), seen)
-    assert (first.keypoints, first.images) == ((marks,), ())
-    assert (later.keypoints, later.images) == ((), (image,))
-    assert Tracker(HAND)._looked_at(TrackerState(), seen) is seen
-
-
 # ---- each of them tracks
 
 
@@ -328,9 +230,3 @@ def test_the_2003_method_carries_hypotheses_by_images_alone(fist):
     assert not {"keypoints", "silhouettes"} & set(found[1].energies)
     off = found[1].joint_positions - fist.joints[1]
     assert 1e3 * np.linalg.norm(off, axis=1).mean() < 60.0
-
-
-def test_a_problem_without_limits_has_none():
-    free = Problem(HAND, (), (), unlimited=True)
-    assert np.isinf(free.bounds(HAND.rest_params())).all()
-    assert np.isinf(free.limits.first).all()

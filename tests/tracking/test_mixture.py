@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
@@ -73,24 +72,6 @@ def tracked(body, observations, truth):
     return _track(body, observations, truth[0])
 
 
-def test_hypotheses_are_ranked_weighed_and_know_their_parents(tracked):
-    for last, now in zip([None, *tracked[:-1]], tracked, strict=True):
-        assert 1 <= len(now.alternatives) <= 5
-        assert sum(h.weight for h in now.alternatives) == pytest.approx(1.0)
-        shown = [h.weight for h in now.alternatives[:3]]
-        assert shown == sorted(shown, reverse=True)
-        known = range(-1, 0) if last is None else range(len(last.alternatives))
-        assert all(h.parent in known for h in now.alternatives)
-        assert now.status == Status.DOUBTFUL  # one camera leaves limbs open
-
-
-def test_the_results_pose_is_the_heaviest_hypothesis(body, tracked):
-    for result in tracked:
-        params = body.transform.solver_params(result.alternatives[0].parameters)
-        best = body.joint_positions(body.bones(params))
-        np.testing.assert_allclose(result.joint_positions, best, atol=1e-9)
-
-
 def test_one_of_few_is_near_the_truth_and_another_is_a_flip(body, observations, truth, tracked):
     """Both look alike: within the noise in the image, decimetres apart in space."""
     last = tracked[-1]
@@ -148,38 +129,3 @@ def test_two_cameras_leave_one_pose(body, camera, truth):
     )
     assert error.mean() < 0.02
     assert last.alternatives[0].weight > 0.9
-
-
-def test_the_seed_decides_on_what_is_sampled(body, truth, observations):
-    """The same again gives the same; another seed looks elsewhere, and carries other hypotheses."""
-
-    def sampled(seed: int) -> list[np.ndarray]:
-        chosen = {"tracker__hypotheses": 8, "tracker__seed": seed}
-        results = _track(body, observations[:3], truth[0], **chosen)
-        return [np.array([[h.weight, *h.parameters] for h in r.alternatives]) for r in results]
-
-    first, again, other = sampled(0), sampled(0), sampled(1)
-    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
-    assert not all(np.array_equal(a, b) for a, b in zip(first, other, strict=True))
-
-
-def test_samples_are_flipped_along_the_chains_of_the_users_choice(body, observations, truth):
-    """2003 paper, section 4: the user specifies a set of kinematic sub-chains."""
-    for chains, limbs in (("left_arm", {"left_arm"}), ("right_leg, neck", {"right_leg", "neck"})):
-        told = []
-        _track(body, observations[:3], truth[0], told.append, mixture__chains=chains)
-        tried = {trial.origin for report in told for _, trials in report.rounds for trial in trials}
-        assert {f"{limb} jumped" for limb in limbs} == {x for x in tried if x.endswith("jumped")}
-    with pytest.raises(HandtrackError, match="tail"):
-        _track(body, observations[:1], truth[0], mixture__chains="tail")
-
-
-def test_a_hand_without_chains_carries_hypotheses(camera):
-    """Nothing of it can jump: they are only followed."""
-    ball = load_model("ball6")
-    start = ball.rest_params()
-    places = ball.joint_positions(ball.bones(start))
-    joints = ImageKeypoints(camera, ball.joint_names, camera.project(places), 1.0)
-    seen = [Observation(frame, frame / 25.0, keypoints=(joints,)) for frame in range(3)]
-    results = _track(ball, seen, start)
-    assert {h.origin for r in results[1:] for h in r.alternatives} == {"followed"}

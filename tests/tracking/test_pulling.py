@@ -77,13 +77,6 @@ def test_masks_hold_the_rest_against_a_pin_and_give_way_at_the_joint(seen):
     assert np.linalg.norm(_joints(found)[wrist] - _joints(stood)[wrist]) < 0.004
 
 
-def test_a_pull_stays_within_limits():
-    stood = _at_ease()
-    target = _joints(stood)[TIP] + (0.0, 0.0, 0.15)  # behind the back of the hand
-    found = pulled(HAND, SETTINGS, Observation(0, 0.0, pins=_pins(target)), stood, by_images=False)
-    np.testing.assert_allclose(found, HAND.clipped(found))
-
-
 FRAMES = 17
 
 
@@ -125,13 +118,3 @@ def test_pins_of_one_frame_set_its_neighbours_right_and_it_is_still_refined():
     assert at in off, "no keyframe: its pins are what counts"
     assert off[at] < 0.002
     assert max(off[at - 2], off[at + 2]) < 0.5 * min(before)
-
-
-def test_a_track_takes_pins_as_it_meets_them():
-    observe, _, bent = _unseen_finger()
-    at = FRAMES // 2
-    tracked = track_frames(
-        Tracker(HAND), lambda f, b: observe(f, b, pinned=(at,)), 0, HAND.rest_params(), range(at + 1)
-    )  # fmt: skip
-    last = max(tracked, key=lambda r: r.frame)
-    assert np.linalg.norm(last.joint_positions[TIP] - _joints(bent)[TIP]) < 0.003

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.pursuit import Pursuit
 
@@ -92,14 +90,6 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
     assert path.glanced.count(2) == 1
 
 
-def test_a_search_that_finds_nothing_costs_no_frame(monkeypatch):
-    monkeypatch.setattr(Path, "reason", property(lambda _: Reason("unseen", number=float("nan"))))
-    path = Path(frozenset({0, 16, 32, 48}))
-    path.gate.set()
-    poses(path, 2, monkeypatch)
-    assert path.glanced == list(range(COUNT))
-
-
 def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
     path, early = Path(frozenset({3, 5, 40}), frozenset({3, 5, 40})), []
     searches, begun = [], Pursuit._begun
@@ -121,44 +111,3 @@ def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
     assert found[39] == sum(range(40))  # of 3 it came too late, and 5 had none beside it
     assert found[40] == sum(range(41)) + 1000
     assert sorted(found) == [*range(41), 41, 44, 47, 50, *range(51, COUNT)]
-
-
-def test_a_frame_that_cannot_be_read_is_told_after_those_before_it(monkeypatch):
-    """What was read in vain beyond a frame that is solved anew is not told at all, if it is not met again."""
-    path, broken = Path(frozenset({1})), []
-
-    def read(frame, _bones):
-        if frame == 4:
-            path.gate.set()
-            raise HandtrackError("frame 4 is damaged")
-        return frame
-
-    monkeypatch.setenv("HANDTRACK_THREADS", "2")
-    with pytest.raises(HandtrackError, match="frame 4"):
-        for _, result in Pursuit(path, read, 0, Control()).frames(range(COUNT)):
-            broken.append(result.frame)
-    assert broken == [0, 1, 2, 3]
-
-
-def test_a_mistake_within_a_search_is_told(monkeypatch):
-    class Broken(Path):
-        def step(self, state, seen, control):
-            raise ValueError("a mistake")
-
-    with pytest.raises(ValueError, match="a mistake"):
-        poses(Broken(frozenset({2})), 2, monkeypatch)
-
-
-def test_stopping_and_leaving_early_end_the_searches(monkeypatch):
-    before = set(threading.enumerate())
-    path = Path(frozenset({2}))  # its search waits for ever
-    stop = []
-    found = poses(
-        path, 2, monkeypatch, should_stop=lambda: bool(stop),
-        on_early=lambda result: stop.append(1) if result.frame == 6 else None,
-    )  # fmt: skip
-    assert [frame for frame, _ in found] == [0, 1]
-    left = Pursuit(replace(path), observe, 0, Control()).frames(range(COUNT))
-    next(left)
-    left.close()
-    assert set(threading.enumerate()) <= before

@@ -16,16 +16,10 @@ from handtrack.observation.observation import Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import Solved
-from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search import lost_hand
-from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
-from handtrack.tracking.search.lost_hand import with_hand_found
-from handtrack.tracking.search.policy import why_hand_may_be_lost
 from handtrack.tracking.search.proposers.depth_flips import depth_flips
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
@@ -42,12 +36,6 @@ def posed(pose="rest", turn=(0.0, 0.0, 0.0), away=(0.0, 0.0, 0.0)):
     joint[:3], joint[3:6] = away, turn
     joint[1] -= 0.09
     return MODEL.transform.solver_params(joint)
-
-
-def cost_of(seen, params):
-    shape = shape_of(MODEL, MODEL.joint_params(params), "test")
-    landscape = EvidenceLandscape.of(seen, PLAIN)
-    return landscape.measured(Candidate(MODEL, params, shape=shape)).cost
 
 
 def first_of(seen, start=None):
@@ -75,63 +63,6 @@ def test_a_hand_that_moved_on_unseen_is_found_again():
     assert without.moved_mm > 100.0
     assert not without.is_back
     assert jumps.is_back
-
-
-def test_a_tracked_frame_is_left_alone(known, monkeypatch):
-    def never(*_args, **_more):
-        raise AssertionError("nothing is looked for in a frame that fits")
-
-    monkeypatch.setattr(EvidenceLandscape, "of", never)
-    seen = mask_views(MODEL, posed(turn=(0.05, 0.0, 0.0)), RIG.cameras, 1)
-    plain, jumps = (followed(s, known, seen) for s in (PLAIN, JUMPS))
-    assert plain.status == Status.TRACKED
-    assert plain.parameters.tobytes() == jumps.parameters.tobytes()
-    assert plain.energy == jumps.energy
-
-
-def test_no_pose_is_taken_that_fits_worse(known, monkeypatch):
-    """Whatever descent finds, a pose comes back only if the common measure is clearly lower for it."""
-    truth = posed("open", (0.0, 1.2, 0.3), (0.05, 0.0, 0.0))
-    seen = mask_views(MODEL, truth, RIG.cameras, 1)
-    lost = replace(known, frame=1, status=Status.LOST)  # it stayed where the hand no longer is
-    before = cost_of(seen, MODEL.transform.solver_params(lost.parameters))
-
-    task = FrameTask(MODEL, PLAIN, seen, MODEL.transform.solver_params(lost.parameters), (known,))
-
-    def worse(alone):
-        fist = MODEL.joint_params(posed("fist", (2.0, 0.0, 0.0)))
-        return Solved(replace(lost, parameters=fist))
-
-    monkeypatch.setattr(lost_hand, "solve_frame", worse)
-    assert with_hand_found(task, Solved(lost)).result is lost
-    monkeypatch.undo()
-    found = with_hand_found(task, Solved(lost)).result
-    assert cost_of(seen, MODEL.transform.solver_params(found.parameters)) < 0.95 * before
-    off = found.keypoints21 - MODEL.keypoints21(MODEL.bones(truth))
-    assert 1e3 * np.linalg.norm(off, axis=1).mean() < 5.0
-    stopped = replace(task, control=Control(lambda: True))
-    assert with_hand_found(stopped, Solved(lost)).result is lost, "stopped"
-
-
-def test_it_is_tried_ever_more_rarely(known):
-    """Of a row of frames that stay in doubt the first, second, fourth, eighth ... are looked at."""
-    doubtful, previous, tried = replace(known, status=Status.DOUBTFUL), [known], []
-    for row in range(1, 20):
-        if why_hand_may_be_lost(doubtful, previous):
-            tried.append(row)
-        previous = [*previous, doubtful]
-    assert tried == [1, 2, 4, 8, 16]
-    assert not why_hand_may_be_lost(known, previous)
-    lost = replace(known, status=Status.LOST)
-    assert not why_hand_may_be_lost(lost, []), "a first frame has nowhere to be near to"
-    unseen = replace(lost, energy=float("nan"))
-    assert why_hand_may_be_lost(lost, [known, *[unseen] * 10]), (
-        "frames without a picture do not count"
-    )
-    tried = [
-        row for row in range(1, 20) if why_hand_may_be_lost(unseen, [known, *[unseen] * (row - 1)])
-    ]
-    assert tried == [1, 2, 4, 5, 8, 10, 15, 16], "a cloud elsewhere is looked at now and then"
 
 
 def test_a_cloud_that_is_elsewhere_is_found_again(rng):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 
 import numpy as np
-import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.result import FrameResult, Status
 from tests.sample_track import sample_frame, sample_track, stacked
 
@@ -33,39 +31,9 @@ def test_frames_come_back_as_they_were(rng):
     assert stacked(given).at(6).status is Status.LOST
 
 
-def test_a_frame_taken_out_is_a_copy(rng):
-    track = sample_track(rng)
-    before = track.parameters.copy()
-    track.at(0).parameters[:] = 0
-    np.testing.assert_array_equal(track.parameters, before)
-
-
 def test_a_part_keeps_frame_numbers_and_provenance(rng):
     part = sample_track(rng, range(10, 20)).between(range(12, 15))
     assert part.frame.tolist() == [12, 13, 14]
     assert part.session == "invented"
     assert part.keypoints21 is not None
     assert len(part.keypoints21) == 3
-
-
-def test_frames_that_are_not_there_are_the_users_error(rng):
-    track = sample_track(rng, [2, 3, 5])
-    with pytest.raises(HandtrackError) as error:
-        track.at(4)
-    assert str(error.value) == "frame 4 was not tracked; this result has 3 frames from 2 to 5."
-    with pytest.raises(HandtrackError, match="no tracked frame between 10 and 19; .* 2 to 5"):
-        track.between(range(10, 20))
-
-
-def test_a_model_without_keypoints_has_none(rng):
-    bare = [replace(sample_frame(rng, f), keypoints21=None) for f in range(3)]
-    track = stacked(bare)
-    assert track.keypoints21 is None
-    assert track.at(1).keypoints21 is None
-    assert track.between(range(2)).keypoints21 is None
-
-
-@pytest.mark.parametrize("frames", [[], [1, 1], [2, 1]])
-def test_our_own_mistakes_are_assertions(rng, frames):
-    with pytest.raises(AssertionError):
-        sample_track(rng, frames)

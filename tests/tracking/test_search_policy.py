@@ -86,9 +86,3 @@ def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
     assert lines[4] == "  taken: grid at 0.20, below 6.00 (1 × 6.00 − 0)"
     assert lines[-1] == "  nothing better was found; the standing pose stays"
     assert explained(8, told, None) == ["frame 8: nothing was searched"]
-
-
-def test_a_search_that_is_stopped_changes_nothing():
-    standing = candidate(9.0)
-    search = Search("", "", (Round((Propose("grid"),)),), "")
-    assert improved(search, Line(), standing, Control(lambda: True), 7, "asked") is standing

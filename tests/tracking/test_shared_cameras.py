@@ -91,14 +91,6 @@ def test_a_camera_that_was_turned_is_put_right():
     assert {one.name for one in found.cameras} == {"cam0", "cam1", "cam2"}
 
 
-def test_a_camera_that_was_touched_is_named():
-    cameras = [camera_at(0, np.deg2rad(2.0)), camera_at(1), camera_at(2)]
-    _, _, found = _tracked(cameras)
-    (text,) = found.words
-    assert "camera 'cam0' is turned by" in text
-    assert "cam2" not in text
-
-
 def test_clean_cameras_are_left_alone():
     cameras = [camera_at(k) for k in range(3)]
     frames, truth, found = _tracked(cameras)

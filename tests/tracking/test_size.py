@@ -52,7 +52,3 @@ def test_a_larger_hand_is_found(larger, coupling):
     assert set(scale.std) == {"length_mm", "overall", *HAND_PARTS, *scale.proportions}
     assert all(0.0 < scale.std[name] <= 1.0 for name in scale.proportions)
     assert scale.std["forearm"] == pytest.approx(0.12, rel=0.1), "nothing was seen of it"
-
-
-def test_stopped_it_says_nothing(larger):
-    assert fitted(larger, "26", should_stop=lambda: True) is None

@@ -104,11 +104,3 @@ def test_the_size_is_found(frames):
     for pose, true in zip(fitted, poses, strict=True):
         off = larger.bones(pose).position - larger.bones(true).position
         assert np.linalg.norm(off, axis=1).max() < 0.004
-
-
-def test_what_is_not_free_stays(frames):
-    problems, poses = frames
-    names = SizeParameters(problems[0].model).names
-    scale, _ = fit_size(problems, poses, np.array([name == "overall" for name in names]))
-    assert set(scale.parts.values()) == {1.0}
-    assert scale.overall == pytest.approx(TRUTH.overall, rel=0.02)

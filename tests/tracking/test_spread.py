@@ -10,7 +10,6 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.spread import measured_spread, spread_of_track
 from tests.sample_track import sample_track
 
@@ -35,51 +34,6 @@ def test_one_flat_spread_hand_gives_all_four():
     found = measured_spread(model.parameter_names, pose[None])
     assert found.ratio == pytest.approx(OWN)
     assert found.explained == pytest.approx(1.0)
-
-
-def test_many_noisy_frames_give_them_too_and_say_what_is_left(rng):
-    found = measured_spread(load_model().parameter_names, spreading(rng, 200, 1.0))
-    assert found.ratio == pytest.approx(OWN, abs=0.06)
-    assert np.rad2deg(found.residual_rad) == pytest.approx(np.sqrt(3 / 4), rel=0.1)
-    assert 0.9 < found.explained < 1.0
-
-
-def test_the_settings_give_that_model(rng):
-    found = measured_spread(load_model().parameter_names, spreading(rng, 5))
-    settings = TrackerSettings().with_values(found.settings())
-    model = load_model(coupling="18", spread=settings.model.spread)
-    at = model.transform.names.index("spread")
-    for finger, c in OWN.items():
-        row = model.parameter_names.index(f"{finger}_mcp_abd")
-        assert model.transform.matrix[row, at] == pytest.approx(c, abs=1e-4)
-
-
-def test_usual_constants_are_the_definitions():
-    assert TrackerSettings().model.spread == {}
-    model = load_model(coupling="18")
-    at = model.transform.names.index("spread")
-    flat = TrackerSettings().flat()
-    for finger in OWN:
-        row = model.parameter_names.index(f"{finger}_mcp_abd")
-        assert model.transform.matrix[row, at] == flat[f"model.spread_{finger}"]
-
-
-def test_a_hand_that_never_spreads_is_refused():
-    with pytest.raises(
-        HandtrackError, match=r"the index spreads by 0\.0° at most, expected 5° or more"
-    ):
-        measured_spread(load_model().parameter_names, np.zeros((4, 26)))
-
-
-def test_a_hand_without_fingers_is_refused():
-    with pytest.raises(HandtrackError, match="this one has no such fingers"):
-        measured_spread(load_model("ball6").parameter_names, np.zeros((1, 6)))
-
-
-def test_all_constants_zero_is_refused():
-    none = {f"model.spread_{finger}": 0 for finger in OWN}
-    with pytest.raises(HandtrackError, match="no finger would ever spread"):
-        TrackerSettings().with_values(none)
 
 
 def test_only_frames_that_show_it_count(rng):

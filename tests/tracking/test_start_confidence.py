@@ -5,19 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import Silhouette
-from handtrack.sampling.hypotheses import Hypothesis
-from handtrack.simulation.scenes.simulated_views import everything, mask_views
+from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Fit
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
-from handtrack.tracking.search.evidence.silhouette_evidence import _outline_px
 from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
 from handtrack.tracking.search.start_confidence import (
     BASIN_M,
@@ -25,7 +21,6 @@ from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     independent_errors,
     nearness,
-    settled_ways,
     shares,
 )
 from tests.experiments.scenes.start_frames import another_hand
@@ -100,26 +95,6 @@ def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
     assert found[3][0] > 0.9
 
 
-def test_more_views_are_more_measurements_but_one_hand(rng):
-    counts = []
-    for cameras in (1, 3, 6):
-        landscape, _, start = seen_by(cameras, rng, "open")
-        counts.append(independent_errors(landscape.sources, start))
-    assert 4.0 < counts[0] < counts[1] < counts[2] < 30.0
-
-
-def test_pieces_of_a_circle():
-    """A disc's outline is π times as long as it is wide."""
-    camera = simulated_rig(1, (320, 240)).cameras[0]
-    row, column = np.mgrid[:240, :320]
-    mask = (np.hypot(row - 120, column - 160) < 60).astype(np.float32)
-    whole = everything(camera)
-    assert _outline_px(Silhouette(camera, mask, whole)) == pytest.approx(120 * np.pi, rel=0.03)
-    left = whole.copy()
-    left[:, 1] = 160
-    assert _outline_px(Silhouette(camera, mask, left)) == pytest.approx(60 * np.pi, rel=0.05)
-
-
 def test_a_pointing_finger_is_found_among_bent_ones(rng):
     """Started as a fist that is rightly turned: the descent alone keeps the index bent."""
     landscape, true, start = seen_by(3, rng, "point")
@@ -132,25 +107,3 @@ def test_a_pointing_finger_is_found_among_bent_ones(rng):
     index = [5, 6, 7, 8]
     off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]
     assert off[0] > 25.0 and off[1] < 12.0
-
-
-def test_poses_near_each_other_are_one_way_and_wide_ones_are_less_sure():
-    """Two poses of a body that differ by a hand's breadth at one elbow, and one that faces away."""
-    body = load_model("body34")
-    here = body.joint_params(body.rest_params())
-    beside, away = here.copy(), here.copy()
-    beside[body.parameter_names.index("left_elbow_flex")] += 0.4
-    away[4] = np.pi
-
-    def ways(spread_rad):
-        known = np.eye(len(here)) * spread_rad**2
-        found = [
-            Hypothesis(body.transform.solver_params(joint), 1.0, known, weight, "made")
-            for joint, weight in ((here, 0.5), (beside, 0.3), (away, 0.2))
-        ]
-        return settled_ways(body, found)
-
-    (first, sure), (second, less) = ways(0.01)
-    assert (first.weight, second.weight) == (0.5, 0.2)
-    assert (sure, less) == (pytest.approx(0.8), pytest.approx(0.2))
-    assert ways(0.3)[0][1] < 0.7

@@ -15,7 +15,6 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes, palm_middle
-from handtrack.tracking.search.evidence.score_kernels import _CELLS, mark_visible
 from handtrack.tracking.search.evidence.silhouette_evidence import (
     _SIGMA_BANDS,
     _STEP_PX,
@@ -96,44 +95,3 @@ def test_a_view_of_part_of_the_hand_counts_for_what_is_out_of_it(places):
     whole = 2 * band / (_STRETCH_M * metre * (_SIGMA_BANDS * 0.003 * metre) ** 2)
     np.testing.assert_allclose(weights[0], whole, rtol=0.05)
     np.testing.assert_allclose(weights[1], 2.0 * whole, rtol=0.1)
-
-
-def test_a_finger_two_centimetres_from_all_points_costs(rng):
-    """E2 of the search: nothing within half a voxel, something where no point is near."""
-    points, _ = sample_surface(MetaballSurface.of(MODEL), MODEL.bones(PARAMS), 6000, rng)
-    start = cloud_evidence(points, ())
-    assert start is not None
-    away = PARAMS.copy()
-    away[MODEL.transform.names.index("index_mcp_flex")] += 0.8
-    there, astray = (
-        next(t for t in start.terms(SHAPE, x, 0.004) if t.name == "cloud_emptiness").cost(
-            MODEL.bones(x)
-        )
-        for x in (PARAMS, away)
-    )
-    assert astray > 20.0 * there and astray > 1.0
-
-
-def test_visible_points_face_the_eye_and_lie_in_front():
-    """A plate before another: of two points in line only the nearer is seen, and none from behind."""
-    points = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.05], [0.05, 0.0, 0.0]])
-    normals = np.tile([0.0, 0.0, 1.0], (3, 1))
-    marks, picture = np.zeros(3, bool), np.empty((_CELLS, _CELLS))
-    mark_visible(points, normals, np.eye(3), np.array([0.0, 0.0, 1.0]), picture, marks)
-    assert marks.tolist() == [False, True, True]
-    mark_visible(points, normals, np.eye(3), np.array([0.0, 0.0, -1.0]), picture, marks)
-    assert not marks.any()
-    half_turn = np.diag([1.0, -1.0, -1.0])
-    mark_visible(points, normals, half_turn, np.array([0.0, 0.0, -1.0]), picture, marks)
-    assert marks.tolist() == [False, True, True], "turned with its eye, it looks the same"
-
-
-def test_a_lens_of_absurd_length_gives_no_error(places):
-    """Its pixels are far smaller than what the search merges them to."""
-    seen = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras)
-    far = seen.silhouettes[0]
-    matrix = far.camera.matrix.copy()
-    matrix[0, 0] = matrix[1, 1] = 1e6
-    odd = replace(far, camera=replace(far.camera, matrix=matrix), mask=np.ones_like(far.mask))
-    start = silhouette_evidence([odd, *seen.silhouettes[1:]])
-    assert start is None or np.isfinite(start.scores(SHAPE, TURNS, places)).all()

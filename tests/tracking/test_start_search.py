@@ -11,20 +11,11 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Fit
-from handtrack.tracking.search.evidence.hand_shapes import palm_middle, shape_of
+from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
-from handtrack.tracking.search.proposers.rigid_grid import rigid_grid
 
 MODEL = load_model()
 SHAPE = shape_of(MODEL, named_pose(MODEL, "open"), "open")
-
-
-def candidate(x, degrees, cost):
-    turn = np.deg2rad(degrees)
-    rotation = np.array(
-        [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
-    )
-    return Candidate(MODEL, SHAPE.params_at(rotation, np.array([x, 0.0, 0.0])), cost, shape=SHAPE)
 
 
 def distinct(found, most):
@@ -49,39 +40,3 @@ def test_short_arms_bring_a_pose_nearer():
     off = [np.linalg.norm(j - true, axis=1).mean() for j in joints]
     assert off[0] < 0.003 and off[1] < 0.006  # 1.9 and 4.0 mm
     assert ended[0].cost < ended[1].cost
-
-
-def test_each_pose_goes_on_once_the_best_first():
-    found = [candidate(0.0, 1, 2.0), candidate(0.0, 0, 1.0), candidate(0.0, 90, 1.5)]
-    assert [f.cost for f in distinct(found, 5)] == [1.0, 1.5]
-
-
-def test_no_place_takes_all():
-    """An arm's end fits a fist in many variants, each a little better than the hand, its fingers not yet in place."""
-    arm = [candidate(0.0, 40 * i, 1.0 + 0.01 * i) for i in range(8)]
-    kept = distinct([*arm, candidate(0.3, 0, 1.4), candidate(0.3, 90, 1.5)], 4)
-    assert [f.cost for f in kept] == [1.0, 1.01, 1.4, 1.5]
-
-
-class Arm:
-    """A source in which any hand fits better at one place than at another, as fists do at an arm's end."""
-
-    places = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
-
-    def scores(self, shape, rotations, places, enough=1.0):
-        return (
-            0.2 + np.where(places[:, 0] > 0.1, 0.1, 0.0) + 1e-4 * np.arange(len(rotations))[:, None]
-        )
-
-
-def test_half_of_those_laid_are_elsewhere():
-    found = rigid_grid([Arm()], [SHAPE], 8, lambda: False)
-    there = [palm_middle(f.model, f.params)[0] > 0.1 for f in found]
-    assert sorted(there) == [False] * 4 + [True] * 4
-    assert [f.cost for f in found] == sorted(f.cost for f in found)
-
-
-def test_what_is_hopeless_elsewhere_takes_no_place():
-    arm = [candidate(0.0, 40 * i, 1.0 + 0.01 * i) for i in range(8)]
-    kept = distinct([*arm, candidate(0.3, 0, 3.5)], 4)
-    assert [f.cost for f in kept] == [1.0, 1.01, 1.02, 1.03]

@@ -11,7 +11,6 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import refine_recording, track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import CONFIRMED_BY, Tracker
@@ -103,37 +102,6 @@ def test_any_frame_can_be_redone(forward):
     np.testing.assert_array_equal(read_back.parameters, forward[6].parameters)
 
 
-def test_backward_from_a_later_frame():
-    results = followed(start=COUNT - 1)
-    assert [r.frame for r in results] == [COUNT - 1, *range(COUNT - 2, -1, -1)]
-    assert errors_mm(results).max() < 0.4  # measured 0.27 mm
-
-
-def test_both_ways_from_the_middle():
-    results = followed(start=5, frames=range(3, 9))
-    assert [r.frame for r in results] == [5, 6, 7, 8, 4, 3]
-    assert errors_mm(results).max() < 0.4
-
-
-def test_a_start_outside_the_range_is_the_way_in_only():
-    results = followed(start=0, frames=range(3, 6))
-    assert [r.frame for r in results] == [3, 4, 5]
-    assert errors_mm(results).max() < 0.4
-
-
-def test_a_camera_missing_for_some_frames(forward):
-    def observe(frame):
-        seen = SCENE.observations[frame]
-        return without(seen, ("cam1",)) if 4 <= frame < 8 else seen
-
-    results = followed(observe)
-    assert {r.status for r in results} == {Status.TRACKED}
-    assert errors_mm(results).max() < 0.4  # measured 0.26 mm
-    stated = [np.median(r.parameter_std) for r in results]
-    assert stated[6] > stated[3]  # less is seen, and said
-    assert stated[6] > np.median(forward[6].parameter_std)
-
-
 def test_one_camera_alone_is_followed_and_says_that_it_knows_less(forward):
     results = followed(lambda f: without(SCENE.observations[f], ("cam0", "cam2")))
     assert errors_mm(results).max() < 3.0  # measured 1.5 mm
@@ -161,28 +129,6 @@ def test_nothing_seen_is_lost_holds_the_last_estimate_and_goes_on():
     assert errors_mm(results[8:]).max() < 0.4  # measured 0.26 mm
 
 
-def test_a_first_frame_that_nobody_saw_holds_the_start():
-    empty = Observation(0, 0.0, ())
-    _, result = TRACKER.step(TrackerState.beginning_at(START), empty)
-    assert result.status == Status.LOST
-    np.testing.assert_allclose(result.parameters, SCENE.joint_params[0])
-
-
-def test_an_empty_mask_is_no_hand():
-    """Cameras that work and see no hand: not to be called tracked."""
-
-    def observe(frame):
-        seen = SCENE.observations[frame]
-        if frame < 4:
-            return seen
-        blank = tuple(replace(s, mask=np.zeros_like(s.mask)) for s in seen.silhouettes)
-        return replace(seen, silhouettes=blank)
-
-    results = followed(observe, range(6))
-    assert [r.status for r in results[4:]] == [Status.LOST, Status.LOST]
-    assert np.isinf(results[4].parameter_std).all()
-
-
 def test_stopping_leaves_what_is_done():
     results = []
     control = Control(should_stop=lambda: len(results) == 2)
@@ -193,17 +139,6 @@ def test_stopping_leaves_what_is_done():
     assert [r.frame for r in results] == list(range(len(results)))
     assert errors_mm(results).max() < 0.4
     assert followed(should_stop=lambda: True) == []
-
-
-def test_every_accepted_step_is_shown(forward):
-    seen = []
-    control = Control(on_iteration=lambda frame, k, x, c: seen.append((k, x, c)))
-    _, result = TRACKER.step(TrackerState.resumed(forward[:1]), SCENE.observations[1], control)
-    counts = [k for k, _, _ in seen]
-    assert counts == sorted(counts)
-    assert len(seen) <= result.iterations
-    last = MODEL.joint_params(seen[-1][1])
-    np.testing.assert_allclose(last, result.parameters, atol=1e-9)
 
 
 @pytest.mark.parametrize("coupling", ["21", "18"])
@@ -217,16 +152,3 @@ def test_a_coupled_hand_keeps_its_couplings(coupling):
     assert value["ring_dip_flex"] == pytest.approx(2 / 3 * value["ring_pip_flex"])
     assert value["thumb_ip_flex"] == pytest.approx(2 / 3 * value["thumb_mcp_flex"])
     assert result.status == Status.TRACKED
-
-
-def test_without_prediction_and_priors_it_still_follows():
-    plain = TrackerSettings().with_values(
-        {
-            "prior.rest_sigma_deg": 0,
-            "prior.posture": 0,
-            "tracker.smoothing": 0,
-            "tracker.prediction": "none",
-        }
-    )
-    results = followed(tracker=Tracker(MODEL, plain))
-    assert errors_mm(results).max() < 0.4  # measured 0.29 mm

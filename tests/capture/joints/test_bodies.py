@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from handtrack.capture.joints.given_joints import in_pixels, write_joints
 from handtrack.capture.joints.people import people
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.capture.joints.subject import BODY, subject_length
-from handtrack.errors import HandtrackError
 from tests.capture.joints.people import FORMS, FRAMES, SIZE, in_order, names, pixels, places, rig
 
 
@@ -51,33 +49,6 @@ def test_25_points_are_told_apart_by_the_bodies_they_make(layout: str, motion: s
         assert layout_of(bodies, None, "it") == layout
 
 
-def test_what_two_layouts_fit_is_asked_about() -> None:
-    """Of somebody's right arm alone, 25 points say nothing."""
-    person = in_order("body_25", pixels()[0])
-    person[[i for i in range(25) if i not in (2, 3, 4)]] = (np.nan, np.nan, 0.0)
-    bodies = checked_bodies({0: [person]}, "it")
-    assert bodies is not None
-    with pytest.raises(HandtrackError, match="may be body_25 or body_25b.*--layout body_25"):
-        layout_of(bodies, None, "it")
-    assert layout_of(bodies, "body_25b", "it") == "body_25b"
-
-
-def test_points_in_an_order_of_no_layout_are_refused() -> None:
-    shuffled = np.random.default_rng(1).permutation(17)
-    bodies = checked_bodies(
-        {f: [in_order("coco17", p)[shuffled]] for f, p in enumerate(pixels())}, "it"
-    )
-    assert bodies is not None
-    with pytest.raises(HandtrackError, match="make no bodies in the order of coco17"):
-        layout_of(bodies, None, "it")
-    with pytest.raises(
-        HandtrackError, match=r"--layout halpe26: it has people of 17 points, expected 26"
-    ):
-        layout_of(bodies, "halpe26", "it")
-    with pytest.raises(HandtrackError, match="people of 19 points, an order that is not known"):
-        layout_of(replace(bodies, frames={0: (np.ones((19, 3)),)}), None, "it")
-
-
 def test_who_stays_is_followed_though_others_are_listed_before_and_stand_taller() -> None:
     """The main person in all frames; a smaller one behind, exchanged with them in the list; a taller one who passes in two."""
     main = [in_order("coco17", seen) for seen in pixels()]
@@ -93,14 +64,6 @@ def test_who_stays_is_followed_though_others_are_listed_before_and_stand_taller(
         np.testing.assert_array_equal(points, main[f])
     for f, points in found[1].items():
         np.testing.assert_array_equal(points, behind[f])
-
-
-def test_who_was_away_for_long_is_the_same_person() -> None:
-    seen = [in_order("coco17", p) for p in pixels()]
-    frames = {f: [seen[f]] for f in range(3)} | {
-        f + 100: [seen[f] + (200.0, 0, 0)] for f in range(3)
-    }
-    assert [sorted(person) for person in people(frames)] == [[0, 1, 2, 100, 101, 102]]
 
 
 def test_names() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose
-from handtrack.capture.joints.given_joints import UnknownPoints, in_pixels, write_joints
+from handtrack.capture.joints.given_joints import in_pixels, write_joints
 from handtrack.capture.joints.joint_names import JOINTS, known_joint
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.errors import HandtrackError
@@ -37,20 +37,6 @@ def test_points_and_confidence_are_kept(form: str, tmp_path: Path) -> None:
     assert side in (("right",) if form not in ("deeplabcut h5", "sleap h5") else ("",))
 
 
-@pytest.mark.parametrize("form", WITHOUT)
-def test_points_without_confidence_are_sure(form: str, tmp_path: Path) -> None:
-    points = np.where(np.isnan(hand()), 50.0, hand())
-    found, side = written(WITHOUT[form](tmp_path, points), tmp_path)
-    np.testing.assert_allclose(found[..., :2], points[..., :2], rtol=0, atol=1e-3)
-    assert (found[..., 2] == 1).all()
-    assert side == ""
-
-
-def test_points_that_are_none_of_ours_are_named(tmp_path: Path) -> None:
-    given = read_joints(str(WITH_CONFIDENCE["deeplabcut csv"](tmp_path, hand())), "it")
-    assert given.unknown == ("elbow",)
-
-
 @pytest.mark.parametrize("spelling", [
     ("wrist thumb_cmc thumb_mcp thumb_ip thumb_tip", "{f}_mcp {f}_pip {f}_dip {f}_tip", "index middle ring little"),
     ("WRIST THUMB_CMC THUMB_MCP THUMB_IP THUMB_TIP", "{f}_FINGER_MCP {f}_FINGER_PIP {f}_FINGER_DIP {f}_FINGER_TIP", "INDEX MIDDLE RING PINKY"),
@@ -68,24 +54,6 @@ def test_usual_names_are_known(spelling: tuple[str, str, str]) -> None:
     assert [(known_joint(name) or ("none", ""))[0] for name in names] == list(JOINTS[: len(names)])
 
 
-def test_others_are_not(tmp_path: Path) -> None:
-    assert [
-        known_joint(n) for n in ("elbow", "nose", "21", "thumb_dip", "index", "tail_tip", "")
-    ] == [None] * 7
-
-
-def test_two_hands_are_asked_about(tmp_path: Path) -> None:
-    path = WITH_CONFIDENCE["coco"](tmp_path, hand())
-    table = json.loads(path.read_text())
-    for row in table["annotations"]:
-        row["lefthand_kpts"] = row["righthand_kpts"]
-    path.write_text(json.dumps(table))
-    given = read_joints(str(path), "it")
-    with pytest.raises(HandtrackError, match="two hands, left and right; say which with --side"):
-        given.hand(None, "it")
-    assert given.hand("left", "it")[0] == "left"
-
-
 def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path: Path) -> None:
     path = WITHOUT["mediapipe"](tmp_path, np.where(np.isnan(hand()), 50.0, hand()))
     table = json.loads(path.read_text())
@@ -96,22 +64,6 @@ def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path: Path) -> None:
     given = read_joints(str(path), "it")
     assert given.hand("left", "it")[1][0][0, 0] == 0.5
     assert "as in a mirror" in given.notes[0]
-
-
-def test_a_table_names_a_file_s_own_points(tmp_path: Path) -> None:
-    path = tmp_path / "own.csv"
-    path.write_text(
-        "frame,palm_x,palm_y,D2_base_x,D2_base_y,D2_tip_x,D2_tip_y\n0,10,20,30,40,50,60\n"
-    )
-    with pytest.raises(UnknownPoints) as refused:
-        read_joints(str(path), "it")
-    assert refused.value.names == ("palm", "D2_base", "D2_tip")
-    names = {"palm": "wrist", "D2_base": "index_mcp", "D2_tip": "index_tip"}
-    _, frames = read_joints(str(path), "it", names).hand(None, "it")
-    chosen = [JOINTS.index(joint) for joint in names.values()]
-    np.testing.assert_allclose(frames[0][chosen, :2], [[10, 20], [30, 40], [50, 60]])
-    with pytest.raises(HandtrackError, match="D3"):
-        read_joints(str(path), "it", {"D3": "middle_tip"})
 
 
 @pytest.mark.parametrize("heads", ["cam_id,frame_index,keypoint_id", "port,frame_index,point_id"])

@@ -83,19 +83,6 @@ def test_turns_are_about_the_bones_own_axes(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("shin 0\n2", "2", "frame 1 lacks the bone 'shin'"),
-        ("thigh 0 0", "thigh 0", r"line 6: expected a frame's number.*found 'thigh 0'"),
-        ("thigh 0 0", "tail 0 0", "no bone 'tail' in .*a.amc, line 6; known: root, thigh"),
-    ],
-)
-def test_broken_motions_are_named(tmp_path, old, new, message):
-    with pytest.raises(HandtrackError, match=message):
-        read(tmp_path, motion=MOTION.replace(old, new, 1))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
         ("direction 0 -1 0", "direction 0 x 0", r"a.asf, line 15: cannot be understood"),
         ("angle deg", "angle rad", "angles in degrees are expected"),
         ("    thigh shin\n", "", "without a place in :hierarchy: shin"),
