@@ -270,10 +270,11 @@ COMMANDS: dict[str, _Command] = {
     "size": _Command("person.size", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
     "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,
-        _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, bvh-humanik, glb, trc, mot, osim, c3d, urdf, mcap, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
+        _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, bvh-humanik, glb, trc, mot, osim, c3d, urdf, mcap, mano, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
         _option("--up", metavar="AXIS", help="which of the world's axes points up: x, y, z, or --up=-y where y points down; bvh, glb, trc, mot, c3d, urdf and mcap then stand upright (default: nothing is turned)"),
         _LANDMARKS,
+        _option("--mano", type=Path, metavar="MODEL", help="your MANO_RIGHT.pkl or MANO_LEFT.pkl, which --to mano fits"),
         _option("--metadata", type=Path, metavar="FILE.toml", help="what archives (nwb) ask of subject and session: subject_id, species, sex, age, start, description, experimenter, institution, lab"),
         _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"), _JSON,
     )),

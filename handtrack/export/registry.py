@@ -110,6 +110,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("c3d", ".c3d", "Joints as markers for motion capture programs (Vicon Nexus, Visual3D, Mokka).", "motion.c3d", ("ezc3d",), up="z"),
     ExportFormat("urdf", ".urdf", "The model as a robot for ROS, MuJoCo, Isaac; joint states in a CSV file beside.", "motion.urdf", has_parts=True, one_skeleton=True, up="z"),
     ExportFormat("mcap", ".mcap", "Joint states, /tf and the robot's description as ROS 2 messages, for Foxglove, RViz and `ros2 bag`.", "motion.mcap", ("mcap",), one_skeleton=True, up="z"),
+    ExportFormat("mano", "_mano.npz", "Shape and pose of your own MANO model, for programs that learn from hands (--mano FILE).", "mano"),
     ExportFormat("anipose", "_anipose.csv", "Joints as Anipose's 3D table [mm]; `movement` reads it.", "tables.anipose"),
     ExportFormat("netcdf", ".nc", "Labelled arrays with units and standard deviations, for xarray, MATLAB, R.", "tables.netcdf"),
     ExportFormat("nwb", ".nwb", "Joints and angles for neuroscience archives: Neurodata Without Borders with ndx-pose.", "tables.nwb", ("pynwb", "ndx-pose")),

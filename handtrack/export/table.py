@@ -56,6 +56,8 @@ class ResultsTable:
     """where its images are; None: not known"""
     metadata: ArchiveMetadata | None = None
     """what archives ask of the recording; None: nobody said it"""
+    mano: Path | None = None
+    """a user's own MANO model, which the format mano fits"""
 
     @classmethod
     def read(cls, path: Path | str, session_folder: Path | None = None) -> ResultsTable:

@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     chosen = export_format(args.to)
     folder = args.session or session_of(args.poses)
     table = ResultsTable.read(args.poses, folder)
+    table = replace(table, mano=args.mano)
     if args.metadata is not None:
         table = replace(table, metadata=ArchiveMetadata.read(args.metadata))
     out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{chosen.ending}")
