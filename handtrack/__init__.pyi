@@ -19,6 +19,9 @@ from .session.formats.tables import read_npz as read_npz
 from .session.formats.tables import write_npz as write_npz
 from .session.run import TrackingRun as TrackingRun
 from .session.session import Session as Session
+from .session.track_session import TrackingRequest as TrackingRequest
+from .session.track_session import request_for as request_for
+from .session.track_session import track_session as track_session
 from .terms.joint_position_term import JointPositionTerm as JointPositionTerm
 from .tracking.find_pose import FoundPose as FoundPose
 from .tracking.find_pose import find_pose as find_pose

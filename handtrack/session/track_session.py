@@ -1,0 +1,538 @@
+"""Tracking a session from its first pose to its result: one generator of events, for the terminal, the workbench and Python.
+
+size or shape → segments between fixed poses → forward pass → joint optimisation of all frames → warnings
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from itertools import pairwise
+
+from handtrack.arrays import Floats, P, S
+from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_tracked import doubt_of_cameras
+from handtrack.session.posed_frames import keyframe_result, posed_frames, solver_params_of
+from handtrack.session.run import TrackingRun
+from handtrack.session.side import doubt_of_side
+from handtrack.session.takes.take_recorder import TakeRecorder
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.sequence import new_share_of, track_frames, with_share
+from handtrack.tracking.state import Step
+from handtrack.tracking.whole.refinement import Refinement
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingRequest:
+    """What to track. Poses are joint parameters (S,) of the run's model [m, rad], so they hold for a hand of any size."""
+
+    frames: range
+    first: int
+    """where tracking starts: forward from there, then backward"""
+    start: Floats[S] | None = None
+    """the pose there; None: the run's first pose"""
+    fixed: Mapping[int, FrameResult] = field(default_factory=dict)
+    """keyframes and accepted frames: they stay as they are, and their neighbours are tracked from them"""
+    guides: Mapping[int, Floats[S]] = field(default_factory=dict)
+    """poses from pins or refits: tracking starts again from them and solves these frames, too"""
+    both_ends: bool = False
+    """half of the frames between two such poses are tracked from each"""
+    fit_size: bool = True
+    """the size is fitted where session and settings ask for it (`TrackingRun.sizes_first`)"""
+    refine: bool = True
+    """all frames are optimised jointly once they are tracked, where the settings ask for it"""
+    track_again: bool = True
+    """frames are tracked again where they show another size (`fit_size = "later"`) or forearm than they were tracked with"""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """Frames tracked from one pose: forward from `first`, and backward to earlier ones."""
+
+    frames: range
+    first: int
+    params: Floats[P]
+    """where the solver starts at `first`"""
+
+
+# ---- events
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a stage without frames is (not yielded: goes to `on_progress`)."""
+
+    stage: str
+    """`size` or `refine`"""
+    share: float
+    """0 to 1"""
+    message: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ProvisionalFrame:
+    """A frame is solved; a search beside may still change it (not yielded: goes to `on_progress`)."""
+
+    result: FrameResult
+
+
+@dataclass(frozen=True, eq=False)
+class SizeFitted:
+    """The size or forearm was found; frames from here on are of this run."""
+
+    run: TrackingRun
+    after_tracking: bool = False
+    """it was found in the frames tracked before; without `track_again` they stay, and it is an offer"""
+
+
+@dataclass(frozen=True, eq=False)
+class PassBegan:
+    """The frames are tracked from here on, perhaps again: what came before no longer counts."""
+
+    run: TrackingRun
+    frames: range
+    segments: Sequence[Segment]
+    resumed: Sequence[FrameResult] = ()
+    """frames of an interrupted pass, which are not tracked again"""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameTracked:
+    """A frame's result of the forward pass."""
+
+    result: FrameResult
+
+
+@dataclass(frozen=True, eq=False)
+class FramesRefined:
+    """All frames were optimised jointly; `results` (ascending) are those that it changed."""
+
+    run: TrackingRun
+    """with the size that was found with them"""
+    results: Sequence[FrameResult]
+    refinement: Refinement | None
+
+
+@dataclass(frozen=True)
+class Warned:
+    """Something about the recording that the tracked frames show."""
+
+    message: str
+
+
+@dataclass(frozen=True, eq=False)
+class Ended:
+    """The last event. Cancelled, or ended by input that cannot be used, `results` are the frames before that."""
+
+    run: TrackingRun
+    frames: range
+    results: Sequence[FrameResult]
+    """ascending; fixed poses among them"""
+    refinement: Refinement | None = None
+    cancelled: bool = False
+    problem: str = ""
+
+    @property
+    def is_complete(self) -> bool:
+        return not (self.cancelled or self.problem)
+
+    @property
+    def track(self) -> TrackResult:
+        """The frames as one result."""
+        text = None if self.refinement is None else self.refinement.text
+        return replace(self.run.result(self.results), refinement=text)
+
+
+Event = SizeFitted | PassBegan | FrameTracked | FramesRefined | Warned | Ended
+OnProgress = Callable[[Progress | ProvisionalFrame], None]
+
+
+def _unobserved(progress: Progress | ProvisionalFrame) -> None:
+    """Nobody looks."""
+
+
+def request_for(
+    run: TrackingRun, frames: range | None = None, from_init: bool = True
+) -> TrackingRequest:
+    """Return the request to track a recording with all that a person decided in the workbench.
+
+    Parameters
+    ----------
+    run
+        with a first pose, or of a session that has a keyframe
+    frames
+        those to track; all unless given
+    from_init
+        whether tracking starts where the session's first pose is, so that a keyframe there counts as that pose
+
+    Raises
+    ------
+    HandtrackError
+        without a first pose
+    """
+    frames = run.session.known_frames if frames is None else frames
+    first, posed = run.initial()[0], posed_frames(run)
+    start = posed.fixed.get(first)
+    pose = posed.guides.get(first) if start is None else start.parameters
+    if start is None or start.status == Status.KEYFRAME:
+        posed = posed.without(first)  # where tracking starts, it is solved
+    fixed = {f: result for f, result in posed.fixed.items() if f in frames}
+    guides = {f: pose for f, pose in posed.guides.items() if f in frames}
+    return TrackingRequest(frames, first, pose if from_init else None, fixed, guides)
+
+
+def track_session(
+    run: TrackingRun,
+    request: TrackingRequest | None = None,
+    control: Control = Control(),
+    on_progress: OnProgress = _unobserved,
+    take: TakeRecorder | None = None,
+) -> Iterator[Event]:
+    """Track a session: the same events, and the same numbers, for whoever asks.
+
+    Parameters
+    ----------
+    run
+        of `TrackingRun.open`
+    request
+        what to track; `request_for(run)` unless given
+    control
+        `should_stop` is asked between solver steps: true cancels, and while it does not return, tracking pauses
+    on_progress
+        called on this thread with what is not yielded, as it changes quickly
+    take
+        where frames are kept, and from where an interrupted run resumes; nowhere unless given
+
+    Yields
+    ------
+    Event
+        `Ended` is the last. After a second Ctrl-C (KeyboardInterrupt) it comes at once, as cancelled.
+
+    Raises
+    ------
+    HandtrackError
+        for input that cannot be used, before the first frame; after it, `Ended.problem` says so
+    """
+    request = request_for(run) if request is None else request
+    yield from _Tracking(run, request, control, on_progress, take).events()
+
+
+def refine_frames(
+    run: TrackingRun,
+    request: TrackingRequest,
+    tracked: Sequence[FrameResult],
+    control: Control = Control(),
+    on_progress: OnProgress = _unobserved,
+    changed: Sequence[int] | None = None,
+) -> FramesRefined:
+    """Optimise tracked frames jointly; fixed poses of the request stay.
+
+    Parameters
+    ----------
+    tracked
+        ascending, without the fixed ones
+    changed
+        frames whose fixed poses are new since they were last refined: those that they affect alone are done. None: all
+    """
+    texts: list[str] = []
+    control = replace(
+        control,
+        on_refined=lambda share: on_progress(Progress("refine", share)),
+        on_shared=texts.append,
+    )
+    before = {result.frame: result for result in tracked}
+    fixed = {f: solver_params_of(run.model, r.parameters) for f, r in request.fixed.items()}
+    guides = {f: solver_params_of(run.model, pose) for f, pose in request.guides.items()}
+    found = run.refined(tracked, control, fixed, changed, guides)
+    refinement = Refinement.read(texts[-1]) if texts else None
+    scale = None if refinement is None else refinement.scale
+    results = [result for result in found if result is not before.get(result.frame)]
+    return FramesRefined(run if scale is None else run.with_scale(scale), results, refinement)
+
+
+def tracking_segments(run: TrackingRun, request: TrackingRequest) -> tuple[Segment, ...]:
+    """Return the segments in which frames are tracked: from `first` to the next fixed pose or guide on either side, then on
+    from that. Fixed frames are not tracked; their neighbours start from them.
+    """
+    frames, first, model = request.frames, request.first, run.model
+    fixed = {f: solver_params_of(model, r.parameters) for f, r in request.fixed.items()}
+    known = {f: solver_params_of(model, pose) for f, pose in request.guides.items()} | fixed
+    later = [k for k in sorted(known) if first < k < frames.stop]
+    earlier = [k for k in sorted(known, reverse=True) if frames.start <= k < first]
+    low = earlier[0] + 1 if earlier else frames.start
+    high = later[0] if later else frames.stop
+    found: list[Segment] = []
+    if first in fixed:
+        found.append(Segment(range(first + 1, high), first + 1, fixed[first]))
+        found.append(Segment(range(low, first), first - 1, fixed[first]))
+    else:
+        start = request.start
+        params = run.initial()[1] if start is None else solver_params_of(model, start)
+        found.append(Segment(range(low, high), first, params))
+    for mark, following in pairwise([*later, frames.stop]):
+        begin = mark + 1 if mark in fixed else mark
+        found.append(Segment(range(begin, following), begin, known[mark]))
+    for mark, following in pairwise([*earlier, frames.start - 1]):
+        end = mark if mark in fixed else mark + 1
+        found.append(Segment(range(following + 1, end), end - 1, known[mark]))
+    if request.both_ends:
+        found = [half for one in found for half in _halves(one, fixed, known)]
+    return tuple(segment for segment in found if segment.frames)
+
+
+def _halves(
+    segment: Segment, fixed: Mapping[int, Floats[P]], known: Mapping[int, Floats[P]]
+) -> list[Segment]:
+    """Return a segment between two poses as one from each of them; any other as it is."""
+    low, high = segment.frames.start, segment.frames.stop
+    before = known[low] if low in known and low not in fixed else fixed.get(low - 1)
+    after = known.get(high)
+    if before is None or after is None:
+        return [segment]
+    middle = (low + high + 1) // 2
+    return [Segment(range(low, middle), low, before), Segment(range(middle, high), high - 1, after)]
+
+
+class _Tracking:
+    """The state of one tracking, from its first event to its last."""
+
+    def __init__(
+        self,
+        run: TrackingRun,
+        request: TrackingRequest,
+        control: Control,
+        on_progress: OnProgress,
+        take: TakeRecorder | None,
+    ) -> None:
+        self._run, self._request, self._take = run, request, take
+        self._on_progress = on_progress
+        self._interrupted = False
+        self._control = replace(control, refines=False, should_stop=self._stops, on_step=self._step)
+        self._control = replace(self._control, on_early=lambda r: on_progress(ProvisionalFrame(r)))
+        self._asked = control.should_stop
+        self._recorded = run.session.live is None
+        self._results: dict[int, FrameResult] = {}
+        self._steps: list[Step] = []  # until all frames are counted
+        self._refined: FramesRefined | None = None
+        self._problem = ""
+
+    def _stops(self) -> bool:
+        return self._interrupted or self._asked()
+
+    def _step(self, step: Step) -> None:
+        if self._take is not None:
+            self._take.add(step)
+        if self._recorded and not self._run.session.is_counted:
+            self._steps.append(step)
+
+    def _report(self, stage: str) -> Callable[[float, str], None]:
+        return lambda share, message: self._on_progress(Progress(stage, share, message))
+
+    def events(self) -> Iterator[Event]:
+        """Yield all events."""
+        request, run = self._request, self._run
+        if request.fit_size and run.sizes_first and run.settings.model.fit_size == "true":
+            sized = None
+            try:
+                sized = run.fit_size(self._stops, tell=self._report("size"))
+            except KeyboardInterrupt:
+                self._interrupted = True
+            if sized is None or self._stops():
+                yield self._ended()
+                return
+            self._use(sized)
+            yield SizeFitted(sized)
+        yield from self._pass()
+        if self._recorded and not self._stops() and not self._problem:
+            counted = self._counted_frames()
+            if counted != self._request.frames:
+                self._request = replace(self._request, frames=counted)
+                yield from self._pass()
+        if self._recorded and not self._stops() and not self._problem:
+            yield from self._track_again()
+        if self._recorded and self._results and not self._stops():
+            yield from map(Warned, self._warnings())
+        yield self._ended()
+
+    def _use(self, run: TrackingRun) -> None:
+        """Go on with a run whose hand has another size, or a forearm."""
+        before, request = self._run, self._request
+        self._run = run
+        if run.model.parameter_names == before.model.parameter_names:
+            return
+        self._request = replace(
+            request,
+            start=None if request.start is None else run.joint_params_from(before, request.start),
+            fixed={
+                f: keyframe_result(run, f, run.joint_params_from(before, r.parameters))
+                for f, r in request.fixed.items()
+                if r.status == Status.KEYFRAME  # accepted frames of another model cannot show
+            },
+            guides={f: run.joint_params_from(before, p) for f, p in request.guides.items()},
+        )
+
+    def _pass(self) -> Generator[Event]:
+        """Track and refine all frames; what came of it is in `_results` and `_refined`."""
+        run, request, take = self._run, self._request, self._take
+        segments = tracking_segments(run, request)
+        if not segments:
+            raise HandtrackError(
+                "All these frames are set by hand, found or accepted; there is nothing to track."
+            )
+        done = [] if take is None else take.begin(run, request.frames, _digests(run, request))
+        if not done and self._steps:  # they were tracked before all frames were counted
+            done, self._steps = self._steps, []
+            for step in done if take is not None else ():
+                take.add(step)  # pyright: ignore[reportOptionalMemberAccess]
+        tracked = {frame for segment in segments for frame in segment.frames}
+        resumed = {s.result.frame: s.result for s in done if s.result.frame in tracked}
+        self._results, self._refined, self._problem = dict(resumed), None, ""
+        yield PassBegan(run, request.frames, segments, [*resumed.values()])
+        known = run.session.known_frames
+        try:
+            for segment in segments:
+                for result in run.track_with(
+                    self._control, segment.frames, segment.first, segment.params, done
+                ):
+                    if self._recorded:
+                        self._results[result.frame] = result
+                    yield FrameTracked(result)
+                    if self._recorded and run.session.known_frames != known:
+                        return  # a video has not as many frames as it announces
+                if self._stops():
+                    return
+            if self._recorded and request.refine and run.settings.refines:
+                yield self._refine(segments)
+        except KeyboardInterrupt:  # a second Ctrl-C, in the middle of a frame
+            self._interrupted = True
+        except HandtrackError as error:
+            if not self._results:
+                raise
+            self._problem = str(error)
+
+    def _refine(self, segments: Sequence[Segment]) -> FramesRefined:
+        run = self._run
+        tracked = [self._results[frame] for frame in sorted(self._results)]
+        usual = run.tracker
+        tracker = with_share(usual, new_share_of(usual, run.observation, tracked))
+        if tracker is not usual:
+            # as a pass of its own: nothing of it is kept
+            quiet = Control(self._stops, waits=self._control.waits)
+            again = [
+                result
+                for one in segments
+                for result in track_frames(
+                    tracker, run.observation, one.first, one.params, one.frames, quiet
+                )
+            ]
+            if len(again) == len(tracked):
+                tracked = sorted(again, key=lambda result: result.frame)
+        found = refine_frames(run, self._request, tracked, self._control, self._on_progress)
+        changed = [r for r in found.results if r is not self._results.get(r.frame)]
+        found = replace(found, results=changed)
+        self._results |= {result.frame: result for result in changed}
+        self._refined = found
+        if self._take is not None and changed:
+            text = None if found.refinement is None else found.refinement.text
+            self._take.refine(replace(found.run.labels, refinement=text), changed)
+        return found
+
+    def _counted_frames(self) -> range:
+        """Return the frames to track once those of videos are counted, which may be other than they announced."""
+        request, session = self._request, self._run.session
+        known = session.known_frames
+        counted, stop = session.frame_range.stop, request.frames.stop
+        if counted == known.stop and stop <= counted:
+            return request.frames
+        frames = range(request.frames.start, min(stop, counted))
+        if not frames:
+            raise HandtrackError(
+                f"{session.folder}: frames {request.frames.start} to {stop - 1} were asked for, but the recording has the "
+                f"frames 0 to {counted - 1}: its videos have not as many as they announce."
+            )
+        return frames
+
+    def _track_again(self) -> Generator[Event]:
+        """Track all frames again where they show another size or forearm than they were tracked with."""
+        run, request = self._run, self._request
+        results = [self._results[frame] for frame in sorted(self._results)]
+        if request.fit_size and run.settings.model.fit_size == "later" and run.size_is_open:
+            other = run.fit_size(self._stops, tell=self._report("size"), tracked=results)
+            if self._stops():
+                return
+            yield SizeFitted(other, after_tracking=True)
+        elif request.track_again and not request.fixed and not request.guides:
+            known = run if self._refined is None else self._refined.run
+            other = known.with_arm_of(results)
+            if other is known:
+                return
+            yield SizeFitted(other, after_tracking=True)
+        else:
+            return
+        if other is run or not request.track_again:
+            return
+        before = run, request, self._results, self._refined
+        self._use(other)
+        yield from self._pass()
+        if self._stops() or self._problem:
+            if self._take is not None:
+                self._take.leave_pass()
+            self._run, self._request, self._results, self._refined = before
+            self._problem = ""
+            yield Warned("tracking again was not finished: the result is of the first pass.")
+
+    def _warnings(self) -> Iterator[str]:
+        run, results = self._ended_run, list(self._results.values())
+        joints_given = run.first is not None and run.first.xyz is not None
+        if self._take is not None and self._take.is_first and not joints_given:
+            tracked = {r.frame: r.parameters for r in results if r.status != Status.LOST}
+            control = Control(self._stops)
+            text = doubt_of_side(run.session, run.settings, run.model, tracked, control)
+            yield from [text] if text else []
+        refinement = None if self._refined is None else self._refined.refinement
+        found = [] if refinement is None else refinement.words
+        text = "" if found or self._stops() else doubt_of_cameras(run, results)
+        yield from found or ([text] if text else [])
+
+    @property
+    def _ended_run(self) -> TrackingRun:
+        return self._run if self._refined is None else self._refined.run
+
+    def _ended(self) -> Ended:
+        run, results = self._ended_run, dict(self._results)
+        if results or not self._stops():
+            for frame, fixed in self._request.fixed.items():
+                is_keyframe = fixed.status == Status.KEYFRAME
+                results[frame] = (
+                    keyframe_result(run, frame, fixed.parameters) if is_keyframe else fixed
+                )
+        return Ended(
+            run,
+            self._request.frames,
+            [results[frame] for frame in sorted(results)],
+            None if self._refined is None else self._refined.refinement,
+            self._stops(),
+            self._problem,
+        )
+
+
+def _digests(run: TrackingRun, request: TrackingRequest) -> dict[str, str]:
+    """Return digests of the poses that a pass is tracked by besides the first one; none where there are none."""
+    found = dict[str, str]()
+    for name, poses in (
+        ("start", {} if request.start is None else {request.first: request.start}),
+        ("fixed poses", {f: r.parameters for f, r in request.fixed.items()}),
+        ("guides", request.guides),
+        ("pins", {}),
+    ):
+        total = blake2b(digest_size=8)
+        for frame, pose in sorted(poses.items()):
+            total.update(f"{frame}:".encode())
+            total.update(pose.tobytes())
+        text = run.session.pins.text if name == "pins" else None
+        if poses or text:
+            total.update((text or "").encode())
+            found[name] = total.hexdigest()
+    return found
