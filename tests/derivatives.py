@@ -89,7 +89,7 @@ def check_observation_term(
     )
     larger = deformed(bones, own)
     plain, width = term.linearize(larger), len(DEFORMED)
-    system = term.linearize_sized(larger, deformations(larger))
+    system = term.linearize(larger, deformations(larger))
     _check_cost(system.cost, plain.cost, term.name)
     _check_hessian(system.hessian, width * count)
     kept = np.arange(width * count) % width < 6

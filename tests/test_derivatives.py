@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.bone_system import BoneSystem, JointSystem
-from handtrack.terms.rows import Rows, field_row, point_row
+from handtrack.terms.rows import Rows, motion_row
+from handtrack.terms.term import ObservationTerm, ParameterTerm
 from tests.derivatives import (
     check_jacobian,
     check_observation_term,
@@ -19,42 +19,32 @@ from tests.derivatives import (
 
 
 @dataclass(frozen=True)
-class PointTerm:
+class PointTerm(ObservationTerm):
     """½|X − target|² of one point on the second bone."""
 
     target: np.ndarray
     slip: float = 0.0
     name: str = "point"
 
-    def rows(self, bones, row=point_row):
+    def add_to(self, bones, sums):
         x = bones.to_world(np.array([1, 1, 1]), np.tile([0.1, 0.2, 0.3], (3, 1)))
         residual = x[0] - self.target
-        twist = row(x, np.eye(3), bones.reference)
-        twist[0, 3] += self.slip
+        motion = motion_row(x, np.eye(3), bones.reference, sums.width)
+        motion[0, 3] += self.slip
         cost = 0.5 * float(residual @ residual)
-        return Rows(residual, np.arange(3), np.ones(3, int), twist, cost, np.ones(3))
-
-    def cost(self, bones) -> float:
-        return self.rows(bones).cost
-
-    def linearize(self, bones) -> BoneSystem:
-        return self.rows(bones).bone_system(2)
-
-    def linearize_sized(self, bones, fields) -> JointSystem:
-        return self.rows(bones, field_row).bone_system(2).pull_back(fields.joints)
+        return Rows(residual, np.arange(3), np.ones(3, int), motion, cost, np.ones(3)).add_to(sums)
 
 
 @dataclass(frozen=True)
-class RestTerm:
+class RestTerm(ParameterTerm):
     factor: float
     name: str = "rest"
 
-    def cost(self, joint_params) -> float:
+    def add_to(self, joint_params, sums):
+        if sums.width:
+            np.add(sums.gradient, self.factor * joint_params, out=sums.gradient)
+            np.add(sums.hessian, np.eye(len(joint_params)), out=sums.hessian)
         return 0.5 * float(joint_params @ joint_params)
-
-    def linearize(self, joint_params) -> JointSystem:
-        count = len(joint_params)
-        return JointSystem(self.cost(joint_params), self.factor * joint_params, np.eye(count))
 
 
 @pytest.fixture

@@ -27,11 +27,12 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
-from handtrack.solver.levenberg_marquardt import SolverSettings, bounded_step, solve
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.limited_step_kernels import bounded_step
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
-from handtrack.terms.loss import GemanMcClure, Loss, Quadratic, UniformOutliers
+from handtrack.terms.loss import Loss, geman_mcclure, quadratic, uniform_outliers
 
 POINTS, NOISE_M, SIGMA_M = 10_000, 0.0003, 0.0005
 
@@ -117,9 +118,7 @@ def measure_iteration(rounds: int = 60) -> dict[str, Any]:
 
     def step() -> Floats:
         system = problem.linearize(scene.start)
-        found = bounded_step(system, scene.start, problem.limits, 1e-2)
-        assert found is not None
-        return found
+        return bounded_step(system.hessian, system.gradient, scene.start, problem.limits, 1e-2)[1]
 
     def step_and_trial() -> float:
         return problem.cost(scene.start + 0.1 * step())
@@ -219,9 +218,9 @@ def measure_solve(rounds: int = 5) -> dict[str, Any]:
 
 
 STAGES: tuple[tuple[Loss, float, int, float], ...] = (
-    (UniformOutliers(0.2, 30.0), 0.004, 8, 1.0),
-    (UniformOutliers(0.2, 30.0), 0.001, 6, 0.0),
-    (UniformOutliers(0.2, 60.0), 0.0004, 6, 0.0),
+    (uniform_outliers(0.2, 30.0), 0.004, 8, 1.0),
+    (uniform_outliers(0.2, 30.0), 0.001, 6, 0.0),
+    (uniform_outliers(0.2, 60.0), 0.0004, 6, 0.0),
 )
 """E1's loss, its sigma [m], iterations, E2's weight: 20 iterations from a wide to a narrow class of inliers"""
 
@@ -231,7 +230,7 @@ def cloud_recovery(seeds: int = 50) -> dict[str, Any]:
 
     No escape from wrong fingers: p90 is what descent alone reaches.
     """
-    plain = ((Quadratic(), SIGMA_M, 20, 0.0),)
+    plain = ((quadratic(), SIGMA_M, 20, 0.0),)
     runs = {
         "quadratic": [_recovered(cloud_scene(seed), plain) for seed in range(seeds)],
         "robust": [_recovered(cloud_scene(seed), STAGES) for seed in range(seeds)],
@@ -255,7 +254,7 @@ def _recovered(scene: CloudScene, stages: tuple[tuple[Loss, float, int, float], 
             mesh = surface_mesh(scene.surface, scene.model.bones(params), 0.005)
             terms.append(
                 CloudEmptinessTerm.at_start(
-                    scene.points, mesh, weight=emptiness, loss=GemanMcClure(5.0)
+                    scene.points, mesh, weight=emptiness, loss=geman_mcclure(5.0)
                 )
             )
         params = solve(
@@ -285,7 +284,7 @@ class DenseCloud:
         jacobian = np.empty((len(self.points) if want_jacobian else 0, twist.shape[2]))
         start, members = surface.links
         dense_rows(
-            self.points, surface.posed(bones), surface.ellipsoids.bone, start, members, surface.sharpness,
+            self.points, surface.posed(bones).table, surface.ellipsoids.bone, start, members, surface.sharpness,
             surface.turning_level, SIGMA_M, bones.reference, twist, want_jacobian, residual, jacobian,
         )  # fmt: skip
         return residual, jacobian

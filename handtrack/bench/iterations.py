@@ -51,7 +51,6 @@ def measure(what: str, rounds: int = 40) -> dict[str, Any]:
     rows, width = scene.rows(), len(scene.start)
     seen = scene.prepared()
     problems = scene.problem(seen), scene.problem(seen, all_rows=True)
-    _ = [problem.compiled for problem in problems]
 
     def ten(problem: Problem) -> int:
         return solve(problem, scene.start, _TEN).iterations

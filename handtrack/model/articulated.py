@@ -29,7 +29,6 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.kinematics_kernels import Moving
 from handtrack.model.limits import Limits
 from handtrack.model.moving_limits import MovingLimits, moving_limits
 from handtrack.model.skeleton import Skeleton
@@ -179,26 +178,6 @@ class ArticulatedModel:
         joint_params = self.joint_params(params)
         bones, jacobian = kinematics.linearize(self.skeleton, joint_params)
         return bones, jacobian, joint_params
-
-    @cached_property
-    def moving(self) -> Moving:
-        """Skeleton and transform, as compiled loops read them."""
-        skeleton, matrix = self.skeleton, self.transform.matrix
-        joint, leader = np.nonzero(matrix)
-        assert len(set(joint)) == len(joint), (
-            "a joint parameter may follow one solver parameter only"
-        )
-        return Moving(
-            np.asarray(skeleton.parent, np.int64),
-            np.ascontiguousarray(skeleton.offset),
-            np.ascontiguousarray(skeleton.rest_rotation),
-            np.asarray(skeleton.hinge_bone, np.int64),
-            np.ascontiguousarray(skeleton.hinge_axis),
-            joint.astype(np.int64),
-            leader.astype(np.int64),
-            np.ascontiguousarray(matrix[joint, leader]),
-            np.ascontiguousarray(self.transform.offset),
-        )
 
     @cached_property
     def moving_limits(self) -> MovingLimits:

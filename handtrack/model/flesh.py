@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +26,15 @@ class PosedEllipsoids:
     """semi-axes [m]."""
 
 
+class EllipsoidArrays(NamedTuple):
+    """Ellipsoids in bone frames, as compiled sums take them; see `Ellipsoids`."""
+
+    bone: Ints[E]
+    centre: Floats[E, D3]
+    rotation: Floats[E, D3, D3]
+    radii: Floats[E, D3]
+
+
 @dataclass(frozen=True)
 class Ellipsoids:
     """Ellipsoids fixed to bones, in bone frames (2007 paper, section 3.3)."""
@@ -40,6 +51,14 @@ class Ellipsoids:
 
     def __len__(self) -> int:
         return len(self.bone)
+
+    @cached_property
+    def arrays(self) -> EllipsoidArrays:
+        """The same for compiled sums."""
+        return EllipsoidArrays(
+            np.ascontiguousarray(self.bone, np.int64),
+            *(np.ascontiguousarray(a, float) for a in (self.centre, self.rotation, self.radii)),
+        )
 
     def posed(self, bones: BonePoses) -> PosedEllipsoids:
         """Return the ellipsoids where the bones have carried them."""

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from handtrack.arrays import D3, D4, D6, D12, Array, Axes, B, Floats, Ints, J, N, S, check_shape
-from handtrack.model.kinematics_kernels import pose_bones, twist_columns
-from handtrack.model.root_turn_kernels import turn_root
+from handtrack.model.kinematics_kernels import linearize_pose, pose
 from handtrack.model.skeleton import Skeleton
+
+
+class Frames(NamedTuple):
+    """The bones' frames, as compiled sums take them."""
+
+    rotation: Floats[B, D3, D3]
+    position: Floats[B, D3]
+    reference: Floats[D3]
 
 
 @dataclass(frozen=True)
@@ -26,6 +34,11 @@ class BonePoses:
     """scale factors of each bone, along its own axes about its proximal end, of all that is fixed to it; None: 1."""
     shift: Floats[B, D3] | None = None
     """of the ellipsoids on each bone, in its frame [m]; None: 0."""
+
+    @property
+    def frames(self) -> Frames:
+        """The same for compiled sums; what bones have grown by is applied to points before."""
+        return Frames(self.rotation, self.position, self.reference)
 
     @property
     def T_world_bone(self) -> Floats[B, D4, D4]:
@@ -91,33 +104,11 @@ class BoneFields:
         return BoneFields(*(fields[..., unknowns] for fields in vars(self).values()))
 
 
-def _pose(skeleton: Skeleton, joint_params: Floats) -> tuple[BonePoses, Floats, Floats]:
-    """Return the poses, the hinges' axes (S − 6, 3) in the world and the root's left Jacobian (3, 3)."""
-    params = np.ascontiguousarray(joint_params, dtype=float)
-    check_shape(params, (skeleton.parameter_count,), "joint parameters")
-    bones = skeleton.bone_count
-    rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
-    axis_world, root = np.empty((len(skeleton.hinge_bone), 3)), np.empty((5, 3, 3))
-    turn_root(params[3:6], root[0], root[1], root[2:])
-    pose_bones(
-        params,
-        root[0],
-        skeleton.parent,
-        skeleton.offset,
-        skeleton.rest_rotation,
-        skeleton.hinge_bone,
-        skeleton.hinge_axis,
-        rotation,
-        position,
-        axis_world,
-    )
-    poses = BonePoses(params[:3].copy(), rotation, position, skeleton.growth, skeleton.shift)
-    return poses, axis_world, root[1]
-
-
 def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:
     """Return the bones' poses for joint parameters [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
-    return _pose(skeleton, joint_params)[0]
+    params = _checked(skeleton, joint_params)
+    rotation, position, _, _ = pose(skeleton.tree, params)
+    return BonePoses(position[0], rotation, position, skeleton.growth, skeleton.shift)
 
 
 def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, Floats[B, D6, S]]:
@@ -126,14 +117,11 @@ def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, F
     Column s of bone b is the twist of b per unit of parameter s: the same screw for every bone after
     the joint. Replaces eqs. 30–39 of the 2007 paper; docs/explanation/model.md.
     """
-    poses, axis_world, root_jacobian = _pose(skeleton, joint_params)
-    jacobian = np.empty((skeleton.bone_count, 6, skeleton.parameter_count))
-    twist_columns(
-        root_jacobian,
-        skeleton.parent,
-        skeleton.hinge_bone,
-        axis_world,
-        poses.position,
-        jacobian,
-    )
-    return poses, jacobian
+    rotation, position, jacobian = linearize_pose(skeleton.tree, _checked(skeleton, joint_params))
+    return BonePoses(position[0], rotation, position, skeleton.growth, skeleton.shift), jacobian
+
+
+def _checked(skeleton: Skeleton, joint_params: Floats[S]) -> Floats[S]:
+    params = np.ascontiguousarray(joint_params, dtype=float)
+    check_shape(params, (skeleton.parameter_count,), "joint parameters")
+    return params

@@ -7,26 +7,18 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from handtrack.arrays import Floats, Ints
+from handtrack.arrays import D3, B, Floats, Ints, K
 from handtrack.model.root_turn_kernels import turn_root
 
 
-class Moving(NamedTuple):
-    """What moves, as arrays: skeleton and parameter transform."""
+class KinematicTree(NamedTuple):
+    """A skeleton as arrays, for compiled code; see `Skeleton`."""
 
-    parent: Ints
-    offset: Floats
-    rest: Floats
-    hinge_bone: Ints
-    hinge_axis: Floats
-    joint: Ints
-    """(L,) joint parameter, …"""
-    leader: Ints
-    """(L,) … the one solver parameter that leads it …"""
-    ratio: Floats
-    """(L,) … and by how much"""
-    shift: Floats
-    """(S,) joint parameters = ratio · leader + shift"""
+    parent: Ints[B]
+    offset: Floats[B, D3]
+    rest: Floats[B, D3, D3]
+    hinge_bone: Ints[K]
+    hinge_axis: Floats[K, D3]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -125,19 +117,22 @@ def twist_columns(root_jacobian, parent, hinge_bone, axis_world, position, out):
 
 
 @numba.njit(cache=True, nogil=True)
-def place_bones(
-    moving, params, joints, root, rotation, position, axes
-):  # pragma: no cover - compiled
-    """Fill joint parameters (S,), rotation, position and the hinges' axes at solver parameters (P,).
-
-    root: (5, 3, 3) receives the root's rotation, its left Jacobian and that one's slopes.
-    """
-    for s in range(joints.shape[0]):
-        joints[s] = moving.shift[s]
-    for k in range(moving.joint.shape[0]):
-        joints[moving.joint[k]] += moving.ratio[k] * params[moving.leader[k]]
-    turn_root(joints[3:6], root[0], root[1], root[2:])
+def pose(tree, params):  # pragma: no cover - compiled
+    """Return rotation (B, 3, 3), position (B, 3), the hinges' world axes and the root's left Jacobian, for params (S,)."""
+    bones = tree.parent.shape[0]
+    rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
+    axes, root = np.empty((tree.hinge_bone.shape[0], 3)), np.empty((5, 3, 3))
+    turn_root(params[3:6], root[0], root[1], root[2:])
     pose_bones(
-        joints, root[0], moving.parent, moving.offset, moving.rest, moving.hinge_bone, moving.hinge_axis, rotation,
-        position, axes,
+        params, root[0], tree.parent, tree.offset, tree.rest, tree.hinge_bone, tree.hinge_axis, rotation, position, axes
     )  # fmt: skip
+    return rotation, position, axes, root[1]
+
+
+@numba.njit(cache=True, nogil=True)
+def linearize_pose(tree, params):  # pragma: no cover - compiled
+    """Return rotation, position and the twist Jacobian (B, 6, S)."""
+    rotation, position, axes, root_jacobian = pose(tree, params)
+    jacobian = np.empty((tree.parent.shape[0], 6, params.shape[0]))
+    twist_columns(root_jacobian, tree.parent, tree.hinge_bone, axes, position, jacobian)
+    return rotation, position, jacobian

@@ -33,6 +33,11 @@ class MovingLimits(NamedTuple):
         nothing = np.zeros(count)
         return cls(np.arange(count), bounds, np.full(count, -1), nothing, nothing, bounds)
 
+    @classmethod
+    def none(cls) -> MovingLimits:
+        """Return no limits at all."""
+        return cls.fixed(np.empty((0, 2)))
+
     def frozen(self, where: Array[P], params: Floats[P]) -> MovingLimits:
         """Return these limits, but no room at all for some parameters: where `where` is True, at params."""
         kept, stay = ~where[self.param], np.flatnonzero(where)

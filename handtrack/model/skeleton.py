@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from handtrack.arrays import D3, B, Floats, Ints, K
 from handtrack.errors import unknown_name
+from handtrack.model.kinematics_kernels import KinematicTree
 
 ROOT_PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
 
@@ -37,6 +41,17 @@ class Skeleton:
     """as of `BonePoses`: of a person whose shape is being fitted."""
     shift: Floats[B, D3] | None = None
     """the same"""
+
+    @cached_property
+    def tree(self) -> KinematicTree:
+        """The same as arrays, for compiled code."""
+        return KinematicTree(
+            np.asarray(self.parent, np.int64),
+            np.ascontiguousarray(self.offset, float),
+            np.ascontiguousarray(self.rest_rotation, float),
+            np.asarray(self.hinge_bone, np.int64),
+            np.ascontiguousarray(self.hinge_axis, float),
+        )
 
     @property
     def bone_count(self) -> int:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, Ints, P, S
+from handtrack.arrays import D2, Array, Floats, Ints, K, P, S
 from handtrack.errors import HandtrackError, unknown_name
 
 
@@ -18,6 +19,14 @@ class Follows:
     name: str
     leader: str
     ratio: float
+
+
+class Links(NamedTuple):
+    """Which joint parameters follow which solver parameters, and how far."""
+
+    joint: Ints[K]
+    leader: Ints[K]
+    ratio: Floats[K]
 
 
 @dataclass(frozen=True)
@@ -49,8 +58,8 @@ class ParameterTransform:
         A solver parameter that leads several joints gets the intersection of their intervals, each
         divided by its ratio. An empty intersection (possible only for odd limits) collapses to its middle.
         """
-        joint, leader = self._led
-        ends = (bounds[joint] - self.offset[joint, None]) / self.matrix[joint, leader][:, None]
+        joint, leader, ratio = self.links
+        ends = (bounds[joint] - self.offset[joint, None]) / ratio[:, None]
         low, high = np.full(len(self.names), -np.inf), np.full(len(self.names), np.inf)
         np.maximum.at(low, leader, ends.min(axis=1))
         np.minimum.at(high, leader, ends.max(axis=1))
@@ -60,10 +69,13 @@ class ParameterTransform:
         return np.stack([low, high], axis=1)
 
     @cached_property
-    def _led(self) -> tuple[Ints, Ints]:
-        """Return which joint parameters (K,) follow which solver parameters (K,)."""
+    def links(self) -> Links:
+        """The matrix as a list. A joint parameter follows one solver parameter at most."""
         joint, leader = np.nonzero(self.matrix)
-        return joint, leader
+        assert len(set(joint)) == len(joint), (
+            "a joint parameter may follow one solver parameter only"
+        )
+        return Links(joint, leader, np.ascontiguousarray(self.matrix[joint, leader]))
 
 
 def build_transform(

@@ -10,9 +10,11 @@ from numba import types
 from numba.extending import overload
 
 from handtrack.arrays import Floats, Ints
+from handtrack.model.kinematics import Frames
 from handtrack.model.kinematics_kernels import pose_bones
 from handtrack.model.root_turn_kernels import turn_root
-from handtrack.terms.collision_kernels import collision_system
+from handtrack.terms.bone_system import Sums
+from handtrack.terms.collision_kernels import collision_sums
 
 _NEAREST_M = 1e-3  # a point this close to a camera's plane counts as behind it
 
@@ -78,11 +80,9 @@ def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
         return lambda overlaps, space, want_system: 0.0
 
     def cost(overlaps, space, want_system):
-        return collision_system(
-            space.rotation, space.position, space.position[0], overlaps.bone, overlaps.centre,
-            overlaps.turn, overlaps.radii, overlaps.first, overlaps.second, overlaps.slack,
-            overlaps.sigma, overlaps.weight, 6 if want_system else 0, space.bone_gradient, space.bone_hessian,
-        )  # fmt: skip
+        frames = Frames(space.rotation, space.position, space.position[0])
+        sums = Sums(6 if want_system else 0, space.bone_gradient, space.bone_hessian)
+        return collision_sums(frames, overlaps, sums)
 
     return cost
 

@@ -8,32 +8,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, B, C, E, Floats, Ints, J, K, L, M, P, Q, S
+from handtrack.arrays import D2, D3, B, C, Floats, Ints, J, K, L, M, P, Q, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.loss import GemanMcClure, Huber, Loss, Quadratic
+from handtrack.terms.collision_kernels import Collisions
+from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.priors.priors import LinearPrior
 from handtrack.terms.term import ParameterTerm
 
-_LOSS_KINDS = {Quadratic: 0, GemanMcClure: 1, Huber: 2}
-
-
-class Overlaps(NamedTuple):
-    """E ellipsoids on bones and the pairs of them that cost something where they overlap: terms/collision.py."""
-
-    bone: Ints[E]
-    centre: Floats[E, D3]
-    turn: Floats[E, D3, D3]
-    radii: Floats[E, D3]
-    first: Ints[K]
-    second: Ints[K]
-    slack: float
-    sigma: float
-    weight: float
+POLISHED = ("quadratic", "Geman-McClure", "Huber")
+"""losses that polishing knows"""
 
 
 class KeypointProblem(NamedTuple):
@@ -77,7 +65,7 @@ class KeypointProblem(NamedTuple):
     """[px]"""
     camera_middle: Floats[C, D2]
     """[px]"""
-    overlaps: Overlaps | None
+    overlaps: Collisions | None
     """parts that may not pass through each other; None is compiled without them, which takes a third of the time"""
     loss_kind: int
     loss_scale: float
@@ -92,7 +80,7 @@ def keypoint_problem(
     model: ArticulatedModel,
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
-    loss: Loss = Quadratic(),
+    loss: Loss = quadratic(),
     collision: CollisionTerm | None = None,
 ) -> KeypointProblem:
     """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of `observed`.
@@ -100,9 +88,10 @@ def keypoint_problem(
     priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints or losses.
     """
     skeleton = model.skeleton
-    if type(loss) not in _LOSS_KINDS:
-        known = ", ".join(kind.__name__ for kind in _LOSS_KINDS)
-        raise HandtrackError(f"polishing knows the losses {known}; found {type(loss).__name__}.")
+    if loss.name not in POLISHED:
+        raise HandtrackError(
+            f"polishing knows the losses {', '.join(POLISHED)}; found {loss.name}."
+        )
     joint, leader = np.nonzero(model.transform.matrix)
     assert len(set(joint)) == len(joint), "a joint parameter may follow one solver parameter only"
     chain = [_hinges_above(model, bone) for bone in range(skeleton.bone_count)]
@@ -122,9 +111,9 @@ def keypoint_problem(
         limits=model.moving_limits,
         is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
         **_observations(model, observed),
-        overlaps=None if collision is None else _overlaps(collision),
-        loss_kind=_LOSS_KINDS[type(loss)],
-        loss_scale=float(getattr(loss, "scale", 1.0)),
+        overlaps=None if collision is None else collision.collisions,
+        loss_kind=loss.kind,
+        loss_scale=loss.scale or 1.0,
         prior_at=model.rest_params(),
         prior_cost=float(prior.cost),
         prior_gradient=np.ascontiguousarray(prior.gradient),
@@ -154,22 +143,6 @@ def _expanded(model: ArticulatedModel, priors: Sequence[ParameterTerm]) -> Joint
         )
         total = total + system
     return total.pull_back(model.transform.matrix)
-
-
-def _overlaps(term: CollisionTerm) -> Overlaps:
-    flesh = term.flesh
-    first, second = np.ascontiguousarray(np.asarray(term.pairs, dtype=np.int64).T)
-    return Overlaps(
-        np.asarray(flesh.bone, dtype=np.int64),
-        np.ascontiguousarray(flesh.centre),
-        np.ascontiguousarray(flesh.rotation),
-        np.ascontiguousarray(flesh.radii),
-        first,
-        second,
-        float(term.slack_m),
-        float(term.sigma_m),
-        float(term.weight),
-    )
 
 
 def _observations(

@@ -20,7 +20,8 @@ from handtrack.sampling.keypoint_kernels import (
     pose,
     prior_cost,
 )
-from handtrack.terms.bone_kernels import pull_back_blocks
+from handtrack.terms.bone_kernels import pull_back
+from handtrack.terms.bone_system import Sums
 
 
 @numba.njit(cache=True, nogil=True)
@@ -185,7 +186,7 @@ def _add_collisions(overlaps, problem, space, gradient, normal):  # pragma: no c
                 space.root_jacobian, problem.parent, problem.hinge_bone, space.axis_world,
                 space.position, space.twist,
             )  # fmt: skip
-            g, h = pull_back_blocks(space.bone_gradient, space.bone_hessian, space.twist, False)
+            g, h = pull_back(Sums(6, space.bone_gradient, space.bone_hessian), space.twist)
             for s in range(gradient.shape[0]):
                 gradient[s] += g[s]
                 for t in range(s + 1):

@@ -13,7 +13,7 @@ from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.keypoint_problem import KeypointProblem, keypoint_problem
 from handtrack.sampling.polish_kernels import polish_all
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.loss import Loss, Quadratic
+from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import ParameterTerm
 
 
@@ -60,7 +60,7 @@ def polish(
     starts: Floats[N, P],
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
-    loss: Loss = Quadratic(),
+    loss: Loss = quadratic(),
     collision: CollisionTerm | None = None,
     settings: PolishSettings = PolishSettings(),
 ) -> Polished:

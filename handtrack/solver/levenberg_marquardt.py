@@ -11,16 +11,7 @@ import numpy as np
 from handtrack.arrays import Floats, P
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.parallel import one_blas_thread
-from handtrack.solver.compiled_problem import CompiledProblem
-from handtrack.solver.descent_kernels import (
-    CONVERGED,
-    NO_DESCENT,
-    REJECTIONS,
-    USED_UP,
-    descend,
-    workspace,
-)
-from handtrack.solver.limited_step_kernels import clip, damped_step, fill_box, new_box
+from handtrack.solver.limited_step_kernels import bounded_step, clipped, stepped
 from handtrack.solver.solver_settings import SolverSettings
 from handtrack.terms.bone_system import JointSystem
 
@@ -30,8 +21,6 @@ class BoundedProblem(Protocol):
 
     @property
     def limits(self) -> MovingLimits: ...
-
-    def cost(self, params: Floats[P]) -> float: ...
 
     def linearize(self, params: Floats[P]) -> JointSystem: ...
 
@@ -55,7 +44,8 @@ class SolveSummary:
         return self.why == "converged"
 
 
-_WHY = {CONVERGED: "converged", USED_UP: "iterations", NO_DESCENT: "no descent"}
+REJECTIONS = 5
+"""trials at one linearisation before giving up"""
 
 
 @one_blas_thread
@@ -65,45 +55,46 @@ def solve(
     settings: SolverSettings | None = None,
     should_stop: Callable[[], bool] | None = None,
     on_iteration: Callable[[int, Floats[P], float], None] | None = None,
+    limits: MovingLimits | None = None,
 ) -> SolveSummary:
-    """Return the minimum that descent reaches from params, within the problem's limits.
+    """Return the minimum that descent reaches from params, within limits.
 
-    A step is accepted only if the true cost falls; a rejected step is never called converged. Limits hold in either
-    way of `settings.limits`: as bounds of the step's own problem, or by projection after it (2004 paper, section 3.4); a problem
-    that has none (`Problem.unlimited`) is solved without.
-    `on_iteration(k, params, cost)` sees each accepted state. A problem with a compiled form descends there: it is asked
-    whether to stop once, before, and tells of its states afterwards.
+    A step is accepted only if the true cost falls; a rejected step is never called converged. Each trial is linearised at once: where
+    it is accepted, that is the next system already.
+
+    Parameters
+    ----------
+    should_stop
+        Asked before each iteration.
+    on_iteration
+        Called with (k, params, cost) for each accepted state.
+    limits
+        In place of the problem's; `settings.limits` says whether they are bounds of the step's own problem, or held by
+        projection after it (2004 paper, section 3.4).
     """
-    settings = settings or SolverSettings()
-    compiled: CompiledProblem | None = getattr(problem, "compiled", None)
-    if compiled is not None and settings.limits != "projection":
-        return _solve_compiled(compiled, params, settings, should_stop, on_iteration)
-    limits, box = problem.limits, new_box(len(params))
-    params = np.array(params, dtype=float)
-    clip(limits, params, box)
-    damping = settings.damping
-    costs: list[float] = []
-    dampings: list[float] = []
-    system = problem.linearize(params)
-    costs.append(system.cost)
+    settings, limits = settings or SolverSettings(), limits or problem.limits
+    bounds = MovingLimits.none() if settings.limits == "projection" else limits
+    longest = settings.step_limit_m, settings.step_limit_rad
+    params = clipped(limits, np.array(params, dtype=float))
+    damping, system = settings.damping, problem.linearize(params)
+    costs, dampings = [system.cost], list[float]()
     why, count = "iterations", 0
     for count in range(1, settings.iterations + 1):
         if should_stop is not None and should_stop():
-            why = "stopped"
+            why, count = "stopped", count - 1
             break
         moved, small, tighten = None, False, settings.tighten
         for _ in range(REJECTIONS):
-            step = bounded_step(
-                system, params, None if settings.limits == "projection" else limits, damping
+            has_minimum, step = bounded_step(
+                system.hessian, system.gradient, params, bounds, damping
             )
-            if step is not None:
-                trial = params + _shortened(step, settings)
-                clip(limits, trial, box)
-                cost = problem.cost(trial)
-                if cost < system.cost:
-                    moved = trial
+            if has_minimum:
+                trial, largest = stepped(limits, params, step, longest)
+                there = problem.linearize(trial)
+                if there.cost < system.cost:
+                    moved = there
                     break
-                small = bool(np.abs(trial - params).max() < settings.step_tolerance)
+                small = largest < settings.step_tolerance
                 if small:
                     break
             damping *= tighten
@@ -112,70 +103,14 @@ def solve(
         if moved is None:
             why = "converged" if small else "no descent"
             break
-        gain = system.cost - cost
-        largest = float(np.abs(moved - params).max())
+        gain = system.cost - moved.cost
         damping = max(damping * settings.relax, settings.least_damping)
-        params = moved
-        costs.append(cost)
+        params, system = trial, moved
+        costs.append(system.cost)
         if on_iteration is not None:
-            on_iteration(count, params, cost)
-        if (
-            gain <= settings.cost_tolerance * max(abs(cost), 1e-300)
-            or largest < settings.step_tolerance
-        ):
+            on_iteration(count, params, system.cost)
+        least = settings.cost_tolerance * max(abs(system.cost), 1e-300)
+        if gain <= least or largest < settings.step_tolerance:
             why = "converged"
             break
-        if count < settings.iterations:
-            system = problem.linearize(params)
-    return SolveSummary(params, costs[-1], count, why, tuple(costs), tuple(dampings), system)
-
-
-def _solve_compiled(
-    problem: CompiledProblem,
-    params: Floats,
-    settings: SolverSettings,
-    should_stop: Callable[[], bool] | None,
-    on_iteration: Callable[[int, Floats, float], None] | None,
-) -> SolveSummary:
-    size, most = len(params), settings.iterations
-    stopped = should_stop is not None and should_stop()
-    path, costs = np.empty((most + 1, size)), np.empty(most + 1)
-    dampings, work = np.empty(most), workspace(problem.moving, size)
-    params = np.array(params, dtype=float)
-    why, count, accepted = descend(
-        problem.moving, problem.limits, problem.observed, problem.priors, problem.is_block, params,
-        0 if stopped else most, settings.damping, settings.least_damping, settings.relax, settings.tighten,
-        settings.cost_tolerance, settings.step_tolerance, settings.step_limit_m, settings.step_limit_rad, path, costs,
-        dampings, work,
-    )  # fmt: skip
-    if on_iteration is not None:
-        for k in range(1, accepted + 1):
-            on_iteration(k, path[k].copy(), float(costs[k]))
-    cost = float(costs[accepted])
-    system = JointSystem(cost, work.gradient, work.hessian)
-    reason = "stopped" if stopped else _WHY[why]
-    history = tuple(costs[: accepted + 1].tolist())
-    return SolveSummary(
-        params, cost, count, reason, history, tuple(dampings[:count].tolist()), system
-    )
-
-
-def bounded_step(
-    system: JointSystem, params: Floats[P], limits: MovingLimits | None, damping: float
-) -> Floats[P] | None:
-    """Return the step that minimises the damped quadratic model within the limits; None if it has no minimum."""
-    box, step = new_box(len(params)), np.empty(len(params))
-    if limits is not None:
-        fill_box(limits, params, box)
-    floor = 1e-9 * max(float(np.diag(system.hessian).max()), 1e-30)
-    found = damped_step(system.hessian, system.gradient, params, box, damping, floor, step)
-    return step if found else None
-
-
-def _shortened(step: Floats, settings: SolverSettings) -> Floats:
-    """Return the step scaled down so that neither translations (first three) nor angles jump."""
-    longest = max(
-        float(np.abs(step[:3]).max()) / settings.step_limit_m,
-        float(np.abs(step[3:]).max(initial=0.0)) / settings.step_limit_rad,
-    )
-    return step / longest if longest > 1.0 else step
+    return SolveSummary(params, system.cost, count, why, tuple(costs), tuple(dampings), system)

@@ -279,3 +279,38 @@ def damped_step(
         damped, gradient, params, box, held, step, np.zeros(size), slope, np.zeros((size, size)),
         np.zeros((size, size)), np.zeros(size), np.zeros(size, np.int64),
     )  # fmt: skip
+
+
+@numba.njit(cache=True, nogil=True)
+def bounded_step(hessian, gradient, params, limits, damping):  # pragma: no cover - compiled
+    """Return whether the damped quadratic model has a minimum within the limits, and the step to it."""
+    box, step, floor = new_box(params.shape[0]), np.empty(params.shape[0]), 1e-30
+    fill_box(limits, params, box)
+    for p in range(params.shape[0]):
+        floor = max(floor, hessian[p, p])
+    return damped_step(hessian, gradient, params, box, damping, 1e-9 * floor, step), step
+
+
+@numba.njit(cache=True, nogil=True)
+def stepped(limits, params, step, longest):  # pragma: no cover - compiled
+    """Return where a step leads within the limits, and the largest change; longest: of a translation (first three), of an angle.
+
+    A step that is too long keeps its direction.
+    """
+    shorter, trial, largest = 1.0, np.empty(params.shape[0]), 0.0
+    for p in range(params.shape[0]):
+        shorter = max(shorter, abs(step[p]) / longest[0 if p < 3 else 1])
+    for p in range(params.shape[0]):
+        trial[p] = params[p] + step[p] / shorter
+    clip(limits, trial, new_box(params.shape[0]))
+    for p in range(params.shape[0]):
+        largest = max(largest, abs(trial[p] - params[p]))
+    return trial, largest
+
+
+@numba.njit(cache=True, nogil=True)
+def clipped(limits, params):  # pragma: no cover - compiled
+    """Return params moved into the limits that hold there."""
+    moved = params.copy()
+    clip(limits, moved, new_box(params.shape[0]))
+    return moved

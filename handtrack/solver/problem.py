@@ -1,19 +1,18 @@
-"""Problem: a model and the terms of one frame, as a function of solver parameters, all or some of them free."""
+"""Problem: a model and the terms of one frame, as a function of solver parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, P
+from handtrack.arrays import D2, Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses, bone_poses
 from handtrack.model.moving_limits import MovingLimits
-from handtrack.solver.assembly import assemble
-from handtrack.solver.compiled_problem import CompiledProblem
-from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.bone_kernels import to_solver
+from handtrack.terms.bone_system import COST_ALONE, JointSystem, Sums
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 
 
@@ -29,12 +28,9 @@ class Problem:
 
     def cost(self, params: Floats[P]) -> float:
         """Return the sum of all terms' costs."""
-        if self.compiled is not None:
-            return self.compiled.cost(params)
-        bones = self.model.bones(params)
-        seen = sum(term.cost(bones) for term in self.observation_terms)
         joint = self.model.joint_params(params)
-        return float(seen + sum(term.cost(joint) for term in self.parameter_terms))
+        bones = bone_poses(self.model.skeleton, joint)
+        return self._summed(bones, joint, COST_ALONE, COST_ALONE)
 
     def costs(self, params: Floats[P]) -> dict[str, float]:
         """Return the cost of each kind of term, by its name; terms of one name are summed."""
@@ -47,16 +43,23 @@ class Problem:
         return costs
 
     def linearize(self, params: Floats[P]) -> JointSystem:
-        """Return cost, gradient and Gauss-Newton Hessian (P, P)."""
-        if self.compiled is not None:
-            return self.compiled.linearize(params)
-        return assemble(self.model, params, self.observation_terms, self.parameter_terms)
+        """Return cost, gradient and Gauss-Newton Hessian (P, P).
 
-    @cached_property
-    def compiled(self) -> CompiledProblem | None:
-        """The same for compiled descent; None where a term has no tables."""
-        compiled = CompiledProblem.of(self.model, self.observation_terms, self.parameter_terms)
-        return compiled and replace(compiled, limits=self.limits)
+        Observations are summed by the twists of bones, priors by joint parameters; both come together last.
+        """
+        bones, jacobian, joint = self.model.linearize(params)
+        seen, known = Sums.zero(len(bones.position), 6), Sums.zero(len(joint))
+        cost = self._summed(bones, joint, seen, known)
+        links = self.model.transform.links
+        return JointSystem(cost, *to_solver(seen, jacobian, known, links, len(params)))
+
+    def _summed(self, bones: BonePoses, joint: Floats[S], seen: Sums, known: Sums) -> float:
+        cost = 0.0
+        for term in self.observation_terms:
+            cost += term.add_to(bones, seen)
+        for prior in self.parameter_terms:
+            cost += prior.add_to(joint, known)
+        return cost
 
     @property
     def limits(self) -> MovingLimits:
@@ -69,30 +72,3 @@ class Problem:
         if self.unlimited:
             return np.tile([-np.inf, np.inf], (len(params), 1))
         return self.model.bounds(params)
-
-
-@dataclass(frozen=True, eq=False)
-class FreeProblem:
-    """A problem in which only some solver parameters move; the others stay at `params` (P,)."""
-
-    problem: Problem
-    free: Array[P]
-    """bool"""
-    params: Floats[P]
-
-    def cost(self, params: Floats[P]) -> float:
-        return self.problem.cost(params)
-
-    def linearize(self, params: Floats[P]) -> JointSystem:
-        return self.problem.linearize(params)
-
-    @property
-    def compiled(self) -> CompiledProblem | None:
-        """The same for compiled descent; None where a term has no tables."""
-        compiled = self.problem.compiled
-        return compiled and replace(compiled, limits=self.limits)
-
-    @property
-    def limits(self) -> MovingLimits:
-        """Those of the problem where free, without room elsewhere."""
-        return self.problem.limits.frozen(~self.free, self.params)

@@ -1,4 +1,4 @@
-"""Compiled: a residual's row by a bone's twist or field, and the pull-back of bone systems to joint parameters."""
+"""Compiled: what a term adds for a point of a bone, and the pull-back of all terms' sums to a model's parameters."""
 
 from __future__ import annotations
 
@@ -6,65 +6,29 @@ import numba
 import numpy as np
 
 
-@numba.njit(cache=True, nogil=True)
-def pull_back_blocks(gradient, hessian, jacobian, is_block):  # pragma: no cover - compiled
-    """Return Jᵀ g (S,) and Jᵀ H J (S, S) for J (B, 6, S); blocks of H that are zero cost nothing, and threads of BLAS would cost more.
-
-    is_block: only the 6 × 6 blocks of bones with themselves are looked at.
-    """
-    bones, _, count = jacobian.shape
-    g, h = np.zeros(count), np.zeros((count, count))
-    product = np.empty((6, count))
-    for b in range(bones):
-        product[:] = 0.0
-        seen = False
-        for c in range(b if is_block else 0, b + 1 if is_block else bones):
-            used = False
-            for i in range(6):
-                for j in range(6):
-                    if hessian[6 * b + i, 6 * c + j] != 0.0:
-                        used = True
-            if not used:
-                continue
-            seen = True
-            for i in range(6):
-                for j in range(6):
-                    x = hessian[6 * b + i, 6 * c + j]
-                    if x != 0.0:
-                        for s in range(count):
-                            product[i, s] += x * jacobian[c, j, s]
-        for i in range(6):
-            x = gradient[6 * b + i]
-            if x != 0.0:
-                for s in range(count):
-                    g[s] += jacobian[b, i, s] * x
-        if not seen:
-            continue
-        for i in range(6):
-            for s in range(count):
-                x = jacobian[b, i, s]
-                if x != 0.0:
-                    for t in range(count):
-                        h[s, t] += x * product[i, t]
-    for s in range(count):
-        for t in range(s):
-            middle = 0.5 * (h[s, t] + h[t, s])
-            h[s, t] = middle
-            h[t, s] = middle
-    return g, h
+@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def to_world(frames, bone, local, point):  # pragma: no cover - compiled
+    """Fill the world point (3,) of a point (3,) in a bone's frame."""
+    for i in range(3):
+        point[i] = (
+            frames.position[bone, i]
+            + frames.rotation[bone, i, 0] * local[0]
+            + frames.rotation[bone, i, 1] * local[1]
+            + frames.rotation[bone, i, 2] * local[2]
+        )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def fill_arm(row, at, width, x, y, z):  # pragma: no cover - compiled
     """Complete row[at : at + width], whose first three are n, for a point at (x, y, z) = X − o: [n ; (X − o) × n] by a twist,
-    [n ; n (X − o)ᵀ] by a field of twelve numbers.
+    [n ; n (X − o)ᵀ] by a field of twelve numbers, n alone by a velocity of the point.
     """
     n0, n1, n2 = row[at], row[at + 1], row[at + 2]
     if width == 12:
         row[at + 3], row[at + 4], row[at + 5] = n0 * x, n0 * y, n0 * z
         row[at + 6], row[at + 7], row[at + 8] = n1 * x, n1 * y, n1 * z
         row[at + 9], row[at + 10], row[at + 11] = n2 * x, n2 * y, n2 * z
-    else:
+    elif width == 6:
         row[at + 3] = y * n2 - z * n1
         row[at + 4] = z * n0 - x * n2
         row[at + 5] = x * n1 - y * n0
@@ -76,3 +40,87 @@ def add_outer(row, at, factor, a, b):  # pragma: no cover - compiled
     for i in range(3):
         for j in range(3):
             row[at + 3 + 3 * i + j] += factor * a[i] * b[j]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_row(sums, bone, row, residual, weight):  # pragma: no cover - compiled
+    """Add weight · residual · row and weight · row rowᵀ to a bone's part of the sums. row: (width,)"""
+    at = sums.width * bone
+    for i in range(sums.width):
+        part = weight * row[i]
+        sums.gradient[at + i] += part * residual
+        for j in range(sums.width):
+            sums.hessian[at + i, at + j] += part * row[j]
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def add_point(sums, frames, bone, point, slope, residual, weight):  # pragma: no cover - compiled
+    """Add a residual of a bone's point: ½ weight residual², with d residual / d point = slope (3,). point: (3,) world [m]."""
+    row = np.empty(12)
+    for i in range(3):
+        row[i] = slope[i]
+    o = frames.reference
+    fill_arm(row, 0, sums.width, point[0] - o[0], point[1] - o[1], point[2] - o[2])
+    add_row(sums, bone, row, residual, weight)
+
+
+@numba.njit(cache=True, nogil=True)
+def pull_back(sums, jacobian):  # pragma: no cover - compiled
+    """Return Jᵀ g (N,) and Jᵀ H J (N, N) of sums by the bones' motion, for a motion J (B, width, N) by N unknowns.
+
+    Blocks of H that are zero, of pairs of bones that no residual joins, are passed over. Threads of BLAS would cost more.
+    """
+    bones, width, count = jacobian.shape
+    gradient, hessian = sums.gradient, sums.hessian
+    g, h = np.zeros(count), np.zeros((count, count))
+    product = np.empty((width, count))  # H J of one bone's rows
+    for b in range(bones):
+        product[:] = 0.0
+        seen = False
+        for c in range(bones):
+            used = False
+            for i in range(width):
+                for j in range(width):
+                    used |= hessian[width * b + i, width * c + j] != 0.0
+            if not used:
+                continue
+            seen = True
+            for i in range(width):
+                for j in range(width):
+                    x = hessian[width * b + i, width * c + j]
+                    if x != 0.0:
+                        for s in range(count):
+                            product[i, s] += x * jacobian[c, j, s]
+        for i in range(width):
+            x = gradient[width * b + i]
+            if x != 0.0:
+                for s in range(count):
+                    g[s] += jacobian[b, i, s] * x
+        if not seen:
+            continue
+        for i in range(width):
+            for s in range(count):
+                x = jacobian[b, i, s]
+                if x != 0.0:
+                    for t in range(count):
+                        h[s, t] += x * product[i, t]
+    for s in range(count):  # rounding has parted what is symmetric
+        for t in range(s):
+            middle = 0.5 * (h[s, t] + h[t, s])
+            h[s, t] = middle
+            h[t, s] = middle
+    return g, h
+
+
+@numba.njit(cache=True, nogil=True)
+def to_solver(sums, jacobian, priors, links, size):  # pragma: no cover - compiled
+    """Return gradient (size,) and Hessian by solver parameters: of observations, pulled back, and priors, by joint parameters."""
+    g, h = pull_back(sums, jacobian)
+    gradient, hessian = np.zeros(size), np.zeros((size, size))
+    for a in range(links.joint.shape[0]):
+        s, p, ratio = links.joint[a], links.leader[a], links.ratio[a]
+        gradient[p] += ratio * (g[s] + priors.gradient[s])
+        for b in range(links.joint.shape[0]):
+            t, r = links.joint[b], links.leader[b]
+            hessian[p, r] += ratio * links.ratio[b] * (h[s, t] + priors.hessian[s, t])
+    return gradient, hessian

@@ -1,18 +1,18 @@
-"""Quadratic models of a cost: in bone twists (BoneSystem) and in parameters (JointSystem)."""
+"""What terms add up to: a quadratic model of the cost."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import B6, B, Floats, K, P, S
-from handtrack.terms.bone_kernels import pull_back_blocks
+from handtrack.arrays import Floats, K, N, P
 
 
 @dataclass(frozen=True)
 class JointSystem:
-    """cost + gᵀδ + ½ δᵀHδ for a change δ of K parameters, of joints or the solver's."""
+    """cost + gᵀδ + ½ δᵀHδ for a change δ of K numbers: parameters of joints or the solver, or what moves bones."""
 
     cost: float
     gradient: Floats[K]
@@ -28,43 +28,28 @@ class JointSystem:
             self.cost + other.cost, self.gradient + other.gradient, self.hessian + other.hessian
         )
 
-    def pull_back(self, matrix: Floats[S, P]) -> JointSystem:
-        """Return the system of q where these parameters are matrix · q + offset."""
+    def pull_back(self, matrix: Floats[K, P]) -> JointSystem:
+        """Return the system of q where these numbers are matrix · q + offset."""
         return JointSystem(self.cost, matrix.T @ self.gradient, matrix.T @ self.hessian @ matrix)
 
 
-@dataclass(frozen=True)
-class BoneSystem:
-    """cost + gᵀξ + ½ ξᵀHξ for twists ξ = (v, ω) of all bones, world axes, about the root.
+class Sums(NamedTuple):
+    """Gradient and Gauss-Newton Hessian to which terms add, in place; compiled code takes it as it is.
 
-    gradient: (6B,), hessian: (6B, 6B), six numbers a bone in the order of bones (Gauss-Newton). Where a person's shape is
-    fitted it is twelve, (v, G) as in `BoneFields`: bones turn and deform, dX = v + G (X − o); docs/explanation/trajectory.md.
+    width numbers for each bone: 6, its twist (v, ω), world axes, about the root; 12, where a person's shape is fitted, (v, G) as in
+    `BoneFields`: bones turn and deform, dX = v + G (X − o), docs/explanation/trajectory.md. Of joint parameters there is one each.
+    A width of 0 is of no use to anybody: the cost alone is wanted.
     """
 
-    cost: float
-    gradient: Floats[B6]
-    hessian: Floats[B6, B6]
+    width: int
+    gradient: Floats[N]
+    hessian: Floats[N, N]
 
     @classmethod
-    def zero(cls, bone_count: int, width: int = 6) -> BoneSystem:
-        """Return the system of no residual at all; width: numbers a bone, 6 or 12."""
-        n = width * bone_count
-        return cls(0.0, np.zeros(n), np.zeros((n, n)))
+    def zero(cls, count: int, width: int = 1) -> Sums:
+        """Return sums of no residual yet, of `count` bones or joint parameters."""
+        size = count * width
+        return cls(width, np.zeros(size), np.zeros((size, size)))
 
-    def __add__(self, other: BoneSystem) -> BoneSystem:
-        return BoneSystem(
-            self.cost + other.cost, self.gradient + other.gradient, self.hessian + other.hessian
-        )
 
-    def scaled(self, weight: float) -> BoneSystem:
-        """Return the system of weight × cost."""
-        return BoneSystem(weight * self.cost, weight * self.gradient, weight * self.hessian)
-
-    def pull_back(self, jacobian: Floats[B, K, S]) -> JointSystem:
-        """Return the system of S unknowns. jacobian: the twist Jacobian (B, 6, S), or fields (B, 12, S)."""
-        if jacobian.shape[1] == 12:
-            dense = jacobian.reshape(len(self.gradient), -1)
-            return JointSystem(self.cost, self.gradient, self.hessian).pull_back(dense)
-        return JointSystem(
-            self.cost, *pull_back_blocks(self.gradient, self.hessian, jacobian, False)
-        )
+COST_ALONE = Sums.zero(0, 0)

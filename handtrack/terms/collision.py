@@ -12,14 +12,14 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.collision_kernels import collision_kernel, collision_system, overlaps
-from handtrack.terms.compiled_term import CompiledTerm
+from handtrack.terms.bone_system import Sums
+from handtrack.terms.collision_kernels import Collisions, collision_sums, overlaps
 from handtrack.terms.ellipsoid_kernels import posed_shapes
-from handtrack.terms.term_table import TermTable
+from handtrack.terms.term import SurfaceTerm
 
 
 @dataclass(frozen=True, eq=False)
-class CollisionTerm(CompiledTerm):
+class CollisionTerm(SurfaceTerm):
     """½ weight Σ ((−d − slack)₊/σ)² over pairs of ellipsoids, d their signed distance.
 
     Where two overlap, −d is how far one must move to be free of the other (the penetration depth); it has a row on both
@@ -68,22 +68,16 @@ class CollisionTerm(CompiledTerm):
         """Return how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""
         return _depths(self.flesh, bones, self.pairs)
 
-    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
-        flesh, (first, second) = self.flesh.grown(bones), self._columns
-        return collision_system(
-            bones.rotation, bones.position, bones.reference, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
-            first, second, self.slack_m, self.sigma_m, self.weight, width, gradient, hessian,
-        )  # fmt: skip
-
-    def tables(self) -> list[TermTable]:
-        flesh, scalars = self.flesh, np.array([self.slack_m, self.sigma_m, self.weight])
-        own = flesh.bone, flesh.centre, flesh.rotation, flesh.radii
-        return [TermTable(collision_kernel, *own, *self._columns, scalars, couples=True)]
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        grown = self.flesh.grown(bones).arrays
+        return collision_sums(bones.frames, self.collisions._replace(ellipsoids=grown), sums)
 
     @cached_property
-    def _columns(self) -> tuple[Ints, Ints]:
+    def collisions(self) -> Collisions:
+        """The same as arrays, for compiled sums."""
         first, second = np.ascontiguousarray(np.asarray(self.pairs, np.int64).T)
-        return first, second
+        numbers = float(self.slack_m), float(self.sigma_m), float(self.weight)
+        return Collisions(self.flesh.arrays, first, second, *numbers)
 
 
 def colliding_pairs(
@@ -109,9 +103,7 @@ def colliding_pairs(
 
 def _depths(flesh: Ellipsoids, bones: BonePoses, pairs: Ints) -> Floats:
     place, shape = np.empty((len(flesh), 3)), np.empty((len(flesh), 3, 3))
-    posed_shapes(
-        bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, place, shape
-    )  # fmt: skip
+    posed_shapes(bones.frames, flesh.arrays, place, shape)
     found = np.empty(len(pairs))
     first, second = np.ascontiguousarray(np.asarray(pairs, np.int64).T)
     overlaps(place, shape, flesh.radii.max(axis=1), first, second, found)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
+from handtrack.arrays import Ints, K
+from handtrack.model.flesh import EllipsoidArrays
 from handtrack.terms.bone_kernels import fill_arm
 from handtrack.terms.ellipsoid_kernels import posed_shapes
-from handtrack.terms.term_table import (
-    GRADIENT,
-    HESSIAN,
-    POSITION,
-    REFERENCE,
-    ROTATION,
-    TermKernel,
-    array1,
-    array2,
-    array3,
-)
+
+
+class Collisions(NamedTuple):
+    """Pairs of ellipsoids that may not overlap; see `CollisionTerm`."""
+
+    ellipsoids: EllipsoidArrays
+    first: Ints[K]
+    second: Ints[K]
+    slack: float
+    sigma: float
+    weight: float
+
 
 _STEPS = 30
 _DONE = 1e-20
@@ -227,14 +232,14 @@ def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - c
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def collision_system(
-    rotation, position, reference, bone, centre, turn, radii, first, second, slack, sigma, weight, width,
-    gradient, hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add the pairs' overlaps to gradient (width · B,) and hessian; returns ½ weight Σ r². width: 6, 12 by fields, or 0."""
+def collision_sums(frames, collisions, sums):  # pragma: no cover - compiled
+    """Add the pairs' overlaps to sums; return ½ weight Σ r²."""
+    ellipsoids, first, second, slack, sigma, weight = collisions
+    bone, radii, reference = ellipsoids.bone, ellipsoids.radii, frames.reference
+    width, gradient, hessian = sums
     count = bone.shape[0]
     place, shape, reach = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
-    posed_shapes(rotation, position, bone, centre, turn, radii, place, shape)
+    posed_shapes(frames, ellipsoids, place, shape)
     for e in range(count):
         reach[e] = max(radii[e, 0], radii[e, 1], radii[e, 2])
     start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
@@ -273,15 +278,3 @@ def collision_system(
                 other = width * bone[i] + b if b < width else width * bone[j] + b - width
                 hessian[column, other] += weight * row[a] * row[b]
     return 0.5 * weight * cost
-
-
-@TermKernel("i8 f8 f8 f8 i8 i8 f8")
-def collision_kernel(term, place, width):  # pragma: no cover - compiled
-    """The table is made by `CollisionTerm.tables`."""
-    chosen = array1(term, 6, np.float64)
-    return collision_system(
-        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64),
-        array1(term, 0, np.int64), array2(term, 1, np.float64), array3(term, 2, np.float64), array2(term, 3, np.float64),
-        array1(term, 4, np.int64), array1(term, 5, np.int64), chosen[0], chosen[1], chosen[2], width,
-        array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
-    )  # fmt: skip

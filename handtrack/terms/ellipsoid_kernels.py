@@ -7,11 +7,10 @@ import numpy as np
 
 
 @numba.njit(cache=True, nogil=True)
-def posed_shapes(
-    rotation, position, bone, centre, turn, radii, centre_world, shape_world
-):  # pragma: no cover - compiled
+def posed_shapes(frames, ellipsoids, centre_world, shape_world):  # pragma: no cover - compiled
     """Fill centres (E, 3) and D = R diag(r²) Rᵀ (E, 3, 3), world, of ellipsoids carried by bones."""
-    axes = np.empty((3, 3))
+    rotation, position, axes = frames.rotation, frames.position, np.empty((3, 3))
+    bone, centre, turn, radii = ellipsoids
     for e in range(bone.shape[0]):
         b = bone[e]
         for i in range(3):

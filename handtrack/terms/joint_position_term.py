@@ -11,16 +11,17 @@ import numpy as np
 from handtrack.arrays import D3, Floats, Ints, J, N
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.kinematics import BoneFields, BonePoses
-from handtrack.terms.bone_system import BoneSystem, JointSystem
-from handtrack.terms.rows import Rows, field_row, point_row
+from handtrack.model.kinematics import BonePoses
+from handtrack.terms.bone_system import Sums
+from handtrack.terms.rows import Rows, motion_row
+from handtrack.terms.term import ObservationTerm
 
 _STEP_M = 1e-6
 """of central differences: their error, the step's square, and that of rounding, 1e-16 over it, are both below 1e-9"""
 
 
 @dataclass(frozen=True, eq=False)
-class JointPositionTerm:
+class JointPositionTerm(ObservationTerm):
     """½ Σ r², for residuals r of the positions of some joints.
 
     residuals: is given positions (J, 3), world [m], of the joints in the order of `joints`, and returns numbers (N,), each 1
@@ -44,30 +45,19 @@ class JointPositionTerm:
         rows = [list(self.model.joint_names).index(name) for name in self.joints]
         return self.model.joint_bone[rows], self.model.joint_point[rows]
 
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ Σ r²."""
-        residual = self._residual(bones.to_world(*self._places))
-        return 0.5 * float(residual @ residual)
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
-        return self._rows(bones, point_row).bone_system(len(bones.position))
-
-    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
-        """Return the same by N unknowns that move and deform the bones."""
-        rows = self._rows(bones, field_row)
-        return rows.bone_system(len(bones.position)).pull_back(fields.joints)
-
-    def _rows(self, bones: BonePoses, row: Callable[..., Floats]) -> Rows:
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
         bone, _ = self._places
         points = bones.to_world(*self._places)
         residual = self._residual(points)
-        slopes = self._slopes(points, len(residual))  # (N, J, 3)
-        count = len(residual)
+        cost, count = 0.5 * float(residual @ residual), len(residual)
+        if sums.width == 0:
+            return cost
+        slopes = self._slopes(points, count)  # (N, J, 3)
         which = np.repeat(np.arange(count), len(points))
-        twist = row(np.tile(points, (count, 1)), slopes.reshape(-1, 3), bones.reference)
-        cost = 0.5 * float(residual @ residual)
-        return Rows(residual, which, np.tile(bone, count), twist, cost, np.ones(count))
+        points = np.tile(points, (count, 1))
+        motion = motion_row(points, slopes.reshape(-1, 3), bones.reference, sums.width)
+        rows = Rows(residual, which, np.tile(bone, count), motion, cost, np.ones(count))
+        return rows.add_to(sums)
 
     def _slopes(self, points: Floats[J, D3], count: int) -> Floats:
         """Return each residual's derivative by each joint's place (N, J, 3) [1/m]."""

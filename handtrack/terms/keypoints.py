@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, Ints, J, K
+from handtrack.arrays import D3, Array, Floats, Ints, J, K, N
 from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.observation.pins import ImagePins, Pin
-from handtrack.terms.bone_system import BoneSystem, JointSystem
-from handtrack.terms.keypoint_kernels import keypoint_kernel
-from handtrack.terms.loss import Loss, Quadratic, compiled_loss
-from handtrack.terms.rows import Rows, point_row
-from handtrack.terms.term_table import TermTable
+from handtrack.terms.bone_system import Sums
+from handtrack.terms.keypoint_kernels import Targets, keypoint_sums
+from handtrack.terms.loss import Loss, quadratic
+from handtrack.terms.rows import Rows, motion_row
+from handtrack.terms.term import ObservationTerm
 
 Observed = Keypoints | ImageKeypoints | ImagePins
 
@@ -29,7 +30,7 @@ def _known(model: ArticulatedModel, names: tuple[str, ...], seen: Array) -> Ints
 
 
 @dataclass(frozen=True)
-class KeypointTerm:
+class KeypointTerm(ObservationTerm):
     """Distances of model joints to observed points, in units of the points' sigma.
 
     A point that is not known (NaN) has no row. The robust loss acts on a point's whole distance.
@@ -38,12 +39,20 @@ class KeypointTerm:
     model: ArticulatedModel
     observed: Observed
     weight: float = 1.0
-    loss: Loss = Quadratic()
+    loss: Loss = quadratic()
     name: str = "keypoints"
 
-    def rows(self, bones: BonePoses) -> Rows:
-        """Return two (image) or three (space) rows a point."""
-        bone, own, targets, sigma = self._places
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        targets, observed = self._targets, self.observed
+        if not isinstance(observed, Keypoints) and observed.camera.is_distorted:
+            return self.rows(bones, sums.width).add_to(sums)
+        if bones.growth is not None:
+            targets = targets._replace(point=bones.grown(targets.bone, targets.point))
+        return keypoint_sums(bones.frames, targets, self.loss, float(self.weight), sums)
+
+    def rows(self, bones: BonePoses, width: int = 6) -> Rows:
+        """Return two (image) or three (space) rows a point. width: of the motion of its bone, or 3: of its own."""
+        bone, own, targets, sigma, _ = self._targets
         points = bones.to_world(bone, own)
         if isinstance(self.observed, Keypoints):
             difference = (points - targets) / sigma[:, None]
@@ -52,30 +61,50 @@ class KeypointTerm:
             camera = self.observed.camera
             difference = (camera.project(points) - targets) / sigma[:, None]
             directions = camera.project_jacobian(points) / sigma[:, None, None]
-        count, width = difference.shape
+        count, each = difference.shape
         squared = (difference**2).sum(axis=1)
-        weight = self.weight * np.repeat(self.loss.weight(squared), width)
-        twist = point_row(
-            np.repeat(points, width, axis=0), directions.reshape(-1, 3), bones.reference
-        )
+        weight = self.weight * np.repeat(self.loss.weight(squared), each)
+        normals, points = directions.reshape(-1, 3), np.repeat(points, each, axis=0)
+        motion = motion_row(points, normals, bones.reference, width)
         cost = 0.5 * self.weight * float(self.loss.value(squared).sum())
-        row = np.arange(count * width)
-        return Rows(difference.ravel(), row, np.repeat(bone, width), twist, cost, weight)
+        moved = np.repeat(np.arange(count) if width == 3 else bone, each)
+        return Rows(difference.ravel(), np.arange(count * each), moved, motion, cost, weight)
+
+    def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[K, D3, N]:
+        """Return the velocity of each point: of what a detector means by a joint, besides the bone's own motion."""
+        bone, own = self._targets.bone, self._targets.point
+        arm = bones.to_world(bone, own) - bones.reference
+        velocity, gradient = np.split(fields.joints[bone], [3], axis=1)
+        moved = velocity + np.einsum(
+            "kijn,kj->kin", gradient.reshape(-1, 3, 3, gradient.shape[2]), arm
+        )
+        if self.is_detected:
+            shifted = fields.landmarks[self._joints]
+            shifted = shifted if bones.growth is None else bones.growth[bone][:, :, None] * shifted
+            moved += bones.rotation[bone] @ shifted
+        return moved
 
     @property
     def is_detected(self) -> bool:
         """Whether a detector saw the points, in an image."""
         return isinstance(self.observed, ImageKeypoints)
 
-    @property
-    def _places(self) -> tuple[Ints[K], Floats[K, D3], Floats[K, *Axes], Floats[K]]:
-        """Bones, points in their frames [m], where they were seen, and each one's sigma, of what is known."""
-        if isinstance(self.observed, ImagePins):
-            return *pinned_places(self.model, self.observed.pins), *_targets(self.observed)
-        targets, sigma = _targets(self.observed)
-        joint = self._joints
-        own, known = points_meant(self.model, self.observed)[joint], _are_known(targets)
-        return self.model.joint_bone[joint], own, targets[known], sigma[known]
+    @cached_property
+    def _targets(self) -> Targets:
+        """What is known of it: points on bones, and where they were observed."""
+        observed = self.observed
+        targets, sigma = _targets(observed)
+        if isinstance(observed, ImagePins):
+            bone, own = pinned_places(self.model, observed.pins)
+        else:
+            known, joint = _are_known(targets), self._joints
+            bone, own = self.model.joint_bone[joint], points_meant(self.model, observed)[joint]
+            targets, sigma = targets[known], sigma[known]
+        projection = (
+            np.zeros((0, 4)) if isinstance(observed, Keypoints) else observed.camera.projection
+        )
+        arrays = (np.ascontiguousarray(a, float) for a in (own, targets, sigma, projection))
+        return Targets(np.ascontiguousarray(bone, np.int64), *arrays)
 
     @property
     def _joints(self) -> Ints[K]:
@@ -88,44 +117,6 @@ class KeypointTerm:
         """Return which joints of the model were seen, and how far from them they are, in units of the points' sigma."""
         off = self.rows(bones).residual.reshape(-1, _targets(self.observed)[0].shape[1])
         return self._joints, np.linalg.norm(off, axis=1)
-
-    def cost(self, bones: BonePoses) -> float:
-        return self.rows(bones).cost
-
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        return self.rows(bones).bone_system(len(bones.position))
-
-    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
-        """Return cost, gradient and Hessian by N unknowns that move and deform the bones, or move what a detector sees."""
-        rows, (bone, own, *_) = self.rows(bones), self._places
-        arm = bones.to_world(bone, own) - bones.reference
-        velocity, gradient = np.split(fields.joints[bone], [3], axis=1)
-        moved = velocity + np.einsum(
-            "kijn,kj->kin", gradient.reshape(-1, 3, 3, gradient.shape[2]), arm
-        )
-        if isinstance(self.observed, ImageKeypoints):
-            scaled = fields.landmarks[self._joints]
-            scaled = scaled if bones.growth is None else bones.growth[bone][:, :, None] * scaled
-            moved += bones.rotation[bone] @ scaled
-        along = rows.twist[:, :3].reshape(len(bone), -1, 3)
-        derivative = (along @ moved).reshape(len(rows.residual), -1)
-        weighted = derivative * rows.weight[:, None]
-        return JointSystem(rows.cost, weighted.T @ rows.residual, weighted.T @ derivative)
-
-    def tables(self) -> list[TermTable] | None:
-        """Return one; None for a distorted camera."""
-        bone, own, targets, sigma = self._places
-        kind, scale = compiled_loss(self.loss, self.name)
-        camera = np.zeros((0, 4))
-        if not isinstance(self.observed, Keypoints):
-            if self.observed.camera.is_distorted:
-                return None
-            camera = self.observed.camera.projection
-        return [
-            TermTable(
-                keypoint_kernel, bone, own, targets, camera, sigma, np.array([kind, scale, self.weight], float),
-            )
-        ]  # fmt: skip
 
 
 def points_meant(model: ArticulatedModel, observed: Keypoints | ImageKeypoints) -> Floats[J, D3]:

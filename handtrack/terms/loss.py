@@ -1,110 +1,97 @@
-"""Robust losses: value and weight of a squared residual."""
+"""Robust losses ρ(r²), with ρ ≈ r² for small residuals."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple
 
+import numba
 import numpy as np
 
 from handtrack.arrays import Axes, Floats
 from handtrack.errors import HandtrackError
-from handtrack.terms.loss_kernels import GEMAN_MCCLURE, HUBER, OUTLIERS, QUADRATIC
+
+_QUADRATIC, _GEMAN_MCCLURE, _HUBER, _OUTLIERS = range(4)
+_NAMES = ("quadratic", "Geman-McClure", "Huber", "uniform outliers")
 
 
-class Loss(Protocol):
-    """ρ(r²) with ρ ≈ r² for small residuals."""
+class Loss(NamedTuple):
+    """A loss, as compiled code takes it; made by `quadratic`, `geman_mcclure`, `huber` or `uniform_outliers`."""
+
+    kind: int
+    scale: float
+
+    @property
+    def name(self) -> str:
+        return _NAMES[self.kind]
+
+    @property
+    def has_bound(self) -> bool:
+        """Whether no residual costs more than scale²."""
+        return self.kind == _GEMAN_MCCLURE
 
     def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         """Return ρ(r²)."""
-        ...
+        return self._each(squared, 0)
 
     def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
         """Return dρ/d(r²), the weight of iteratively reweighted least squares."""
-        ...
+        return self._each(squared, 1)
+
+    def _each(self, squared: Floats, which: int) -> Floats:
+        flat = np.ascontiguousarray(squared, dtype=float)
+        return _all_robust(self, flat.reshape(-1))[which].reshape(flat.shape)
 
 
-@dataclass(frozen=True)
-class Quadratic:
-    """No robustness."""
-
-    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        return squared
-
-    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        return np.ones_like(squared)
+def quadratic() -> Loss:
+    """Return the loss without robustness."""
+    return Loss(_QUADRATIC, 0.0)
 
 
-@dataclass(frozen=True)
-class GemanMcClure:
-    """Saturates at scale²: a residual beyond a few `scale` no longer pulls."""
-
-    scale: float
-
-    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        s2 = self.scale**2
-        return squared * s2 / (squared + s2)
-
-    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        s2 = self.scale**2
-        return (s2 / (squared + s2)) ** 2
+def geman_mcclure(scale: float) -> Loss:
+    """Return the loss r² s²/(r² + s²), which saturates at s²: a residual beyond a few `scale` no longer pulls."""
+    return Loss(_GEMAN_MCCLURE, float(scale))
 
 
-@dataclass(frozen=True)
-class Huber:
-    """Quadratic up to `scale`, linear beyond."""
-
-    scale: float
-
-    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        size = np.sqrt(squared)
-        return np.where(size <= self.scale, squared, 2 * self.scale * size - self.scale**2)
-
-    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        return self.scale / np.maximum(np.sqrt(squared), self.scale)
+def huber(scale: float) -> Loss:
+    """Return the loss that is quadratic up to `scale`, and linear beyond."""
+    return Loss(_HUBER, float(scale))
 
 
-@dataclass(frozen=True)
-class UniformOutliers:
-    """A residual is normal with probability 1 − share, and otherwise anywhere in ± half_width (in sigmas).
+def uniform_outliers(share: float = 0.2, half_width: float = 30.0) -> Loss:
+    """Return the loss of a residual that is normal with probability 1 − share, and otherwise anywhere in ± half_width (in sigmas).
 
-    ρ = −2 log((exp(−r²/2) + c)/(1 + c)), c = share/(1 − share) · √(2π)/(2 half_width).
+    ρ = −2 log((exp(−r²/2) + c)/(1 + c)), with c = share/(1 − share) · √(2π)/(2 half_width), an outlier's density beside an exact
+    point's, for the scale.
     """
-
-    share: float = 0.2
-    half_width: float = 30.0
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.share < 1.0 and 0.0 < self.half_width < np.inf):
-            raise HandtrackError(
-                f"outliers: share {self.share:g} and half width {self.half_width:g} sigmas; expected a share between "
-                "0 and 1 and a positive width."
-            )
-
-    @property
-    def level(self) -> float:
-        """c, an outlier's density beside an exact point's."""
-        return self.share / (1.0 - self.share) * np.sqrt(2.0 * np.pi) / (2.0 * self.half_width)
-
-    def value(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        return -2.0 * np.log((np.exp(-0.5 * squared) + self.level) / (1.0 + self.level))
-
-    def weight(self, squared: Floats[*Axes]) -> Floats[*Axes]:
-        inlier = np.exp(-0.5 * squared)
-        return inlier / (inlier + self.level)
+    if not (0.0 < share < 1.0 and 0.0 < half_width < np.inf):
+        raise HandtrackError(
+            f"outliers: share {share:g} and half width {half_width:g} sigmas; expected a share between "
+            "0 and 1 and a positive width."
+        )
+    return Loss(_OUTLIERS, float(share / (1.0 - share) * np.sqrt(2.0 * np.pi) / (2.0 * half_width)))
 
 
-def compiled_loss(loss: Loss, term: str) -> tuple[int, float]:
-    """Return the number and scale by which kernels know a loss."""
-    if isinstance(loss, Quadratic):
-        return QUADRATIC, 0.0
-    if isinstance(loss, GemanMcClure):
-        return GEMAN_MCCLURE, float(loss.scale)
-    if isinstance(loss, Huber):
-        return HUBER, float(loss.scale)
-    if isinstance(loss, UniformOutliers):
-        return OUTLIERS, float(loss.level)
-    raise HandtrackError(
-        f"{term}: the loss {type(loss).__name__} is not compiled; known: Quadratic, GemanMcClure, Huber, "
-        "UniformOutliers."
-    )
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def robust(loss, squared):  # pragma: no cover - compiled
+    """Return ρ(r²) and dρ/d(r²)."""
+    scale = loss.scale
+    if loss.kind == _QUADRATIC:
+        return squared, 1.0
+    if loss.kind == _GEMAN_MCCLURE:
+        share = scale * scale / (squared + scale * scale)
+        return squared * share, share * share
+    if loss.kind == _HUBER:
+        size = np.sqrt(squared)
+        if size <= scale:
+            return squared, 1.0
+        return 2.0 * scale * size - scale * scale, scale / size
+    inlier = np.exp(-0.5 * squared)
+    return -2.0 * np.log((inlier + scale) / (1.0 + scale)), inlier / (inlier + scale)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _all_robust(loss, squared):  # pragma: no cover - compiled
+    value, weight = np.empty(squared.shape), np.empty(squared.shape)
+    for n in range(squared.shape[0]):
+        value[n], weight[n] = robust(loss, squared[n])
+    return value, weight

@@ -1,52 +1,67 @@
-"""Protocols of terms: costs that answer in bone twists, or in joint parameters."""
+"""Terms: costs that answer in motions of bones, or in joint parameters. docs/contributing/adding_a_term.md"""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
 
-from handtrack.arrays import Floats, S
+from handtrack.arrays import B, Floats, L, N, S
 from handtrack.model.kinematics import BoneFields, BonePoses
-from handtrack.terms.bone_system import BoneSystem, JointSystem
-from handtrack.terms.term_table import TermTable
+from handtrack.terms.bone_kernels import pull_back
+from handtrack.terms.bone_system import COST_ALONE, JointSystem, Sums
 
 
-class ObservationTerm(Protocol):
+class ObservationTerm(ABC):
     """A cost of bone poses. It never knows joints, couplings or the solver."""
 
-    @property
-    def name(self) -> str: ...
+    name: str
+
+    @abstractmethod
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        """Return the cost, ½ Σ r² for a plain one, and add its derivatives to `sums` unless their width is 0."""
+
+    def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[B, L, N]:
+        """Return how the term's points move by N unknowns, as many numbers a bone as its sums then have."""
+        return fields.joints
 
     def cost(self, bones: BonePoses) -> float:
-        """Return ½ Σ r² (weighted, robust)."""
-        ...
+        """Return the weighted, robust cost."""
+        return self.add_to(bones, COST_ALONE)
 
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference."""
-        ...
+    def linearize(self, bones: BonePoses, fields: BoneFields | None = None) -> JointSystem:
+        """Return cost, gradient and Gauss-Newton Hessian in bone twists about bones.reference.
 
-    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
-        """Return the same by N unknowns, of pose or shape: how they move and deform the bones is in `fields`."""
-        ...
-
-
-class TabledTerm(Protocol):
-    """One that a compiled loop can sum by itself; found by its method, for asking a protocol takes longer than the sum."""
-
-    def tables(self) -> list[TermTable] | None:
-        """Return the term as tables for its kernels; None where it cannot be, as it is set up."""
-        ...
+        fields: how N unknowns, of pose or shape, move and deform the bones; then the system is theirs.
+        """
+        if fields is None:
+            sums = Sums.zero(len(bones.position), 6)
+            cost = self.add_to(bones, sums)
+            return JointSystem(cost, sums.gradient, sums.hessian)
+        motion = self.motion(bones, fields)
+        sums = Sums.zero(*motion.shape[:2])
+        return JointSystem(self.add_to(bones, sums), *pull_back(sums, motion))
 
 
-class ParameterTerm(Protocol):
+class SurfaceTerm(ObservationTerm):
+    """One of points on the ellipsoids that are fixed to bones."""
+
+    def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[B, L, N]:
+        return fields.flesh
+
+
+class ParameterTerm(ABC):
     """A cost of joint parameters: limits' softness, rest pose, continuity."""
 
-    @property
-    def name(self) -> str: ...
+    name: str
+
+    @abstractmethod
+    def add_to(self, joint_params: Floats[S], sums: Sums) -> float:
+        """Return the cost and add its derivatives to `sums` unless their width is 0."""
 
     def cost(self, joint_params: Floats[S]) -> float:
         """Return ½ Σ r² (weighted)."""
-        ...
+        return self.add_to(joint_params, COST_ALONE)
 
     def linearize(self, joint_params: Floats[S]) -> JointSystem:
         """Return cost, gradient and Hessian (S, S)."""
-        ...
+        sums = Sums.zero(len(joint_params))
+        return JointSystem(self.add_to(joint_params, sums), sums.gradient, sums.hessian)

@@ -9,7 +9,7 @@ from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.loss import Loss
-from handtrack.terms.rows import Rows, point_row
+from handtrack.terms.rows import Rows, motion_row
 
 
 def distances(flesh: PosedEllipsoids, points: Floats, form: str) -> tuple[Floats, Floats]:
@@ -50,7 +50,7 @@ def cloud_rows(
     d, _, share, n = merged(surface, bones, points)
     residual = d / sigma
     row, e = np.nonzero(share)
-    twist = point_row(points[row], n[row, e], bones.reference)
+    twist = motion_row(points[row], n[row, e], bones.reference)
     twist *= -(share[row, e] / sigma)[:, None]
     cost = 0.5 * weight * float(loss.value(residual**2).sum())
     # entries of one bone are summed by Rows

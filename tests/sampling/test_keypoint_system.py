@@ -14,7 +14,7 @@ from handtrack.sampling.keypoint_system_kernels import keypoint_system
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
 from tests.derivatives import check_gradient, check_jacobian
 
@@ -57,7 +57,7 @@ def system(packed, params):
     return cost, gradient, normal, normal + curvature
 
 
-LOSSES = [Quadratic(), GemanMcClure(3.0), Huber(2.0)]
+LOSSES = [quadratic(), geman_mcclure(3.0), huber(2.0)]
 
 
 @pytest.mark.parametrize("loss", LOSSES)
@@ -91,7 +91,7 @@ def test_collisions_are_added(rng):
     """At a pose with an arm through the trunk, and afterwards at one without: nothing of it may stay."""
     model = load_model("body34")
     collision = CollisionTerm.of(model)
-    plain, packed, _ = problem_of(rng, model, Quadratic(), collision)
+    plain, packed, _ = problem_of(rng, model, quadratic(), collision)
     params = model.rest_params()
     through = params.copy()
     through[model.transform.names.index("left_shoulder_abd")] = -0.7

@@ -12,7 +12,7 @@ from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure, Huber
+from handtrack.terms.loss import geman_mcclure, huber
 from handtrack.terms.priors.body_priors import body_priors
 from handtrack.terms.priors.priors import GaussianPrior
 
@@ -66,7 +66,7 @@ def test_ends_where_the_plain_solver_ends(rng, coupling, where):
         np.testing.assert_allclose(normal, known_normal, atol=1e-8 * np.abs(known_normal).max())
 
 
-@pytest.mark.parametrize("loss, share", [(GemanMcClure(3.0), 0.1), (Huber(2.0), 0.6)])
+@pytest.mark.parametrize("loss, share", [(geman_mcclure(3.0), 0.1), (huber(2.0), 0.6)])
 def test_robust_losses(rng, loss, share):
     """Two joints that are 10 cm off move a robust minimum by far less than that of least squares."""
     model, (seen,), priors, starts = hand_problem(rng)

@@ -9,7 +9,8 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from handtrack.model.moving_limits import MovingLimits
-from handtrack.solver.levenberg_marquardt import SolverSettings, bounded_step, solve
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.limited_step_kernels import bounded_step
 from handtrack.terms.bone_system import JointSystem
 
 
@@ -64,6 +65,35 @@ def test_says_why_it_stopped():
     )
 
 
+def test_stops_after_the_iteration_in_which_it_is_asked_to():
+    """Not only before the first: a person who waits is heard."""
+    path, start = [], np.array([-1.2, 1.0])
+    stopped = solve(
+        Rosenbrock(),
+        start,
+        FAR,
+        lambda: len(path) == 3,
+        lambda k, x, cost: path.append((k, x, cost)),
+    )
+    assert stopped.why == "stopped"
+    assert [k for k, _, _ in path] == [1, 2, 3]
+    np.testing.assert_array_equal(stopped.params, path[-1][1])
+    assert stopped.cost == path[-1][2] == stopped.cost_history[-1]
+    np.testing.assert_allclose(
+        stopped.system.gradient, Rosenbrock().linearize(stopped.params).gradient
+    )
+    before = solve(Rosenbrock(), start, FAR, lambda: True)
+    np.testing.assert_array_equal(before.params, start)
+    assert before.iterations == 0
+
+
+def test_limits_of_the_callers_own_hold_some_parameters_where_they_are():
+    problem = Linear(np.eye(3), np.ones(3), np.full(3, -9.0), np.full(3, 9.0))
+    free, start = np.array([True, False, True]), np.array([0.2, 0.3, 0.4])
+    found = solve(problem, start, FAR, limits=problem.limits.frozen(~free, start)).params
+    np.testing.assert_allclose(found, [1.0, 0.3, 1.0], atol=1e-9)
+
+
 def test_a_wrong_gradient_is_no_descent_not_convergence():
     class Wrong(Rosenbrock):
         def linearize(self, x):
@@ -76,7 +106,7 @@ def test_a_wrong_gradient_is_no_descent_not_convergence():
 def test_a_step_never_leaves_the_bounds():
     system = JointSystem(1.0, np.array([-5.0, -1.0]), np.array([[1.0, 0.9], [0.9, 1.0]]))
     limits = MovingLimits.fixed(np.array([[-1.0, 0.5], [-1.0, 0.5]]))
-    step = bounded_step(system, np.zeros(2), limits, 0.0)
+    step = bounded_step(system.hessian, system.gradient, np.zeros(2), limits, 0.0)[1]
     assert step[0] == pytest.approx(0.5)
     assert step[1] == pytest.approx(0.5)  # 1 − 0.9 · 0.5 = 0.55 would leave
 
@@ -87,7 +117,8 @@ def test_the_bounded_step_is_the_exact_minimum(seed):
     a = rng.normal(size=(12, 8))
     system = JointSystem(0.0, a.T @ rng.normal(size=12) * 3, a.T @ a)
     low, high = -rng.uniform(0, 0.3, 8), rng.uniform(0, 0.3, 8)
-    step = bounded_step(system, np.zeros(8), MovingLimits.fixed(np.stack([low, high], 1)), 0.0)
+    limits = MovingLimits.fixed(np.stack([low, high], 1))
+    step = bounded_step(system.hessian, system.gradient, np.zeros(8), limits, 0.0)[1]
     target = -np.linalg.lstsq(a.T, system.gradient, rcond=None)[0]
     exact = lsq_linear(a, target, (low, high), tol=1e-14, method="bvls").x
     np.testing.assert_allclose(step, exact, atol=1e-6)

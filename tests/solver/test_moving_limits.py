@@ -10,8 +10,8 @@ from handtrack.model.model_file import load_model
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.model.transform import ParameterTransform
 from handtrack.observation.observation import Keypoints
-from handtrack.solver.levenberg_marquardt import SolverSettings, bounded_step, solve
-from handtrack.solver.limited_step_kernels import clip, fill_box, new_box
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.limited_step_kernels import bounded_step, clip, fill_box, new_box
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
@@ -102,7 +102,7 @@ def test_a_step_along_moving_limits_is_the_exact_minimum(seed):
         np.arange(6), np.concatenate([wide, wide]), np.r_[np.full(3, -1), [0, 1, 2]], np.full(6, -2.0),
         np.full(6, 2.0), np.concatenate([wide, 0.2 * wide]),
     )  # fmt: skip
-    step = bounded_step(system, np.zeros(6), moving, 0.0)
+    step = bounded_step(system.hessian, system.gradient, np.zeros(6), moving, 0.0)[1]
     assert step is not None
 
     def model(x):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from handtrack.terms.rows import Rows, point_row
+from handtrack.terms.rows import Rows, motion_row
+from tests.terms.plain_rows import system_of
 
 
 def edges_system(term, bones):
@@ -21,7 +22,7 @@ def edges_system(term, bones):
         none = term.clutter + (0 if term.from_unexplained else seen.strength.sum(axis=1))
         size = term.weight * outline.length_px / term.stretch_px
         across = np.einsum("nij,ni->nj", outline.camera.project_jacobian(points), outline.normal)
-        twist = point_row(points, across, bones.reference)
+        twist = motion_row(points, across, bones.reference)
         count, most = likely.shape
         rows = Rows(
             off.ravel(),
@@ -31,7 +32,7 @@ def edges_system(term, bones):
             float(-(size * np.log(here / none)).sum()),
             (size[:, None] * likely / here[:, None]).ravel(),
         )
-        system = rows.bone_system(len(bones.position))
+        system = system_of(rows, len(bones.position))
         total = system if total is None else total + system
     return total
 
@@ -66,7 +67,7 @@ def texture_system(term, bones):
         squared = (residual**2).sum(axis=1)
         worst = term.loss.scale**2 if term.from_unexplained else 0.0
         across = np.einsum("nci,nij->ncj", slopes, camera.project_jacobian(points)) / term.sigma
-        twist = point_row(np.repeat(points, 3, axis=0), across.reshape(-1, 3), bones.reference)
+        twist = motion_row(np.repeat(points, 3, axis=0), across.reshape(-1, 3), bones.reference)
         rows = Rows(
             residual.ravel(),
             np.arange(residual.size),
@@ -75,6 +76,6 @@ def texture_system(term, bones):
             0.5 * term.weight * float((term.loss.value(squared) - worst).sum()),
             term.weight * np.repeat(term.loss.weight(squared), 3),
         )
-        system = rows.bone_system(len(bones.position))
+        system = system_of(rows, len(bones.position))
         total = system if total is None else total + system
     return total

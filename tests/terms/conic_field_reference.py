@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.bone_system import JointSystem
 
 
 class DenseField(NamedTuple):
@@ -18,7 +18,7 @@ class DenseField(NamedTuple):
 
     def system(self, weight=1.0):
         residual = self.predicted - self.observed
-        return BoneSystem(
+        return JointSystem(
             0.5 * weight * float(residual @ residual),
             weight * self.jacobian.T @ residual,
             weight * self.jacobian.T @ self.jacobian,

@@ -4,29 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.bone_kernels import pull_back
+from handtrack.terms.bone_system import JointSystem, Sums
 
 
-def random_system(rng, bones=3):
-    rows = rng.normal(size=(40, 6 * bones))
+def random_sums(rng, width, bones=4):
+    """Return sums in which bone 3 has no residual, and bones 0 and 1 none in common."""
+    rows = rng.normal(size=(40, width * bones))
+    rows[:, 3 * width :] = 0.0
+    rows[:20, :width], rows[20:, width : 2 * width] = 0.0, 0.0
     residual = rng.normal(size=40)
-    return BoneSystem(0.5 * residual @ residual, rows.T @ residual, rows.T @ rows), rows, residual
+    return Sums(width, rows.T @ residual, rows.T @ rows), rows, residual
 
 
 def test_sums_commute_and_zero_changes_nothing(rng):
-    (a, _, _), (b, _, _) = random_system(rng), random_system(rng)
-    left, right = a + b, b + a + BoneSystem.zero(3)
-    assert left.cost == right.cost
+    a, b = (JointSystem(1.0, *random_sums(rng, 6)[0][1:]) for _ in range(2))
+    left, right = a + b, b + a + JointSystem.zero(24)
     np.testing.assert_array_equal(left.gradient, right.gradient)
     np.testing.assert_array_equal(left.hessian, right.hessian)
 
 
 def test_pull_back_is_the_system_of_the_chained_jacobian(rng):
-    system, rows, residual = random_system(rng)
-    twist, matrix = rng.normal(size=(3, 6, 7)), rng.normal(size=(7, 4))
-    params = system.pull_back(twist).pull_back(matrix)
-    jacobian = rows @ twist.reshape(18, 7) @ matrix
-    assert isinstance(params, JointSystem)
-    assert params.cost == system.cost
-    np.testing.assert_allclose(params.gradient, jacobian.T @ residual, atol=1e-11)
-    np.testing.assert_allclose(params.hessian, jacobian.T @ jacobian, atol=1e-11)
+    for width in (3, 6, 12):
+        sums, rows, residual = random_sums(rng, width)
+        motion, matrix = rng.normal(size=(4, width, 7)), rng.normal(size=(7, 4))
+        system = JointSystem(2.0, *pull_back(sums, motion)).pull_back(matrix)
+        jacobian = rows @ motion.reshape(-1, 7) @ matrix
+        assert system.cost == 2.0
+        np.testing.assert_allclose(system.gradient, jacobian.T @ residual, atol=1e-10)
+        np.testing.assert_allclose(system.hessian, jacobian.T @ jacobian, atol=1e-10)

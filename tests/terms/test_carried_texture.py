@@ -13,7 +13,7 @@ from handtrack.terms.images.carried_texture import (
 )
 from handtrack.terms.images.depth_picture import depth_picture
 from handtrack.terms.images.smooth_image import smooth_image
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from tests.experiments.scenes.textured_mesh import Pattern, textured_picture
 from tests.terms.appearance_reference import bilinear, texture_system
 from tests.terms.image_scene import STEP_M, scene, texture_seen
@@ -37,7 +37,7 @@ def patterned(rng):
     return bones, mesh, camera, lambda at: textured_picture(camera, mesh, at, paint, room)[0]
 
 
-@pytest.mark.parametrize("loss", [Quadratic(), Huber(1.5), GemanMcClure(3.0)])
+@pytest.mark.parametrize("loss", [quadratic(), huber(1.5), geman_mcclure(3.0)])
 def test_it_is_the_sum_that_numpy_makes(rng, loss):
     bones, _, mesh, views = scene(rng)
     term = CarriedTextureTerm(texture_seen(rng, bones, mesh, views), 12.0, loss, 0.3)

@@ -13,11 +13,12 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic, UniformOutliers
+from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
 from tests.derivatives import check_observation_term
 from tests.model.metaballs_reference import cloud_rows
+from tests.terms.plain_rows import system_of
 
-LOSSES = [Quadratic(), GemanMcClure(2.0), Huber(1.5), UniformOutliers(0.2, 20.0)]
+LOSSES = [quadratic(), geman_mcclure(2.0), huber(1.5), uniform_outliers(0.2, 20.0)]
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def test_kernel_equals_the_plain_form(rng, model, form, loss):
     points = np.concatenate([points, rng.uniform(-0.3, 0.3, size=(200, 3))])
     surface = MetaballSurface.of(model, form=form, sharpness=700.0)
     term = CloudDistanceTerm(prepare_cloud(points), surface, 0.003, loss, weight=0.4)
-    plain = cloud_rows(surface, bones, points, 0.003, loss, 0.4).bone_system(len(bones.position))
+    plain = system_of(cloud_rows(surface, bones, points, 0.003, loss, 0.4), len(bones.position))
     assert_same(term.linearize(bones), plain)
     assert term.cost(bones) == pytest.approx(plain.cost, rel=1e-9)
 
@@ -59,8 +60,8 @@ def test_soft_and_hard_surfaces_of_many_ellipsoids(rng, model, flesh, sharpness)
     points, bones = hand_cloud(rng, model, 700)
     surface = MetaballSurface.of(model, sharpness, flesh=flesh)
     term = CloudDistanceTerm(prepare_cloud(points), surface)
-    plain = cloud_rows(surface, bones, points, term.sigma_m, Quadratic())
-    assert_same(term.linearize(bones), plain.bone_system(len(bones.position)))
+    plain = cloud_rows(surface, bones, points, term.sigma_m, quadratic())
+    assert_same(term.linearize(bones), system_of(plain, len(bones.position)))
 
 
 @pytest.mark.parametrize("loss", LOSSES)

@@ -11,11 +11,12 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
 from handtrack.terms.clouds.distance_map import distance_map
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic, UniformOutliers
-from handtrack.terms.rows import Rows, point_row
+from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
+from handtrack.terms.rows import Rows, motion_row
 from tests.derivatives import check_jacobian, check_observation_term
+from tests.terms.plain_rows import system_of
 
-LOSSES = [Quadratic(), GemanMcClure(2.0), Huber(1.5), UniformOutliers(0.2, 20.0)]
+LOSSES = [quadratic(), geman_mcclure(2.0), huber(1.5), uniform_outliers(0.2, 20.0)]
 BOX = np.array([-0.1, -0.1, -0.1]), np.array([0.1, 0.12, 0.15])
 
 
@@ -77,11 +78,11 @@ def test_kernel_equals_rows(rng, model, scene, loss):
     x = moved.to_world(term.bone, term.local)
     distance, n = term.distances.at(x)
     residual = np.maximum(distance - 0.001, 0.0) / 0.004
-    twist = np.where(residual[:, None] > 0, point_row(x, n / 0.004, moved.reference), 0.0)
+    twist = np.where(residual[:, None] > 0, motion_row(x, n / 0.004, moved.reference), 0.0)
     squared = residual**2
     cost = 0.15 * float(loss.value(squared).sum())
     rows = Rows(residual, np.arange(len(x)), term.bone, twist, cost, 0.3 * loss.weight(squared))
-    plain, system = rows.bone_system(len(bones.position)), term.linearize(moved)
+    plain, system = system_of(rows, len(bones.position)), term.linearize(moved)
     assert system.cost == pytest.approx(plain.cost, rel=1e-12) == term.cost(moved)
     np.testing.assert_allclose(
         system.gradient, plain.gradient, atol=1e-9 * np.abs(plain.gradient).max()
@@ -105,7 +106,8 @@ def test_it_pulls_a_finger_out_of_empty_space(model):
     straight, twist_jacobian, _ = model.linearize(model.params_from({"index_mcp_flex": 0.6}))
     points, _ = sample_surface(surface, bent, 4000, np.random.default_rng(0))
     term = CloudEmptinessTerm.at_start(points, surface_mesh(surface, straight, 0.006))
-    gradient = term.linearize(straight).pull_back(twist_jacobian).gradient
+    moves = twist_jacobian.reshape(-1, twist_jacobian.shape[2])
+    gradient = term.linearize(straight).pull_back(moves).gradient
     slope = gradient[model.parameter_names.index("index_mcp_flex")]
     assert slope < 0
     assert slope == gradient[6:].min()

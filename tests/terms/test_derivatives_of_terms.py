@@ -13,7 +13,7 @@ from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
@@ -23,7 +23,7 @@ from tests.terms.silhouette_scene import bones_of, ellipsoids_of, moved_along, s
 
 # Pixels change hands between ellipsoids and enter bands: the cost has a kink there, so steps are short.
 KINKED = {"step": 1e-9, "rtol": 1e-3}
-LOSSES = [Quadratic(), GemanMcClure(3.0)]
+LOSSES = [quadratic(), geman_mcclure(3.0)]
 
 
 def seen_by(rng, model, params, camera=None):
@@ -88,7 +88,7 @@ def test_outline_edges(rng, from_unexplained):
     check_observation_term(term, moved)
 
 
-@pytest.mark.parametrize("loss", [Quadratic(), Huber(1.5), GemanMcClure(3.0)])
+@pytest.mark.parametrize("loss", [quadratic(), huber(1.5), geman_mcclure(3.0)])
 def test_carried_texture(rng, loss):
     bones, _, mesh, views = scene(rng)
     seen = texture_seen(rng, bones, mesh, views)
@@ -125,8 +125,8 @@ def test_linear_prior(rng, model):
     rows, ratios = rng.normal(size=(2, 5, count))
     for term in (
         LinearPrior(rows),
-        LinearPrior(rows, GemanMcClure(3.0), weight=0.4),
-        LinearPrior(rows, GemanMcClure(3.0), weight=0.4, ratios=ratios),
+        LinearPrior(rows, geman_mcclure(3.0), weight=0.4),
+        LinearPrior(rows, geman_mcclure(3.0), weight=0.4, ratios=ratios),
     ):
         check_parameter_term(term, rng.normal(size=count), model.parameter_names)
 
@@ -145,7 +145,7 @@ def test_whole_problem(rng, camera, coupling):
     params = hand.clipped(rng.normal(scale=0.3, size=len(hand.rest_params())))
     terms = [
         KeypointTerm(hand, seen_by(rng, hand, params)),
-        KeypointTerm(hand, seen_by(rng, hand, params, camera), loss=GemanMcClure(3.0)),
+        KeypointTerm(hand, seen_by(rng, hand, params, camera), loss=geman_mcclure(3.0)),
     ]
     prior = GaussianPrior(hand.rest, np.full(len(hand.rest), 0.3))
     off = params + rng.normal(scale=0.05, size=len(params))

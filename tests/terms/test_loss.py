@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.terms.loss import GemanMcClure, Huber, Quadratic
+from handtrack.terms.loss import geman_mcclure, huber, quadratic
 
-LOSSES = [Quadratic(), GemanMcClure(3.0), Huber(1.5)]
+LOSSES = [quadratic(), geman_mcclure(3.0), huber(1.5)]
 SQUARED = np.array([0.0, 0.01, 0.5, 2.0, 2.5, 9.0, 400.0])
 
 
@@ -26,13 +26,13 @@ def test_small_residuals_count_as_squares(loss):
 
 
 def test_geman_mcclure_saturates():
-    loss = GemanMcClure(3.0)
+    loss = geman_mcclure(3.0)
     assert loss.value(np.array([9.0]))[0] == pytest.approx(4.5)  # half of it at one scale
     assert loss.value(np.array([1e8]))[0] == pytest.approx(9.0, rel=1e-6)
     assert loss.weight(np.array([1e8]))[0] < 1e-12
 
 
 def test_huber_goes_on_straight():
-    loss = Huber(1.0)
+    loss = huber(1.0)
     np.testing.assert_allclose(loss.value(np.array([1.0, 4.0, 9.0])), [1.0, 3.0, 5.0])
     np.testing.assert_allclose(loss.weight(np.array([0.0, 4.0])), [1.0, 0.5])

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.terms.rows import Rows, point_row
+from handtrack.terms.rows import Rows, motion_row
+from tests.terms.plain_rows import system_of
 
 
 def test_a_point_row_by_hand():
     """A point one metre along x from the reference, measured along y: turning about z moves it."""
-    row = point_row(np.array([[2.0, 0, 0]]), np.array([[0.0, 1, 0]]), np.array([1.0, 0, 0]))
+    row = motion_row(np.array([[2.0, 0, 0]]), np.array([[0.0, 1, 0]]), np.array([1.0, 0, 0]))
     np.testing.assert_array_equal(row, [[0, 1, 0, 0, 0, 1]])
 
 
@@ -17,7 +18,7 @@ def test_a_point_row_times_a_twist_is_the_points_speed(rng):
     points, normals = rng.normal(size=(2, 5, 3))
     reference, v, w = rng.normal(size=(3, 3))
     speed = ((v + np.cross(w, points - reference)) * normals).sum(axis=1)
-    row = point_row(points, normals, reference)
+    row = motion_row(points, normals, reference)
     np.testing.assert_allclose(row @ np.concatenate([v, w]), speed)
 
 
@@ -29,7 +30,7 @@ def test_the_system_is_that_of_the_dense_jacobian(rng):
     dense = np.zeros((4, 18))
     for r, b, t in zip(row, bone, twist, strict=True):
         dense[r, 6 * b : 6 * b + 6] += t
-    system = Rows(residual, row, bone, twist, 1.25, weight).bone_system(3)
+    system = system_of(Rows(residual, row, bone, twist, 1.25, weight), 3)
     assert system.cost == 1.25
     np.testing.assert_allclose(system.gradient, dense.T @ (weight * residual))
     np.testing.assert_allclose(system.hessian, dense.T @ (weight[:, None] * dense), atol=1e-12)

@@ -17,7 +17,7 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.estimate import fit_size
 from handtrack.tracking.size.sized_problem import linearize_sized
@@ -74,7 +74,7 @@ def test_a_cloud_by_pose_and_shape(rng, side):
     points = points + rng.normal(scale=0.003, size=points.shape)
     emptiness = CloudEmptinessTerm.at_start(points[::3], surface_mesh(surface, bones, 0.008))
     terms = [
-        CloudDistanceTerm(prepare_cloud(points), surface, 0.004, GemanMcClure(3.0)),
+        CloudDistanceTerm(prepare_cloud(points), surface, 0.004, geman_mcclure(3.0)),
         CloudRaysTerm(points, centre, surface, along_m=0.02),
         emptiness,
         CollisionTerm.of(hand, slack_m=0.0),

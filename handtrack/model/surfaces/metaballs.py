@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,6 +36,19 @@ class NearSurface:
     """the closest ellipsoid"""
     gradient: Floats[N, D3]
     """of the distance, world; about unit length near the surface"""
+
+
+class PosedSurface(NamedTuple):
+    """The surface where bones have carried it, for compiled code."""
+
+    table: Floats[E, D16]
+    """layout: metaballs_kernels.py"""
+    bone: Ints[E]
+    start: Ints[K]
+    members: Ints[L]
+    """see `MetaballSurface.links`"""
+    sharpness: float
+    turning: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,14 +109,12 @@ class MetaballSurface:
         start = np.cumsum([0, *map(len, members)])
         return start.astype(np.int64), np.array([i for row in members for i in row], np.int64)
 
-    def posed(self, bones: BonePoses) -> Floats[E, D16]:
-        """Return the table that kernels read, at these poses; layout: metaballs_kernels.py."""
-        flesh = self.ellipsoids.grown(bones)
-        table = np.empty((len(flesh), 16))
-        pose_table(
-            bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, table
-        )  # fmt: skip
-        return table
+    def posed(self, bones: BonePoses) -> PosedSurface:
+        """Return the surface at these poses, for compiled code."""
+        flesh = self.ellipsoids.grown(bones).arrays
+        table = np.empty((len(flesh.bone), 16))
+        pose_table(bones.frames, flesh, table)
+        return PosedSurface(table, flesh.bone, *self.links, self.sharpness, self.turning_level)
 
     def near(self, bones: BonePoses, points: Floats[N, D3]) -> NearSurface:
         """Return signed distance, closest ellipsoid and gradient at points world [m]; NaN at NaN."""
@@ -110,11 +122,7 @@ class MetaballSurface:
         check_shape(points, (None, 3), "points")
         distance, gradient = np.empty(len(points)), np.empty(points.shape)
         closest = np.empty(len(points), np.int64)
-        start, members = self.links
-        merged_distance(
-            points, self.posed(bones), start, members, self.sharpness, self.turning_level, True,
-            distance, closest, gradient,
-        )  # fmt: skip
+        merged_distance(points, self.posed(bones), True, distance, closest, gradient)
         return NearSurface(distance, closest, gradient)
 
     def distance(self, bones: BonePoses, points: Floats[N, D3]) -> Floats[N]:
@@ -122,11 +130,7 @@ class MetaballSurface:
         points = np.ascontiguousarray(points, dtype=float)
         check_shape(points, (None, 3), "points")
         distance, closest = np.empty(len(points)), np.empty(len(points), np.int64)
-        start, members = self.links
-        merged_distance(
-            points, self.posed(bones), start, members, self.sharpness, self.turning_level, False,
-            distance, closest, np.empty((0, 3)),
-        )  # fmt: skip
+        merged_distance(points, self.posed(bones), False, distance, closest, np.empty((0, 3)))
         return distance
 
     def projected(self, bones: BonePoses, points: Floats[N, D3], steps: int = 6) -> Floats[N, D3]:

@@ -13,8 +13,10 @@ TINY = 1e-9
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def pose_table(rotation, position, bone, centre, turn, radii, table):  # pragma: no cover - compiled
+def pose_table(frames, ellipsoids, table):  # pragma: no cover - compiled
     """Fill table (E, 16) with the ellipsoids where the bones have carried them."""
+    rotation, position = frames.rotation, frames.position
+    bone, centre, turn, radii = ellipsoids
     for e in range(bone.shape[0]):
         b = bone[e]
         for i in range(3):
@@ -67,9 +69,11 @@ def ellipsoid_gradient(table, e, turning, x, y, z):  # pragma: no cover - compil
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def merged_distance(
-    points, table, start, members, sharpness, turning, want_gradient, distance, closest, gradient
+    points, surface, want_gradient, distance, closest, gradient
 ):  # pragma: no cover - compiled
     """Fill distance (N,), closest (N,) and, if wanted, gradient (N, 3) of the merged surface at points (N, 3)."""
+    table, start, members = surface.table, surface.start, surface.members
+    sharpness, turning = surface.sharpness, surface.turning
     each = np.empty(table.shape[0])
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]

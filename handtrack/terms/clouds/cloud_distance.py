@@ -11,16 +11,16 @@ from handtrack.arrays import D3, D4, Floats, Ints, K, M, N, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.cloud_kernels import (
     BLOCK,
+    CloudArrays,
     aligned,
     arrange,
-    cloud_system,
-    distance_kernel,
+    cloud_sums,
 )
-from handtrack.terms.compiled_term import CompiledTerm
-from handtrack.terms.loss import Loss, Quadratic, compiled_loss
-from handtrack.terms.term_table import TermTable
+from handtrack.terms.loss import Loss, quadratic
+from handtrack.terms.term import SurfaceTerm
 
 FARTHEST_M = 1e6
 """A coordinate beyond this is no measurement."""
@@ -38,6 +38,11 @@ class PreparedCloud:
     """(4, blocks') centre and radius of each block of 32, filled up to a multiple of 8"""
     given: int
     """points handed in, with those that were dropped"""
+
+    @cached_property
+    def arrays(self) -> CloudArrays:
+        """The same for compiled sums."""
+        return CloudArrays(self.points, self.count, self.spheres)
 
     @property
     def count(self) -> int:
@@ -77,7 +82,7 @@ def prepare_cloud(points: Floats[N, D3]) -> PreparedCloud:
 
 
 @dataclass(frozen=True, eq=False)
-class CloudDistanceTerm(CompiledTerm):
+class CloudDistanceTerm(SurfaceTerm):
     """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
 
     A point moves no bone but the closest one's and those linked with it. The cloud stays, the bones move: a bone's
@@ -88,7 +93,7 @@ class CloudDistanceTerm(CompiledTerm):
     surface: MetaballSurface
     sigma_m: float = 0.002
     """how far a point is from the surface it was measured on"""
-    loss: Loss = Quadratic()
+    loss: Loss = quadratic()
     weight: float = 1.0
     name: str = "cloud_distance"
 
@@ -97,7 +102,6 @@ class CloudDistanceTerm(CompiledTerm):
             raise HandtrackError(
                 f"{self.name}: sigma {self.sigma_m:g} m; expected a positive length."
             )
-        _ = self._loss
 
     def residuals(self, bones: BonePoses) -> Floats[M]:
         """Return the signed distance [m] of every point that was handed in (given,); NaN for those dropped."""
@@ -106,45 +110,7 @@ class CloudDistanceTerm(CompiledTerm):
         out[self.cloud.order] = self.surface.distance(bones, points)
         return out
 
-    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
-        kind, scale = self._loss
-        start, members = self.surface.links
-        return cloud_system(
-            self.cloud.points,
-            self.cloud.count,
-            self.cloud.spheres,
-            self.surface.posed(bones),
-            self.surface.ellipsoids.bone,
-            start,
-            members,
-            self.surface.sharpness,
-            self.surface.turning_level,
-            self.sigma_m,
-            kind,
-            scale,
-            self.weight,
-            bones.reference,
-            width,
-            gradient,
-            hessian,
-        )
-
-    def tables(self) -> list[TermTable]:
-        flesh = self.surface.ellipsoids
-        scalars = (
-            self.surface.sharpness,
-            self.surface.turning_level,
-            self.sigma_m,
-            *self._loss,
-            self.weight,
-        )
-        return [
-            TermTable(
-                distance_kernel, self.cloud.points, self.cloud.spheres, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
-                *self.surface.links, np.array([*scalars, self.cloud.count]), couples=True,
-            )
-        ]  # fmt: skip
-
-    @cached_property
-    def _loss(self) -> tuple[int, float]:
-        return compiled_loss(self.loss, self.name)
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        return cloud_sums(
+            self.cloud.arrays, self.surface.posed(bones), self.sigma_m, self.loss, self.weight, bones.reference, sums
+        )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -12,11 +11,11 @@ from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh
+from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.distance_map import MOST_VOXELS, SPACING_M, DistanceMap, distance_map
-from handtrack.terms.clouds.distance_map_kernels import emptiness_kernel, emptiness_system
-from handtrack.terms.compiled_term import CompiledTerm
-from handtrack.terms.loss import Loss, Quadratic, compiled_loss
-from handtrack.terms.term_table import TermTable
+from handtrack.terms.clouds.distance_map_kernels import emptiness_sums
+from handtrack.terms.loss import Loss, quadratic
+from handtrack.terms.term import SurfaceTerm
 
 GRAZING = 0.25
 """cosine between normal and viewing ray below which a surface is seen too flatly to be asked for"""
@@ -25,7 +24,7 @@ CELL, DEPTH_STEP = 0.006, 0.012
 
 
 @dataclass(frozen=True, eq=False)
-class CloudEmptinessTerm(CompiledTerm):
+class CloudEmptinessTerm(SurfaceTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 
     The points are fixed to their bones at the frame's start. The model point moves: its bone's entry is
@@ -40,7 +39,7 @@ class CloudEmptinessTerm(CompiledTerm):
     sigma_m: float = 0.004
     slack_m: float = 0.002
     """a cloud point this near is near enough: a filtered cloud's points are 2.5 mm apart"""
-    loss: Loss = Quadratic()
+    loss: Loss = quadratic()
     weight: float = 1.0
     name: str = "cloud_emptiness"
 
@@ -50,7 +49,6 @@ class CloudEmptinessTerm(CompiledTerm):
             raise HandtrackError(
                 f"{self.name}: sigma {self.sigma_m:g} m and slack {self.slack_m:g} m; expected positive lengths."
             )
-        _ = self._loss
 
     @classmethod
     def at_start(
@@ -65,7 +63,7 @@ class CloudEmptinessTerm(CompiledTerm):
         most_voxels: int = MOST_VOXELS,
         sigma_m: float = 0.004,
         slack_m: float = 0.002,
-        loss: Loss = Quadratic(),
+        loss: Loss = quadratic(),
         weight: float = 1.0,
     ) -> CloudEmptinessTerm:
         """Return the term of a cloud world [m] and the mesh of the model where the frame starts.
@@ -90,49 +88,15 @@ class CloudEmptinessTerm(CompiledTerm):
         kept = seen_from(mesh.vertices, mesh.normals, views, objects)
         return replace(self, bone=mesh.bone[kept], local=np.ascontiguousarray(mesh.local[kept]))
 
-    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
         if self.distances.is_empty:
             return 0.0
-        kind, scale = self._loss
         share = np.ones(len(self.bone))
         if bones.growth is not None:  # a larger hand's errors are alike over broader patches
             share /= bones.growth[self.bone].prod(axis=1) ** (2 / 3)
-        return emptiness_system(
-            self.distances.nearest,
-            self.distances.first,
-            self.distances.points,
-            self.distances.low,
-            self.distances.spacing,
-            bones.rotation,
-            bones.position,
-            bones.reference,
-            self.bone,
-            bones.on_flesh(self.bone, self.local),
-            share,
-            self.slack_m,
-            self.sigma_m,
-            kind,
-            scale,
-            self.weight,
-            width,
-            gradient,
-            hessian,
-        )
-
-    def tables(self) -> list[TermTable]:
-        if self.distances.is_empty:
-            return []
-        found = self.distances
-        scalars = found.spacing, self.slack_m, self.sigma_m, *self._loss, self.weight
-        return [
-            TermTable(
-                emptiness_kernel, found.nearest, found.first, found.points, found.low, self.bone, self.local, np.array(scalars)
-            )
-        ]  # fmt: skip
-
-    @cached_property
-    def _loss(self) -> tuple[int, float]:
-        return compiled_loss(self.loss, self.name)
+        surface = self.bone, bones.on_flesh(self.bone, self.local), share
+        noise = self.slack_m, self.sigma_m, self.loss, self.weight
+        return emptiness_sums(self.distances.arrays, bones.frames, surface, noise, sums)
 
 
 def seen_from(

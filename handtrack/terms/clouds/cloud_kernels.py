@@ -8,10 +8,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
-from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, STRETCH, TINY, pose_table
+from handtrack.arrays import D3, D4, Array, E, Floats, K, M
+from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, STRETCH, TINY
 from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.clouds.cloud_lanes_kernels import (
     cross_products,
@@ -24,18 +27,7 @@ from handtrack.terms.clouds.cloud_lanes_kernels import (
     twist_rows,
 )
 from handtrack.terms.clouds.lanes_kernels import LANES
-from handtrack.terms.loss_kernels import counted
-from handtrack.terms.term_table import (
-    GRADIENT,
-    HESSIAN,
-    POSITION,
-    REFERENCE,
-    ROTATION,
-    TermKernel,
-    array1,
-    array2,
-    array3,
-)
+from handtrack.terms.loss import robust
 
 BLOCK = 32
 """points of a block in space"""
@@ -53,15 +45,37 @@ def aligned(count):  # pragma: no cover - compiled
     return memory[start : start + count]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
-def cloud_system(
-    points, count, spheres, table, bone, start, members, sharpness, turning, sigma, loss, scale, weight,
-    reference, width, gradient, hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add E1 to gradient (width · B,) and hessian; returns ½ weight Σ ρ(d²/σ²). width: 6, 12 by fields, 0 for that alone.
+class CloudArrays(NamedTuple):
+    """A cloud as compiled sums take it; see `PreparedCloud`."""
 
-    points: (3, N') world, N' ≥ count a multiple of 8; spheres: (4, blocks') centre and radius of each block of 32.
-    """
+    points: Floats[D3, M]
+    """(3, N') world, N' ≥ count a multiple of 8"""
+    count: int
+    spheres: Floats[D4, K]
+    """(4, blocks') centre and radius of each block of 32"""
+
+
+class Workspace(NamedTuple):
+    """What is written while a cloud is summed."""
+
+    buffers: Floats[E, D3, M]
+    """points that wait, by the ellipsoid closest to them"""
+    wanted: Array[K]
+    """bool: which of the surface's links may count for points that wait"""
+    near: Floats
+    """distance, direction and share of each ellipsoid that counts, at the points that are worked off"""
+    rows: Floats
+    wide: Floats
+    """the same by fields"""
+    vectors: Floats
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma: no cover - compiled
+    """Add E1 to sums; return ½ weight Σ ρ(d²/σ²)."""
+    points, count, spheres = cloud
+    table, start, members = surface.table, surface.start, surface.members
+    sharpness, turning, width = surface.sharpness, surface.turning, sums.width
     ellipsoids, stride, flat = table.shape[0], points.shape[1], points.reshape(-1)
     low, least_high = bounds(table, turning, spheres)
     buffers = aligned(ellipsoids * 3 * BUFFER).reshape(ellipsoids, 3, BUFFER)
@@ -76,6 +90,8 @@ def cloud_system(
     rows = aligned(most * 6 * BUFFER).reshape(most, 6, BUFFER)
     vectors = aligned(5 * BUFFER).reshape(5, BUFFER)
     wide = np.empty((12 * most if width == 12 else 0, BUFFER))
+    space = Workspace(buffers, wanted, near, rows, wide, vectors)
+    noise = sigma, loss, weight
     margin = NEGLIGIBLE / sharpness
     cost = 0.0
     for block in range((count + BLOCK - 1) // BLOCK + 1):
@@ -112,10 +128,7 @@ def cloud_system(
         ):  # room for a whole block in each buffer; at the end all are worked off
             e = tried[t]
             if filled[e] > (0 if last else BUFFER - BLOCK):
-                cost += work_off(
-                    e, filled[e], buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale,
-                    weight, reference, width, near, rows, vectors, wide, gradient, hessian,
-                )  # fmt: skip
+                cost += work_off(e, filled[e], surface, noise, reference, space, sums)
                 filled[e] = 0
             if not last:
                 for n in range(start[e], start[e + 1]):
@@ -127,23 +140,6 @@ def cloud_system(
                 buffers[e, axis, at] = points[axis, first + i]
             filled[e] = at + 1
     return 0.5 * weight * cost
-
-
-@TermKernel("f8 f8 i8 f8 f8 f8 i8 i8 f8")
-def distance_kernel(term, place, width):  # pragma: no cover - compiled
-    """E1; the table is made by `CloudDistanceTerm.tables`."""
-    bone, chosen = array1(term, 2, np.int64), array1(term, 8, np.float64)
-    table = np.empty((bone.shape[0], 16))
-    pose_table(
-        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), bone, array2(term, 3, np.float64),
-        array3(term, 4, np.float64), array2(term, 5, np.float64), table,
-    )  # fmt: skip
-    return cloud_system(
-        array2(term, 0, np.float64), np.int64(chosen[6]), array2(term, 1, np.float64), table, bone,
-        array1(term, 6, np.int64), array1(term, 7, np.int64), chosen[0], chosen[1], chosen[2], np.int64(chosen[3]),
-        chosen[4], chosen[5], array1(place, REFERENCE, np.float64), width, array1(place, GRADIENT, np.float64),
-        array2(place, HESSIAN, np.float64),
-    )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -215,11 +211,12 @@ def arrange(points, order, size):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def work_off(
-    e, count, buffers, table, bone, start, members, wanted, sharpness, turning, sigma, loss, scale, weight,
-    reference, width, near, rows, vectors, wide, gradient, hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add the buffered points of ellipsoid e; returns Σ ρ. near, rows, vectors, wide: workspace."""
+def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no cover - compiled
+    """Add the buffered points of ellipsoid e; returns Σ ρ. noise: σ, loss and weight."""
+    table, bone, start, members, sharpness, turning = surface
+    buffers, wanted, near, rows, wide, vectors = space
+    sigma, loss, weight = noise
+    width, gradient, hessian = sums
     for i in range(count, (count + LANES - 1) // LANES * LANES):
         for axis in range(3):
             buffers[e, axis, i] = buffers[e, axis, count - 1]
@@ -258,7 +255,7 @@ def work_off(
         merge(close, 0, groups, sharpness, total, distance)
     else:
         distance[:] = near[0, 0]
-    cost = robust(loss, scale, sigma, count, distance, residual, size)
+    cost = _fill_robust(loss, sigma, count, distance, residual, size)
     if width == 0:
         return cost
     for i in range(8 * groups):
@@ -284,7 +281,7 @@ def work_off(
             points, BUFFER, groups, reference, close, a * 5 * BUFFER, factor, row, a * 6 * BUFFER
         )
     if width == 12:
-        _add_wide(bone, who, used, count, wide, residual, gradient, hessian)
+        _add_wide(bone, who[:used], count, wide, residual, sums)
         return cost
     sums = np.empty(36)
     for a in range(used):
@@ -337,10 +334,9 @@ def _fill_wide(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _add_wide(
-    bone, who, used, count, wide, residual, gradient, hessian
-):  # pragma: no cover - compiled
+def _add_wide(bone, who, count, wide, residual, sums):  # pragma: no cover - compiled
     """Add what rows (12 · used, N) by the fields of the bones make of the points that are worked off."""
+    used, gradient, hessian = who.shape[0], sums.gradient, sums.hessian
     for a in range(12 * used):
         at = 12 * bone[who[a // 12]] + a % 12
         for i in range(count):
@@ -353,12 +349,12 @@ def _add_wide(
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def robust(loss, scale, sigma, count, distance, residual, size):  # pragma: no cover - compiled
+def _fill_robust(loss, sigma, count, distance, residual, size):  # pragma: no cover - compiled
     """Fill residual = d/σ and size = dρ/d(r²), 0 behind the last point; returns Σ ρ."""
     cost = 0.0
     for i in range(count):
         r = distance[i] / sigma
-        value, size[i] = counted(loss, scale, r * r)
+        value, size[i] = robust(loss, r * r)
         residual[i] = r
         cost += value
     for i in range(count, (count + LANES - 1) // LANES * LANES):

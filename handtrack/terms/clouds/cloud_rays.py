@@ -14,14 +14,14 @@ from handtrack.arrays import D3, Floats, N, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.terms.clouds.cloud_rays_kernels import rays_kernel, rays_system
-from handtrack.terms.compiled_term import CompiledTerm
-from handtrack.terms.loss import GemanMcClure, UniformOutliers
-from handtrack.terms.term_table import TermTable
+from handtrack.terms.bone_system import Sums
+from handtrack.terms.clouds.cloud_rays_kernels import rays_sums
+from handtrack.terms.loss import Loss, geman_mcclure, uniform_outliers
+from handtrack.terms.term import SurfaceTerm
 
 
 @dataclass(frozen=True, eq=False)
-class CloudRaysTerm(CompiledTerm):
+class CloudRaysTerm(SurfaceTerm):
     """½ weight Σ over the cloud's points: ρ_a(d²/along²) where a point's ray hits the model, ρ_b(s²/beside²) + an outlier's
     ρ_a where it passes by at the distance s.
 
@@ -38,8 +38,8 @@ class CloudRaysTerm(CompiledTerm):
     """how far a point's depth is from the surface, where it is not wrong altogether"""
     beside_m: float = 0.001
     """by how much a ray may miss the model"""
-    outliers: UniformOutliers = UniformOutliers()
-    robust: GemanMcClure = GemanMcClure(15.0)
+    outliers: Loss = uniform_outliers()
+    robust: Loss = geman_mcclure(15.0)
     weight: float = 1.0
     name: str = "cloud_rays"
 
@@ -51,39 +51,14 @@ class CloudRaysTerm(CompiledTerm):
                 f"{self.name}: sigmas {self.along_m:g} m along and {self.beside_m:g} m beside; expected positive lengths."
             )
 
-    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
-        rays, depth = self._rays
-        return rays_system(
-            self.centre,
-            rays,
-            depth,
-            self.surface.posed(bones),
-            self.surface.ellipsoids.bone,
-            self.beside_m,
-            self.robust.scale,
-            self.along_m,
-            self.outliers.level,
-            self.weight,
-            bones.reference,
-            width,
-            gradient,
-            hessian,
-        )
-
-    def tables(self) -> list[TermTable]:
-        rays, depth = self._rays
-        flesh = self.surface.ellipsoids
-        scalars = self.beside_m, self.robust.scale, self.along_m, self.outliers.level, self.weight
-        return [
-            TermTable(
-                rays_kernel, self.centre, rays, depth, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
-                np.array(scalars),
-            )
-        ]  # fmt: skip
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        noise = self.along_m, self.outliers, self.beside_m, self.robust
+        surface = self.surface.posed(bones)
+        return rays_sums(self._rays, surface, noise, self.weight, bones.reference, sums)
 
     @cached_property
-    def _rays(self) -> tuple[Floats, Floats]:
-        """Return unit directions (N, 3) and distances (N,) [m] from the camera's centre."""
+    def _rays(self) -> tuple[Floats, Floats, Floats]:
+        """Return the camera's centre, unit directions (N, 3) and distances (N,) [m] from it."""
         out = self.points - self.centre
         depth = np.linalg.norm(out, axis=1)
-        return out / depth[:, None], depth
+        return np.ascontiguousarray(self.centre, float), out / depth[:, None], depth

@@ -5,20 +5,9 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.model.surfaces.metaballs_kernels import REACH, TINY, pose_table
+from handtrack.model.surfaces.metaballs_kernels import REACH, TINY
 from handtrack.terms.bone_kernels import add_outer, fill_arm
-from handtrack.terms.loss_kernels import GEMAN_MCCLURE, OUTLIERS, counted
-from handtrack.terms.term_table import (
-    GRADIENT,
-    HESSIAN,
-    POSITION,
-    REFERENCE,
-    ROTATION,
-    TermKernel,
-    array1,
-    array2,
-    array3,
-)
+from handtrack.terms.loss import robust
 
 _FAR = 1e6  # sigmas: an outlier without doubt
 
@@ -75,17 +64,18 @@ def first_met(table, centre, rx, ry, rz):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def rays_system(
-    centre, rays, depth, table, bone, beside, robust, along, outlier, weight, reference, width, gradient,
-    hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add the viewing rays to gradient (width · B,) and hessian; returns their cost. width: 6, 12 by fields, 0 for that alone.
+def rays_sums(rays, surface, noise, weight, reference, sums):  # pragma: no cover - compiled
+    """Add the viewing rays to sums; return their cost.
 
-    rays: (N, 3) unit; depth: (N,) where the points are along them [m]; beside, along: sigmas [m]; robust, outlier: scales
-    of the two losses.
+    rays: the camera's centre, unit directions (N, 3), and where the points are along them (N,) [m]. noise: σ [m] and loss of a
+    point along its ray, σ and loss of a ray beside the model.
     """
-    cost, row, share = 0.0, np.empty(max(width, 6)), 0.0
-    unexplained = counted(OUTLIERS, outlier, _FAR)[0]
+    centre, rays, depth = rays
+    along, outlier, beside, saturating = noise
+    table, bone = surface.table, surface.bone
+    width, gradient, hessian = sums
+    cost, row, share = 0.0, np.empty(12), 0.0
+    unexplained = robust(outlier, _FAR)[0]
     for n in range(rays.shape[0]):
         rx, ry, rz = rays[n, 0], rays[n, 1], rays[n, 2]
         e, hits, middle = first_met(table, centre, rx, ry, rz)
@@ -99,9 +89,9 @@ def rays_system(
         if hits:
             if behind:
                 off, follows = off - (depth[n] - middle), follows + 1.0
-            value, size = counted(OUTLIERS, outlier, (off / sigma) ** 2)
+            value, size = robust(outlier, (off / sigma) ** 2)
         else:
-            value, size = counted(GEMAN_MCCLURE, robust, (off / sigma) ** 2)
+            value, size = robust(saturating, (off / sigma) ** 2)
             value += unexplained
         cost += value
         if width == 0:
@@ -138,19 +128,3 @@ def rays_system(
             for j in range(width):
                 hessian[first + i, first + j] += part * row[j]
     return 0.5 * weight * cost
-
-
-@TermKernel("f8 f8 f8 i8 f8 f8 f8 f8")
-def rays_kernel(term, place, width):  # pragma: no cover - compiled
-    """The table is made by `CloudRaysTerm.tables`."""
-    bone, chosen = array1(term, 3, np.int64), array1(term, 7, np.float64)
-    table = np.empty((bone.shape[0], 16))
-    pose_table(
-        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), bone, array2(term, 4, np.float64),
-        array3(term, 5, np.float64), array2(term, 6, np.float64), table,
-    )  # fmt: skip
-    return rays_system(
-        array1(term, 0, np.float64), array2(term, 1, np.float64), array1(term, 2, np.float64), table, bone, chosen[0],
-        chosen[1], chosen[2], chosen[3], chosen[4], array1(place, REFERENCE, np.float64), width,
-        array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
-    )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z, check_shape
 from handtrack.errors import HandtrackError
-from handtrack.terms.clouds.distance_map_kernels import fill_nodes, look_up_all
+from handtrack.terms.clouds.distance_map_kernels import MapArrays, fill_nodes, look_up_all
 from handtrack.terms.clouds.nearest_cells_kernels import fill_cells, fill_nearest
 
 SPACING_M = 0.006
@@ -33,6 +33,11 @@ class DistanceMap:
     """the cloud in the box by cells, world [m]"""
 
     @property
+    def arrays(self) -> MapArrays:
+        """The same for compiled code."""
+        return MapArrays(self.nearest, self.first, self.points, self.low, self.spacing)
+
+    @property
     def is_empty(self) -> bool:
         return self.nearest.size == 0
 
@@ -41,7 +46,7 @@ class DistanceMap:
         """float32 [m], the distance of each node."""
         values = np.empty(self.nearest.shape, np.float32)
         if not self.is_empty:
-            fill_nodes(self.nearest, self.first, self.points, self.low, self.spacing, values)
+            fill_nodes(self.arrays, values)
         return values
 
     def at(self, points: Floats[N, D3]) -> tuple[Floats[N], Floats[N, D3]]:
@@ -50,9 +55,7 @@ class DistanceMap:
         check_shape(points, (None, 3), "points")
         distance, gradient = np.zeros(len(points)), np.zeros(points.shape)
         if not self.is_empty:
-            look_up_all(
-                self.nearest, self.first, self.points, self.low, self.spacing, points, distance, gradient
-            )  # fmt: skip
+            look_up_all(self.arrays, points, distance, gradient)
         return distance, gradient
 
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
-from handtrack.terms.bone_kernels import fill_arm
-from handtrack.terms.loss_kernels import counted
-from handtrack.terms.term_table import (
-    GRADIENT,
-    HESSIAN,
-    POSITION,
-    REFERENCE,
-    ROTATION,
-    TermKernel,
-    array1,
-    array2,
-    array3,
-)
+from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z
+from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
+from handtrack.terms.loss import robust
+
+
+class MapArrays(NamedTuple):
+    """A distance map as compiled code takes it; see `DistanceMap`."""
+
+    nearest: Array[X, Y, Z]
+    first: Array[M]
+    points: Floats[N, D3]
+    low: Floats[D3]
+    spacing: float
+
 
 _AROUND = 2.0
 """[nodes apart]"""
@@ -42,10 +45,11 @@ def _gap(u, i):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def look_up(nearest, first, points, low, spacing, x, y, z):  # pragma: no cover - compiled
+def look_up(distances, x, y, z):  # pragma: no cover - compiled
     """Return distance and gradient (3) at a point: to the nearest of all points where that is within about `_AROUND`, further
     away to the nearest of those in the cells that are nearest to its 8 nodes.
     """
+    nearest, first, points, low, spacing = distances
     u, v, w = (x - low[0]) / spacing, (y - low[1]) / spacing, (z - low[2]) / spacing
     size_x, size_y, size_z = nearest.shape
     i = min(max(np.int64(np.floor(u)), 0), size_x - 2)
@@ -85,48 +89,45 @@ def look_up(nearest, first, points, low, spacing, x, y, z):  # pragma: no cover 
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def look_up_all(
-    nearest, first, points, low, spacing, at, distance, gradient
-):  # pragma: no cover - compiled
+def look_up_all(distances, at, distance, gradient):  # pragma: no cover - compiled
     """Fill distance (N,) and gradient (N, 3) at places (N, 3)."""
     for n in range(at.shape[0]):
         distance[n], gradient[n, 0], gradient[n, 1], gradient[n, 2] = look_up(
-            nearest, first, points, low, spacing, at[n, 0], at[n, 1], at[n, 2]
+            distances, at[n, 0], at[n, 1], at[n, 2]
         )
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def fill_nodes(nearest, first, points, low, spacing, values):  # pragma: no cover - compiled
+def fill_nodes(distances, values):  # pragma: no cover - compiled
     """Fill values (X, Y, Z), float32, with each node's distance."""
+    low, spacing = distances.low, distances.spacing
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
             for k in range(values.shape[2]):
                 x, y, z = low[0] + spacing * i, low[1] + spacing * j, low[2] + spacing * k
-                values[i, j, k] = look_up(nearest, first, points, low, spacing, x, y, z)[0]
+                values[i, j, k] = look_up(distances, x, y, z)[0]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def emptiness_system(
-    nearest, first, points, low, spacing, rotation, position, reference, bone, local, share, slack, sigma, loss, scale, weight,
-    width, gradient, hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add E2 to gradient (width · B,) and hessian; width: 6, 12 by fields, 0 for the cost alone. Returns ½ weight Σ share ρ.
+def emptiness_sums(distances, frames, surface, noise, sums):  # pragma: no cover - compiled
+    """Add E2 to sums; return ½ weight Σ share ρ.
 
-    bone, local, share: (V,), (V, 3) and (V,); a share falls with the square of its bone's growth.
+    surface: bone (V,), point in its frame (V, 3) and share (V,), which falls with the square of its bone's growth. noise: slack and
+    σ [m], loss and weight.
     """
-    cost, row = 0.0, np.empty(max(width, 6))
+    bone, local, share = surface
+    slack, sigma, loss, weight = noise
+    reference, width = frames.reference, sums.width
+    cost, row, point = 0.0, np.empty(12), np.empty(3)
     for n in range(bone.shape[0]):
         b = bone[n]
-        x, y, z = position[b, 0], position[b, 1], position[b, 2]
-        for i in range(3):
-            x += rotation[b, 0, i] * local[n, i]
-            y += rotation[b, 1, i] * local[n, i]
-            z += rotation[b, 2, i] * local[n, i]
-        distance, gx, gy, gz = look_up(nearest, first, points, low, spacing, x, y, z)
+        to_world(frames, b, local[n], point)
+        x, y, z = point[0], point[1], point[2]
+        distance, gx, gy, gz = look_up(distances, x, y, z)
         residual = (distance - slack) / sigma
         if residual <= 0.0:
             continue
-        value, size = counted(loss, scale, residual * residual)
+        value, size = robust(loss, residual * residual)
         cost += value * share[n]
         if width == 0:
             continue
@@ -135,24 +136,6 @@ def emptiness_system(
         fill_arm(row, 0, width, x, y, z)
         if width == 12:  # the share falls as the patch grows
             for i in range(3, 12, 4):
-                gradient[width * b + i] -= weight * share[n] * value / 3.0
-        at = width * b
-        for i in range(width):
-            part = weight * share[n] * size * row[i]
-            gradient[at + i] += part * residual
-            for j in range(width):
-                hessian[at + i, at + j] += part * row[j]
+                sums.gradient[width * b + i] -= weight * share[n] * value / 3.0
+        add_row(sums, b, row, residual, weight * share[n] * size)
     return 0.5 * weight * cost
-
-
-@TermKernel("i4 i4 f8 f8 i8 f8 f8")
-def emptiness_kernel(term, place, width):  # pragma: no cover - compiled
-    """E2; the table is made by `CloudEmptinessTerm.tables`."""
-    bone, chosen = array1(term, 4, np.int64), array1(term, 6, np.float64)
-    return emptiness_system(
-        array3(term, 0, np.int32), array1(term, 1, np.int32), array2(term, 2, np.float64),
-        array1(term, 3, np.float64), chosen[0], array3(place, ROTATION, np.float64),
-        array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64), bone, array2(term, 5, np.float64),
-        np.ones(bone.shape[0]), chosen[1], chosen[2], np.int64(chosen[3]), chosen[4], chosen[5], width,
-        array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
-    )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -13,11 +12,13 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
-from handtrack.terms.compiled_term import CompiledTerm
-from handtrack.terms.images.carried_texture_kernels import texture_system
+from handtrack.terms.bone_system import Sums
+from handtrack.terms.images.carried_texture_kernels import texture_sums
 from handtrack.terms.images.depth_picture import DepthPicture
+from handtrack.terms.images.image_rows_kernels import Pinhole
 from handtrack.terms.images.smooth_image import SmoothImage
-from handtrack.terms.loss import GemanMcClure, Loss, compiled_loss
+from handtrack.terms.loss import Loss, geman_mcclure
+from handtrack.terms.term import SurfaceTerm
 
 _UNSURE = 4.0  # [grey levels] contrast below which nothing is said about a change of exposure
 _MOST_GAIN = 2.0
@@ -86,7 +87,7 @@ def exposed_as(texture: Texture, bones: BonePoses, image: SmoothImage) -> Textur
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedTextureTerm(CompiledTerm):
+class CarriedTextureTerm(SurfaceTerm):
     """½ weight Σ ρ(|I(π(X)) − T(X)|²/σ²) over surface points X fixed to their bones, all channels of a point together.
 
     Which points are seen, and the exposure, are those of the stage's start, so that cost and gradient agree.
@@ -96,7 +97,7 @@ class CarriedTextureTerm(CompiledTerm):
     """of each camera"""
     sigma: float
     """[grey levels] how far a surface point's colour is from what it was"""
-    loss: Loss = GemanMcClure(3.0)
+    loss: Loss = geman_mcclure(3.0)
     weight: float = 1.0
     from_unexplained: bool = False
     """count from the most that a point costs, so that a pose that shows less of the surface does not seem better"""
@@ -107,41 +108,19 @@ class CarriedTextureTerm(CompiledTerm):
             raise HandtrackError(
                 f"{self.name}: sigma {self.sigma:g} grey levels; expected a positive number."
             )
-        _ = self._loss
-        if self.from_unexplained and not isinstance(self.loss, GemanMcClure):
+        if self.from_unexplained and not self.loss.has_bound:
             raise HandtrackError(
-                f"{self.name}: only the loss GemanMcClure has a most to count from, {type(self.loss).__name__} has not."
+                f"{self.name}: the {self.loss.name} loss has no bound to count from; expected geman_mcclure."
             )
 
-    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
-        kind, scale = self._loss
-        cost = 0.0
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        worst = self.loss.scale**2 if self.from_unexplained else 0.0
+        noise, cost = (self.sigma, self.loss, worst, self.weight), 0.0
         for texture, image in self.seen:
-            camera = texture.camera
+            camera, local = texture.camera, bones.on_flesh(texture.bone, texture.local)
             matrix = camera.matrix.copy()
             matrix[:2, 2] -= image.corner
-            cost += texture_system(
-                image.values,
-                texture.bone,
-                bones.on_flesh(texture.bone, texture.local),
-                texture.color,
-                self.sigma,
-                kind,
-                scale,
-                scale**2 if self.from_unexplained else 0.0,
-                self.weight,
-                matrix,
-                camera.rotation,
-                camera.translation,
-                bones.rotation,
-                bones.position,
-                bones.reference,
-                width,
-                gradient,
-                hessian,
-            )
+            pinhole = Pinhole(matrix, camera.rotation, camera.translation)
+            points = texture.bone, local, texture.color
+            cost += texture_sums(bones.frames, pinhole, image.values, points, noise, sums)
         return cost
-
-    @cached_property
-    def _loss(self) -> tuple[int, float]:
-        return compiled_loss(self.loss, self.name)

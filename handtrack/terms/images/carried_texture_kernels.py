@@ -5,24 +5,28 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.terms.images.image_rows_kernels import NEAREST, add_row, fill_row, place, see
+from handtrack.terms.bone_kernels import add_row, to_world
+from handtrack.terms.images.image_rows_kernels import NEAREST, fill_row, see
 from handtrack.terms.images.smooth_image_kernels import cell, look_up
-from handtrack.terms.loss_kernels import counted
+from handtrack.terms.loss import robust
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def texture_system(
-    image, bone, local, color, sigma, loss, scale, worst, weight, matrix, turn, shift,
-    rotation, position, reference, width, gradient, hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's texture to gradient (width · B,) and hessian; returns ½ weight Σ (ρ − worst). color: (N, C)."""
+def texture_sums(frames, camera, image, texture, noise, sums):  # pragma: no cover - compiled
+    """Add one camera's texture to sums; return ½ weight Σ (ρ − worst).
+
+    texture: bone (N,), point in its frame (N, 3), color (N, C). noise: σ, loss, worst and weight.
+    """
+    bone, local, color = texture
+    sigma, loss, worst, weight = noise
+    matrix = camera.matrix
     rows, columns, channels = image.shape
-    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(max(width, 6))
+    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(12)
     residual, across, down = np.empty(channels), np.empty(channels), np.empty(channels)
     for n in range(bone.shape[0]):
         b = bone[n]
-        place(b, local[n], rotation, position, point)
-        see(point, turn, shift, seen)
+        to_world(frames, b, local[n], point)
+        see(point, camera, seen)
         if seen[2] < NEAREST:
             continue
         j, q, in_u = cell(matrix[0, 2] + matrix[0, 0] * seen[0] / seen[2], columns)
@@ -33,11 +37,11 @@ def texture_system(
             residual[c] = (value - color[n, c]) / sigma
             across[c], down[c] = in_u * du / sigma, in_v * dv / sigma
             squared += residual[c] * residual[c]
-        value, size = counted(loss, scale, squared)
+        value, size = robust(loss, squared)
         cost += value - worst
-        if width == 0:
+        if sums.width == 0:
             continue
         for c in range(channels):
-            fill_row(across[c], down[c], seen, matrix, turn, point, reference, row)
-            add_row(b, row, weight * size * residual[c], weight * size, gradient, hessian)
+            fill_row(across[c], down[c], seen, camera, point, frames.reference, sums.width, row)
+            add_row(sums, b, row, residual[c], weight * size)
     return 0.5 * weight * cost

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
-from handtrack.terms.compiled_term import CompiledTerm
+from handtrack.terms.bone_system import Sums
 from handtrack.terms.images.edge_search import SeenEdges
-from handtrack.terms.images.outline_edges_kernels import edges_system
+from handtrack.terms.images.image_rows_kernels import Pinhole
+from handtrack.terms.images.outline_edges_kernels import edges_sums
+from handtrack.terms.term import SurfaceTerm
 
 
 @dataclass(frozen=True, eq=False)
-class OutlineEdgesTerm(CompiledTerm):
+class OutlineEdgesTerm(SurfaceTerm):
     """−weight Σ (ℓ/stretch) log p(x): each piece of outline, ℓ long, explains one of the edges on its normal, or none.
 
     x is how far the piece has moved along the normal of its start, x_k where the edges are, a_k their strengths:
@@ -42,29 +43,14 @@ class OutlineEdgesTerm(CompiledTerm):
                 "expected positive numbers."
             )
 
-    def _accumulate(self, bones: BonePoses, width: int, gradient: Floats, hessian: Floats) -> float:
-        cost = 0.0
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        cost, spread = 0.0, (self.sigma_px, self.clutter, self.from_unexplained)
         for seen in self.seen:
             outline, camera = seen.outline, seen.outline.camera
-            cost += edges_system(
-                outline.bone,
-                bones.on_flesh(outline.bone, outline.local),
-                outline.pixel,
-                outline.normal,
-                self.weight * outline.length_px / self.stretch_px,
-                seen.place,
-                seen.strength,
-                self.sigma_px,
-                self.clutter,
-                self.from_unexplained,
-                camera.matrix,
-                camera.rotation,
-                camera.translation,
-                bones.rotation,
-                bones.position,
-                bones.reference,
-                width,
-                gradient,
-                hessian,
-            )
+            weight = self.weight * outline.length_px / self.stretch_px
+            local = bones.on_flesh(outline.bone, outline.local)
+            pieces = outline.bone, local, outline.pixel, outline.normal, weight
+            pinhole = Pinhole(camera.matrix, camera.rotation, camera.translation)
+            edges = seen.place, seen.strength
+            cost += edges_sums(bones.frames, pinhole, pieces, edges, spread, sums)
         return cost

@@ -5,20 +5,26 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from handtrack.terms.images.image_rows_kernels import NEAREST, add_row, fill_row, place, see
+from handtrack.terms.bone_kernels import add_row, to_world
+from handtrack.terms.images.image_rows_kernels import NEAREST, fill_row, see
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def edges_system(
-    bone, local, pixel, normal, weight, edge, strength, sigma, clutter, from_none, matrix, turn, shift,
-    rotation, position, reference, width, gradient, hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's edges to gradient (width · B,) and hessian; returns their cost. edge, strength: (N, K)."""
-    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(max(width, 6))
+def edges_sums(frames, camera, pieces, edges, spread, sums):  # pragma: no cover - compiled
+    """Add one camera's edges to sums; return their cost.
+
+    pieces: of outline, (N,) each: bone, point in its frame, pixel and normal at the start, weight. edges: place and strength (N, K).
+    spread: σ [px], clutter, and whether costs count from those of a piece without an edge.
+    """
+    bone, local, pixel, normal, weight = pieces
+    edge, strength = edges
+    sigma, clutter, from_none = spread
+    matrix = camera.matrix
+    cost, point, seen, row = 0.0, np.empty(3), np.empty(3), np.empty(12)
     for n in range(bone.shape[0]):
         b = bone[n]
-        place(b, local[n], rotation, position, point)
-        see(point, turn, shift, seen)
+        to_world(frames, b, local[n], point)
+        see(point, camera, seen)
         if seen[2] < NEAREST:
             continue
         du = matrix[0, 2] + matrix[0, 0] * seen[0] / seen[2] - pixel[n, 0]
@@ -35,7 +41,9 @@ def edges_system(
             pull += likely * off / sigma
             held += likely / (sigma * sigma)
         cost -= weight[n] * np.log(here / (clutter if from_none else best))
-        if width > 0 and held > 0.0:
-            fill_row(normal[n, 0], normal[n, 1], seen, matrix, turn, point, reference, row)
-            add_row(b, row, weight[n] * pull / here, weight[n] * held / here, gradient, hessian)
+        if sums.width > 0 and held > 0.0:
+            fill_row(
+                normal[n, 0], normal[n, 1], seen, camera, point, frames.reference, sums.width, row
+            )
+            add_row(sums, b, row, pull / held, weight[n] * held / here)
     return cost

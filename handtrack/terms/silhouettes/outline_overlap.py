@@ -50,11 +50,7 @@ def parts_overlap(
     members = np.concatenate([*parts, np.empty(0, np.int64)]).astype(np.int64)
     areas = np.zeros((len(seen), len(parts), 2))
     for camera, found in zip(seen, areas, strict=True):
-        flesh = grown.thicker(camera.wider_m)
-        overlap_areas(
-            bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii,
-            camera.camera.projection, camera.valid, camera.begins, camera.ends, camera.values, camera.camera.size[0],
-            starts, members, found,
-        )  # fmt: skip
+        flesh = grown.thicker(camera.wider_m).arrays
+        overlap_areas(bones.frames, flesh, camera.arrays, starts, members, found)
     mask = np.array([camera.area for camera in seen])
     return [OutlineOverlap(areas[:, n, 0], mask, areas[:, n, 1]) for n in range(len(parts))]

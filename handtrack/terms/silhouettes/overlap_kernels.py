@@ -21,18 +21,17 @@ from handtrack.terms.silhouettes.conic_kernels import (
 
 
 @numba.njit(cache=True, nogil=True)
-def overlap_areas(
-    rotation, position, bone, centre, turn, radii, projection, valid, begins, ends, values, width, starts, members, areas
-):  # fmt: skip  # pragma: no cover - compiled
+def overlap_areas(frames, ellipsoids, mask, starts, members, areas):  # pragma: no cover - compiled
     """Fill areas (N, 2): pixels that each part covers, and −ΣZ over them.
 
-    Part n is the ellipsoids members[starts[n] : starts[n + 1]]. valid, begins, ends, values: see `PreparedSilhouette`.
+    Part n is the ellipsoids members[starts[n] : starts[n + 1]].
     """
-    count, height = bone.shape[0], valid.shape[0]
+    valid, begins, ends, values = mask.valid, mask.begins, mask.ends, mask.values
+    count, height, width = ellipsoids.bone.shape[0], valid.shape[0], (mask.powers.shape[0] - 1) // 2
     centres, shapes = np.empty((count, 3)), np.empty((count, 3, 3))
-    posed_shapes(rotation, position, bone, centre, turn, radii, centres, shapes)
+    posed_shapes(frames, ellipsoids, centres, shapes)
     ellipses, levels = np.zeros((count, ELLIPSE)), np.ones((count, 2))
-    project(projection, width, height, centres, shapes, levels, False, ellipses)
+    project(mask.projection, width, height, centres, shapes, levels, False, ellipses)
     spans = np.empty((count, 2), np.int64)
     for part in range(starts.shape[0] - 1):
         covered, both = 0.0, 0.0

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from handtrack.arrays import (
     D2,
+    D3,
+    D4,
     D8,
     D24,
     Array,
@@ -29,6 +32,19 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.silhouettes.pieces_kernels import fill_pieces, mark_edges
+
+
+class MaskArrays(NamedTuple):
+    """A mask in its camera, as compiled sums take it; see `PreparedSilhouette`."""
+
+    projection: Floats[D3, D4]
+    valid: Array[H, D2]
+    begins: Ints[L]
+    ends: Ints[K]
+    values: Floats[K]
+    edges: Bytes[H, M]
+    powers: Floats[N, D8]
+    heights: Floats[X, D24]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +72,14 @@ class PreparedSilhouette:
     """(2H + 1, 24): the powers of y that go with each sum, see `height_powers`."""
     wider_m: float = 0.0
     """by how much the outline of a hand is farther out in it than the hand's own, all along"""
+
+    @cached_property
+    def arrays(self) -> MaskArrays:
+        """The same for compiled sums."""
+        return MaskArrays(
+            np.ascontiguousarray(self.camera.projection), self.valid, self.begins, self.ends, self.values, self.edges, self.powers,
+            self.heights,
+        )  # fmt: skip
 
     @property
     def outline_px(self) -> float:
@@ -156,7 +180,6 @@ def power_sums(width: int) -> Floats[K, D8]:
     x = np.arange(-width, width, dtype=float)
     table = np.zeros((2 * width + 1, 8))
     table[1:] = np.cumsum(x[:, None] ** np.array([0, 1, 2, 3, 4, 0, 1, 2]), axis=0)
-    table.flags.writeable = False
     return table
 
 
@@ -167,5 +190,4 @@ def height_powers(height: int) -> Floats[K, D24]:
     powers = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 3, 3, 4, 0, 0, 0, 0, 1, 1, 2, 0, 0])
     table = y**powers
     table[:, [15, 22, 23]] = 0.0
-    table.flags.writeable = False
     return table

@@ -5,29 +5,39 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Self
+from functools import cached_property
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from handtrack.arrays import D2, D3, D4, D6, D9, C, E, Floats, N
 from handtrack.errors import HandtrackError
-from handtrack.model.flesh import Ellipsoids
+from handtrack.model.flesh import EllipsoidArrays, Ellipsoids
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.terms.bone_system import BoneSystem, JointSystem
+from handtrack.terms.bone_system import JointSystem, Sums
 from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.silhouettes.conic_kernels import ELLIPSE
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.silhouettes.row_kernels import MOMENTS
 from handtrack.terms.silhouettes.silhouette_kernels import (
     camera_moments,
-    camera_system,
-    silhouette_kernel,
+    silhouette_sums,
     unpack_all,
 )
-from handtrack.terms.term_table import TermTable
+from handtrack.terms.term import ObservationTerm
 
 MOST_ELLIPSOIDS = 1000
+
+
+class CameraField(NamedTuple):
+    """A `FieldShape` in one camera."""
+
+    levels: Floats[E, D2]
+    limit: float
+    depth_scaled: bool
+    step: int
+    """of so many rows one is looked at, which stands for all"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +52,11 @@ class FieldShape:
     """the paper's scale: s = −1/C*₃₃ [m⁻²] instead, which puts near ellipsoids before far ones"""
     row_steps: tuple[int, ...] = ()
     """of how many rows one is looked at, in each camera; empty: all rows"""
+
+    def of_camera(self, camera: int) -> CameraField:
+        """Return the field in one camera, for compiled sums."""
+        levels = np.ascontiguousarray(self.levels[camera])
+        return CameraField(levels, float(self.limit), self.depth_scaled, self.row_step(camera))
 
     def row_step(self, camera: int) -> int:
         """Return of how many rows one is looked at in a camera."""
@@ -62,37 +77,6 @@ def prepared(
     return tuple(s if isinstance(s, PreparedSilhouette) else prepare(s) for s in silhouettes)
 
 
-def field_system(
-    silhouettes: Sequence[PreparedSilhouette],
-    ellipsoids: Ellipsoids,
-    shape: FieldShape,
-    bones: BonePoses,
-    weight: float | Sequence[float],
-    want_system: bool = True,
-) -> BoneSystem:
-    """Return the system of ½ weight Σ (P − Z)² over all cameras' valid pixels.
-
-    weight: one, or one a camera. Without want_system, gradient and Hessian are
-    those of no residual.
-    """
-    if len(ellipsoids) > MOST_ELLIPSOIDS:
-        raise HandtrackError(
-            f"silhouettes: {len(ellipsoids)} ellipsoids; at most {MOST_ELLIPSOIDS} are handled. Use a coarser model."
-        )
-    grown, count = ellipsoids.grown(bones), len(bones.position) if want_system else 0
-    system, cost = BoneSystem.zero(count), 0.0
-    weights = per_camera(weight, len(silhouettes), "weight")
-    for i, seen in enumerate(silhouettes):
-        ellipsoids = grown.thicker(seen.wider_m)
-        part = camera_system(
-            bones.rotation, bones.position, bones.reference, ellipsoids.bone, ellipsoids.centre, ellipsoids.rotation,
-            ellipsoids.radii, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values, seen.edges, seen.powers, seen.heights,
-            shape.levels[i], shape.limit, shape.depth_scaled, shape.row_step(i), weights[i], want_system, system.gradient, system.hessian,
-        )  # fmt: skip
-        cost += max(part + 0.5 * weights[i] * seen.energy(shape.row_step(i)), 0.0)
-    return BoneSystem(cost, system.gradient, system.hessian)
-
-
 def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple[float, ...]:
     """Return one number a camera."""
     if isinstance(value, float | int):
@@ -104,7 +88,17 @@ def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple
     return tuple(float(x) for x in value)
 
 
-class FieldTerm:
+class _View(NamedTuple):
+    """What does not change from pose to pose in one camera."""
+
+    ellipsoids: EllipsoidArrays
+    field: CameraField
+    weight: float
+    energy: float
+    """½ weight ΣZ²"""
+
+
+class FieldTerm(ObservationTerm):
     """½ weight Σ (P − Z)² over all observed pixels; what P is, a subclass says by its `shape`."""
 
     shape: FieldShape
@@ -120,48 +114,52 @@ class FieldTerm:
         self.weight = weight
         self.ellipsoids = ellipsoids
         self.silhouettes = prepared(silhouettes)
+        if len(ellipsoids) > MOST_ELLIPSOIDS:
+            raise HandtrackError(
+                f"silhouettes: {len(ellipsoids)} ellipsoids; at most {MOST_ELLIPSOIDS} are handled. Use a coarser model."
+            )
 
     def alone(self) -> list[Self]:
         """Return one term for each camera; together they are this one."""
-        weights, found = per_camera(self.weight, len(self.silhouettes), "weight"), []
-        for i, seen in enumerate(self.silhouettes):
-            term, steps = copy(self), self.shape.row_steps[i : i + 1]
-            term.silhouettes, term.weight = (seen,), weights[i]
-            term.shape = replace(self.shape, levels=self.shape.levels[i : i + 1], row_steps=steps)
-            found.append(term)
-        return found
+        weights, shape = per_camera(self.weight, len(self.silhouettes), "weight"), self.shape
+        return [
+            self._with(
+                silhouettes=(seen,), weight=weights[i],
+                shape=replace(shape, levels=shape.levels[i : i + 1], row_steps=shape.row_steps[i : i + 1]),
+            )
+            for i, seen in enumerate(self.silhouettes)
+        ]  # fmt: skip
 
     def wider(self, by_m: float) -> Self:
         """Return the term of masks in which the outline of a hand is so much farther out than the hand's own."""
+        return self._with(silhouettes=tuple(replace(s, wider_m=by_m) for s in self.silhouettes))
+
+    def _with(self, **changes: object) -> Self:
         term = copy(self)
-        term.silhouettes = tuple(replace(seen, wider_m=by_m) for seen in self.silhouettes)
+        vars(term).pop("_views", None)
+        vars(term).update(changes)
         return term
 
-    def cost(self, bones: BonePoses) -> float:
-        """Return ½ weight Σ (P − Z)²."""
-        return field_system(
-            self.silhouettes, self.ellipsoids, self.shape, bones, self.weight, False
-        ).cost
+    def add_to(self, bones: BonePoses, sums: Sums) -> float:
+        cost, grown = 0.0, bones.growth is not None and self.ellipsoids.grown(bones)
+        for view, seen in zip(self._views, self.silhouettes, strict=True):
+            flesh = grown.thicker(seen.wider_m).arrays if grown else view.ellipsoids
+            part = silhouette_sums(bones.frames, flesh, seen.arrays, view.field, view.weight, sums)
+            cost += max(part + view.energy, 0.0)
+        return cost
 
-    def linearize(self, bones: BonePoses) -> BoneSystem:
-        """Return cost, gradient and Gauss-Newton Hessian in bone twists."""
-        return field_system(self.silhouettes, self.ellipsoids, self.shape, bones, self.weight)
+    @cached_property
+    def _views(self) -> list[_View]:
+        weights, views = per_camera(self.weight, len(self.silhouettes), "weight"), []
+        for i, seen in enumerate(self.silhouettes):
+            field, flesh = self.shape.of_camera(i), self.ellipsoids.thicker(seen.wider_m).arrays
+            energy = 0.5 * weights[i] * seen.energy(field.step)
+            views.append(_View(flesh, field, weights[i], energy))
+        return views
 
-    def tables(self) -> list[TermTable]:
-        """Return one for each camera."""
-        flesh, shape = self.ellipsoids, self.shape
-        weights = per_camera(self.weight, len(self.silhouettes), "weight")
-        return [
-            TermTable(
-                silhouette_kernel, flesh.bone, flesh.centre, flesh.rotation, flesh.thicker(seen.wider_m).radii, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values,
-                seen.edges, seen.powers, seen.heights, levels, np.array([shape.limit, shape.depth_scaled, weights[i], seen.energy(step), step]),
-            )
-            for i, (seen, levels) in enumerate(zip(self.silhouettes, shape.levels, strict=True))
-            for step in [shape.row_step(i)]
-        ]  # fmt: skip
-
-    def linearize_sized(self, bones: BonePoses, fields: BoneFields) -> JointSystem:
-        """Return cost, gradient and Hessian by N unknowns that move and deform the flesh."""
+    def linearize(self, bones: BonePoses, fields: BoneFields | None = None) -> JointSystem:
+        if fields is None:
+            return super().linearize(bones)
         grown, count = self.ellipsoids.grown(bones), fields.flesh.shape[-1]
         centre, shape = np.empty((len(grown), 3)), np.empty((len(grown), 3, 3))
         velocity, gradient = np.split(fields.flesh[grown.bone], [3], axis=1)
@@ -171,9 +169,7 @@ class FieldTerm:
         weights = per_camera(self.weight, len(self.silhouettes), "weight")
         for i, seen in enumerate(self.silhouettes):
             flesh = grown.thicker(seen.wider_m)
-            posed_shapes(
-                bones.rotation, bones.position, flesh.bone, flesh.centre, flesh.rotation, flesh.radii, centre, shape
-            )  # fmt: skip
+            posed_shapes(bones.frames, flesh.arrays, centre, shape)
             by_centre = velocity + np.einsum("eijn,ej->ein", gradient, centre - bones.reference)
             axes = bones.rotation[flesh.bone] @ flesh.rotation
             wide = (axes * flesh.radii[:, None]) @ axes.swapaxes(1, 2)
@@ -182,11 +178,8 @@ class FieldTerm:
             by_shape += np.einsum("eikn,ekj->eijn", gradient - turn, own)
             by_shape += by_shape.swapaxes(1, 2) + 2.0 * wide[..., None] * fields.outline
             ellipses, moments = (np.zeros((len(flesh) + 2, width)) for width in (ELLIPSE, MOMENTS))
-            step = self.shape.row_step(i)
-            camera_moments(
-                centre, shape, seen.camera.projection, seen.valid, seen.begins, seen.ends, seen.values, seen.edges, seen.powers,
-                seen.heights, self.shape.levels[i], self.shape.limit, self.shape.depth_scaled, step, ellipses, moments,
-            )  # fmt: skip
+            field, step = self.shape.of_camera(i), self.shape.row_step(i)
+            camera_moments(centre, shape, seen.arrays, field, ellipses, moments)
             won = np.flatnonzero(moments[1:-1, 0])
             sums, observed = np.zeros((len(won), 6, 6)), np.zeros((len(won), 6))
             conic = np.zeros((len(won), 6))

@@ -44,17 +44,6 @@ from handtrack.terms.silhouettes.row_kernels import (
     number_at,
     paint,
 )
-from handtrack.terms.term_table import (
-    GRADIENT,
-    HESSIAN,
-    POSITION,
-    REFERENCE,
-    ROTATION,
-    TermKernel,
-    array1,
-    array2,
-    array3,
-)
 
 MIDDLE_U, MIDDLE_V, SLANT, ACROSS, DOWN, ROOM, FACTOR, BEND = range(8)
 """Columns of `lines`: the ellipse's centre [px]; d middle / d row; half-width² per unit of room; room lost per row²;
@@ -66,24 +55,15 @@ _SURELY = 1e-6  # [px] nearer to its end, rounding decides whether a pixel is sa
 
 
 @numba.njit(cache=True, nogil=True)
-def camera_system(
-    rotation, position, reference, bone, centre, turn, radii, projection, valid, begins, ends, values, edges, powers, heights,
-    levels, limit, depth_scaled, step, weight, want_system, gradient, hessian,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Add one camera's ½ weight Σ (P − Z)² to gradient (6B,) and hessian (6B, 6B). Returns the cost.
-
-    It leaves out ½ weight ΣZ², which does not depend on the pose. begins, ends, values, edges: what was observed, see `PreparedSilhouette`; levels: (E, 2) outer level t and
-    factor s. step: of so many rows one is looked at, which stands for all.
-    """
+def silhouette_sums(frames, ellipsoids, mask, field, weight, sums):  # pragma: no cover - compiled
+    """Add one camera's ½ weight Σ (P − Z)² by twists to sums; return the cost, without ½ weight ΣZ², which no pose changes."""
+    bone, levels = ellipsoids.bone, field.levels
     count = bone.shape[0]
     centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
-    posed_shapes(rotation, position, bone, centre, turn, radii, centre_world, shape_world)
+    posed_shapes(frames, ellipsoids, centre_world, shape_world)
     ellipses, moments = np.zeros((count + 2, ELLIPSE)), np.zeros((count + 2, MOMENTS))
-    camera_moments(
-        centre_world, shape_world, projection, valid, begins, ends, values, edges, powers, heights, levels, limit, depth_scaled, step,
-        ellipses, moments,
-    )  # fmt: skip
-    weight *= step
+    camera_moments(centre_world, shape_world, mask, field, ellipses, moments)
+    weight *= field.step
     core = count + 1
     cost = 0.5 * moments[core, 0] + moments[core, 16]
     m, z = np.zeros((6, 6)), np.zeros(6)
@@ -99,32 +79,25 @@ def camera_system(
             for j in range(6):
                 mc[i] += m[i, j] * c[j]
             cost += c[i] * (0.5 * mc[i] - z[i])
-        if want_system:
+        if sums.width > 0:
             conic_by_twist(
-                projection,
-                centre_world[e],
-                shape_world[e],
-                reference,
-                ellipses[e],
-                levels[e, 0],
-                depth_scaled,
-                work,
-            )
-            _add_block(work, m, mc, z, weight, 6 * bone[e], gradient, hessian)
+                mask.projection, centre_world[e], shape_world[e], frames.reference, ellipses[e], levels[e, 0],
+                field.depth_scaled, work,
+            )  # fmt: skip
+            _add_block(work, m, mc, z, weight, 6 * bone[e], sums)
     return weight * cost
 
 
 @numba.njit(cache=True, nogil=True)
 def camera_moments(
-    centre_world, shape_world, projection, valid, begins, ends, values, edges, powers, heights, levels, limit, depth_scaled, step,
-    ellipses, moments,
-):  # fmt: skip  # pragma: no cover - compiled
+    centre_world, shape_world, mask, field, ellipses, moments
+):  # pragma: no cover - compiled
     """Fill ellipses (E + 2, ELLIPSE) and moments (E + 2, MOMENTS), zeros at first, of ellipsoids in one camera."""
-    height, width = valid.shape[0], (powers.shape[0] - 1) // 2
-    project(projection, width, height, centre_world, shape_world, levels, depth_scaled, ellipses)
-    _sum_rows(
-        ellipses, levels, limit, step, valid, begins, ends, values, edges, powers, heights, moments
-    )
+    height, width = mask.valid.shape[0], (mask.powers.shape[0] - 1) // 2
+    project(
+        mask.projection, width, height, centre_world, shape_world, field.levels, field.depth_scaled, ellipses
+    )  # fmt: skip
+    _sum_rows(ellipses, mask, field, moments)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -138,26 +111,12 @@ def unpack_all(
         conic_of(ellipses[e], levels[e, 0], conic[k])
 
 
-@TermKernel("i8 f8 f8 f8 f8 i4 i8 i8 f8 u1 f8 f8 f8 f8")
-def silhouette_kernel(term, place, width):  # pragma: no cover - compiled
-    """½ weight Σ (P − Z)² of one camera; the table is made by `FieldTerm.tables`."""
-    scalars = array1(term, 13, np.float64)
-    part = camera_system(
-        array3(place, ROTATION, np.float64), array2(place, POSITION, np.float64), array1(place, REFERENCE, np.float64),
-        array1(term, 0, np.int64), array2(term, 1, np.float64), array3(term, 2, np.float64), array2(term, 3, np.float64),
-        array2(term, 4, np.float64), array2(term, 5, np.int32), array1(term, 6, np.int64), array1(term, 7, np.int64),
-        array1(term, 8, np.float64), array2(term, 9, np.uint8), array2(term, 10, np.float64), array2(term, 11, np.float64),
-        array2(term, 12, np.float64), scalars[0],
-        scalars[1] != 0.0, np.int64(scalars[4]), scalars[2], width > 0, array1(place, GRADIENT, np.float64), array2(place, HESSIAN, np.float64),
-    )  # fmt: skip
-    return max(part + 0.5 * scalars[2] * scalars[3], 0.0)
-
-
 @numba.njit(cache=True, nogil=True)
-def _sum_rows(
-    ellipses, levels, limit, step, valid, begins, ends, values, edges, powers, heights, moments
-):  # pragma: no cover - compiled
+def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
     """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
+    levels, limit, step = field.levels, field.limit, field.step
+    valid, begins, ends, values = mask.valid, mask.begins, mask.ends, mask.values
+    edges, powers, heights = mask.edges, mask.powers, mask.heights
     count, height, width = levels.shape[0], valid.shape[0], (powers.shape[0] - 1) // 2
     looked_at = (height - step // 2 + step - 1) // step  # rows step // 2, step // 2 + step, …
     lines = np.empty((count, LINE))
@@ -319,7 +278,7 @@ def _unpack(n, m, z):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def _add_block(work, m, mc, z, weight, at, gradient, hessian):  # pragma: no cover - compiled
+def _add_block(work, m, mc, z, weight, at, sums):  # pragma: no cover - compiled
     """Add Aᵀ(M c − z) and Aᵀ M A at row `at`; A is work[72:120] as (6, 8), work[120:176] is free."""
     for i in range(6):
         m0, m1, m2 = weight * m[i, 0], weight * m[i, 1], weight * m[i, 2]
@@ -332,7 +291,7 @@ def _add_block(work, m, mc, z, weight, at, gradient, hessian):  # pragma: no cov
     for i in range(6):
         r = weight * (mc[i] - z[i])
         for t in range(6):
-            gradient[at + t] += r * work[72 + 8 * i + t]
+            sums.gradient[at + t] += r * work[72 + 8 * i + t]
     for s in range(6):
         a0, a1, a2 = work[72 + s], work[80 + s], work[88 + s]
         a3, a4, a5 = work[96 + s], work[104 + s], work[112 + s]
@@ -342,4 +301,4 @@ def _add_block(work, m, mc, z, weight, at, gradient, hessian):  # pragma: no cov
                 + a3 * work[144 + t] + a4 * work[152 + t] + a5 * work[160 + t]
             )  # fmt: skip
         for t in range(6):
-            hessian[at + s, at + t] += work[168 + t]
+            sums.hessian[at + s, at + t] += work[168 + t]

@@ -12,7 +12,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import GemanMcClure, Huber
+from handtrack.terms.loss import geman_mcclure, huber
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
@@ -36,11 +36,11 @@ _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
 _FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
 _ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
-_ROBUST = GemanMcClure(3.0)
+_ROBUST = geman_mcclure(3.0)
 """of given keypoints: one that is more than a few sigmas off no longer pulls"""
-_WIDE = Huber(3.0)
+_WIDE = huber(3.0)
 """of detected joints in all stages but the last: they pull from wherever a start is"""
-_DETECTED = {"hand": GemanMcClure(2.0), "body": _WIDE}
+_DETECTED = {"hand": geman_mcclure(2.0), "body": _WIDE}
 """of detected joints in the last stage, by the model's kind: a camera that takes one finger for another is let go. The width was chosen on two
 recordings, a real hand before five cameras and images of a scanned one; 3 costs 0.1 mm there and wins 0.1 mm where no camera errs. A body
 before cameras whose calibration is off by more than its joints would lose limbs (`real_person`: 49 mm became 101)"""
@@ -243,7 +243,7 @@ def _priors(
     fingers_seen: bool,
 ) -> list[ParameterTerm]:
     prior, smoothing = settings.prior, settings.tracker.smoothing
-    loss = GemanMcClure(_ON_PURPOSE) if fingers_seen else None
+    loss = geman_mcclure(_ON_PURPOSE) if fingers_seen else None
     terms = pose_priors(model, np.deg2rad(prior.rest_sigma_deg), prior.posture, loss)
     if expected is not None and smoothing > 0:
         terms.append(motion_prior(expected, prior, smoothing, frames_ahead))

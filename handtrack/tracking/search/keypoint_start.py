@@ -19,7 +19,7 @@ from handtrack.sampling.chains import chains_of, prepare
 from handtrack.sampling.hypotheses import Hypothesis, distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.sampling.polish import PolishSettings, polish
-from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.loss import geman_mcclure
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
 from handtrack.tracking.search.engine import Candidate, Fit, run_rounds
@@ -158,7 +158,7 @@ class ImageJointLandscape:
         starts = np.array([c.params for c in candidates])
         priors, loss = (
             pose_priors(self.model, points_rest(self.model)),
-            GemanMcClure(_ROBUST_SIGMAS),
+            geman_mcclure(_ROBUST_SIGMAS),
         )
         found = polish(self.model, starts, self.seen, priors, loss, settings=settings)
         return [

@@ -12,7 +12,8 @@ from handtrack.observation.observation import Observation
 from handtrack.sampling.hypotheses import Hypothesis
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.problem import Problem
-from handtrack.terms.bone_system import BoneSystem
+from handtrack.terms.bone_kernels import pull_back
+from handtrack.terms.bone_system import Sums
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.tracking.frame.constants import (
     DOUBTFUL_CLOUD,
@@ -72,13 +73,10 @@ def nearness(
     bones, twist, joint = model.linearize(params)
     growth = np.zeros((*twist.shape[:2], 1))
     growth[:, :3, 0] = bones.position - bones.reference  # bones move apart, as thick as they were
-    seen = sum(
-        (term.linearize(bones) for term in problem.observation_terms),
-        BoneSystem.zero(len(bones.position)),
-    )
-    spread = max(2.0 * seen.cost / count, 1.0)
-    system = seen.pull_back(np.concatenate([twist, growth], axis=2))
-    hessian = system.hessian / spread
+    seen = Sums.zero(len(bones.position), 6)
+    cost = sum(term.add_to(bones, seen) for term in problem.observation_terms)
+    spread = max(2.0 * cost / count, 1.0)
+    hessian = pull_back(seen, np.concatenate([twist, growth], axis=2))[1] / spread
     for prior in problem.parameter_terms:
         hessian[:-1, :-1] += prior.linearize(joint).hessian
     hessian[-1, -1] += size_sigma**-2

@@ -109,7 +109,7 @@ class _Look:
             fields = moves.beside(BoneFields.of_twists(np.concatenate(changes, axis=2), points))
             seen[name] = reduce(
                 JointSystem.__add__,
-                (term.linearize_sized(bones, fields) for term in terms),
+                (term.linearize(bones, fields) for term in terms),
                 JointSystem.zero(fields.flesh.shape[2]),
             )
         prior = Problem(model, (), priors).linearize(pose)

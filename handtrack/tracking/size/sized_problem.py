@@ -38,7 +38,7 @@ def linearize_sized(
     count, both = twists.shape[2], fields.joints.shape[2]
     system = JointSystem.zero(both)
     for term in terms_of(problem, model):
-        system += term.linearize_sized(bones, fields)
+        system += term.linearize(bones, fields)
     gradient, hessian, cost = system.gradient, system.hessian, system.cost
     for prior in problem.parameter_terms:
         known = prior.linearize(joint)

@@ -10,7 +10,7 @@ from handtrack.arrays import D3, Array, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
-from handtrack.solver.problem import FreeProblem, Problem
+from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
 
@@ -76,4 +76,4 @@ def reach(
     stay = GaussianPrior(model.joint_params(params), sigma, "stay")
     problem = Problem(model, [KeypointTerm(held, meant)], [stay])
     free = _free(model, bone)
-    return solve(FreeProblem(problem, free, params), params, _SETTINGS).params
+    return solve(problem, params, _SETTINGS, limits=problem.limits.frozen(~free, params)).params

@@ -28,7 +28,7 @@ from handtrack.terms.images.model_outline import outline_points
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.images.texture_agreement import contradicts
-from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import (
     EDGE_CORRELATION_PX,
@@ -180,7 +180,7 @@ def _texture(
     return CarriedTextureTerm(
         [(exposed_as(texture, start, now), now)],
         chosen.sigma,
-        GemanMcClure(at_stage(_ROBUST, stage)),
+        geman_mcclure(at_stage(_ROBUST, stage)),
         weight=chosen.weight * carried.share * share,
         from_unexplained=_compared(settings),
     )

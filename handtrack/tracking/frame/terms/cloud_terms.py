@@ -16,7 +16,7 @@ from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
-from handtrack.terms.loss import GemanMcClure, Loss, Quadratic, UniformOutliers
+from handtrack.terms.loss import Loss, geman_mcclure, quadratic, uniform_outliers
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_SEEN_MM
 from handtrack.tracking.frame.methods import Traits
@@ -36,7 +36,7 @@ _EMPTY_FAR_M = 0.012  # a part further from all points was rather not measured t
 _OBJECT_M = 0.02  # from the surface where a frame starts: the breadth of a finger, further than what a hand does beside its prediction
 _MOST_HIDDEN = 0.5  # of a cloud before the hand: more of it is rather the hand, which came nearer
 _SIGHT_STEP_M = 0.004  # between places on a line of sight: the distance map's own grid
-_AS_OFTEN_AS_NOT = UniformOutliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
+_AS_OFTEN_AS_NOT = uniform_outliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log 2, wherever it is
 
 
 @dataclass(frozen=True)
@@ -217,10 +217,12 @@ def cloud_terms(
         )
         empty = 2.0 * (1.0 - chosen.balance)
         return [rays, *_empty(seen, model, settings, _AS_OFTEN_AS_NOT, empty)]
-    robust: Loss = GemanMcClure(max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0))
-    far: Loss = GemanMcClure(_EMPTY_FAR_M / sigma_m)
+    robust: Loss = geman_mcclure(
+        max(_ROBUST_BANDS * band_mm * _MM / (seen.sigma_m or sigma_m), 2.0)
+    )
+    far: Loss = geman_mcclure(_EMPTY_FAR_M / sigma_m)
     if settings.traits.plain_sums:
-        robust = far = Quadratic()
+        robust = far = quadratic()
     points = CloudDistanceTerm(
         seen.prepared,
         fitted_surface(model, chosen),

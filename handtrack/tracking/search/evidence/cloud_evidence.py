@@ -14,7 +14,7 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
 from handtrack.terms.clouds.distance_map import DistanceMap, distance_map
-from handtrack.terms.loss import GemanMcClure
+from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import REACH_M, HandShape, palm_middle
 from handtrack.tracking.search.evidence.score_kernels import cloud_scores
@@ -108,7 +108,7 @@ class CloudEvidence:
         if near.sum() >= _FEWEST // 3:
             cloud = prepare_cloud(self.points[near])
             terms.append(
-                CloudDistanceTerm(cloud, MetaballSurface.of(model), sigma, GemanMcClure(_ROBUST))
+                CloudDistanceTerm(cloud, MetaballSurface.of(model), sigma, geman_mcclure(_ROBUST))
             )
         seen = self._visible(shape, model, params, middle)
         terms.append(
@@ -118,7 +118,7 @@ class CloudEvidence:
                 np.ascontiguousarray(shape.mesh.local[seen]),
                 sigma,
                 slack_m=0.5 * _VOXEL_M,
-                loss=GemanMcClure(_ROBUST),
+                loss=geman_mcclure(_ROBUST),
                 weight=shape.area / self.area,
             )
         )
