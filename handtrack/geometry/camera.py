@@ -55,12 +55,13 @@ class Camera:
     @classmethod
     def from_opencv(
         cls,
-        name: str,
-        size: tuple[int, int],
         matrix: Array[*Axes],
         distortions: Array[*Axes] | None = None,
         rotation: Array[*Axes] | None = None,
         translation: Array[*Axes] | None = None,
+        *,
+        name: str,
+        size: tuple[int, int],
         unit_m: float = 1.0,
     ) -> Camera:
         """Return the camera of OpenCV's numbers, of any of its shapes: `calibrateCamera`'s matrix and coefficients, and rvec or

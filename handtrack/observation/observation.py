@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Axes, Floats, H, Ints, J, K, W, check_shape
+from handtrack.arrays import D2, D3, Array, Axes, F, Floats, H, Ints, J, K, W, check_shape
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import Camera
 from handtrack.observation.lens_maps import lens_maps
 from handtrack.observation.mask_values import UNKNOWN, coverage_of
@@ -150,6 +150,35 @@ class Observation:
         if self.cloud is not None:
             how = "PointCloud(points), of shape (N, 3) [m]"
             check_kind(self.cloud, PointCloud, f"cloud of frame {self.frame}", how)
+
+    @classmethod
+    def sequence(
+        cls, cameras: Iterable[Camera], masks: Mapping[str, Array[F, H, W]], fps: float = 30.0
+    ) -> list[Observation]:
+        """Return the observations of a recording's masks in memory.
+
+        Parameters
+        ----------
+        cameras : those that took them, of a rig or a list
+        masks : by camera's name, (F, H, W) uint8 or bool, 0 background, of the real images; as many frames of each
+        fps : frames a second
+
+        Raises
+        ------
+        HandtrackError for a name that is no camera's, and for cameras of different numbers of frames.
+        """
+        known = {camera.name: camera for camera in cameras}
+        unknown = next((name for name in masks if name not in known), None)
+        if unknown is not None:
+            raise unknown_name("camera", unknown, tuple(known))
+        counts = {name: len(frames) for name, frames in masks.items()}
+        if len(set(counts.values())) > 1:
+            told = ", ".join(f"{name} {count}" for name, count in counts.items())
+            raise HandtrackError(f"masks of different numbers of frames: {told}; expected as many.")
+        return [
+            cls(f, f / fps, tuple(Silhouette(known[name], of[f]) for name, of in masks.items()))
+            for f in range(max(counts.values(), default=0))
+        ]
 
     @property
     def is_empty(self) -> bool:

@@ -59,8 +59,10 @@ def test_a_camera_of_opencvs_numbers_projects_as_opencv_does(rng):
     flat, rvec, tvec = np.array([[-0.2, 0.05, 1e-3, 2e-3, 0.01]]), np.array([[0.1], [-0.4], [0.2]]), np.array([[10.0], [20], [500]])  # fmt: skip
     world = rng.uniform(-50, 50, (20, 3))
     expected = cv2.projectPoints(world, rvec, tvec, matrix, flat)[0][:, 0]
-    vector = Camera.from_opencv("c", (640, 480), matrix, flat, rvec, tvec, unit_m=0.001)
-    turned = Camera.from_opencv("c", (640, 480), matrix, flat, cv2.Rodrigues(rvec)[0], tvec, 0.001)
+    vector = Camera.from_opencv(matrix, flat, rvec, tvec, name="c", size=(640, 480), unit_m=0.001)
+    turned = Camera.from_opencv(
+        matrix, flat, cv2.Rodrigues(rvec)[0], tvec, name="c", size=(640, 480), unit_m=0.001
+    )
     np.testing.assert_allclose(vector.project(world / 1000), expected, atol=1e-9)
     np.testing.assert_allclose(turned.project(world / 1000), expected, atol=1e-9)
 
@@ -227,3 +229,19 @@ def test_linear_algebra_takes_one_thread_while_we_work_and_as_many_as_before_aft
         track(HAND, [points(start)], start, terms=[JointPositionTerm(HAND, TIPS, look)])
         assert threads() == before
     assert seen and set.union(*seen) == {1}
+
+
+def test_a_recording_of_masks_becomes_observations_in_one_call():
+    cameras = [
+        Camera.from_opencv([[50, 0, 10], [0, 50, 8], [0, 0, 1]], name=name, size=(20, 16))
+        for name in ("left", "right")
+    ]
+    masks = {name: np.zeros((3, 16, 20), np.uint8) for name in ("left", "right")}
+    masks["left"][1, 4:9, 5:11] = 255
+    sequence = Observation.sequence(cameras, masks, fps=10.0)
+    assert [(o.frame, o.time_s) for o in sequence] == [(0, 0.0), (1, 0.1), (2, 0.2)]
+    assert sequence[1].silhouettes[0].mask.sum() == 30
+    with pytest.raises(HandtrackError, match="left 3, right 2"):
+        Observation.sequence(cameras, {**masks, "right": masks["right"][:2]})
+    with pytest.raises(HandtrackError, match="middle"):
+        Observation.sequence(cameras, {"middle": masks["left"]})

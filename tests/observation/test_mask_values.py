@@ -16,7 +16,7 @@ HAND[30:90, 40:100] = True
 
 def camera(distortions: list[float] | None = None) -> Camera:
     matrix = [[150.0, 0, 79.5], [0, 150, 59.5], [0, 0, 1]]
-    return Camera.from_opencv("cam0", (160, 120), matrix, distortions)
+    return Camera.from_opencv(matrix, distortions, name="cam0", size=(160, 120))
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_all_forms_of_one_mask_are_the_same(mask):
 
 def test_grey_borders_are_shares_of_a_pixel():
     grey = np.uint8([[0, 51, 255]])
-    small = Camera.from_opencv("c", (3, 1), [[10, 0, 1], [0, 10, 0], [0, 0, 1]])
+    small = Camera.from_opencv([[10, 0, 1], [0, 10, 0], [0, 0, 1]], name="c", size=(3, 1))
     np.testing.assert_allclose(Silhouette(small, grey).mask, [[0, 0.2, 1]], atol=1e-7)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cached_property
+from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
@@ -326,6 +328,24 @@ class TrackResult(TrackLabels, NamedTrack):
             f"<TrackResult: {len(self)} frames of {what or 'a model'}, {self.frame[0]} to {self.frame[-1]} ({found}); "
             f"{len(self.parameter_names)} parameters, {len(self.joint_names)} joints>"
         )
+
+    def _repr_html_(self) -> str:
+        """Return the same for notebooks, with what the frames of low confidence lack most often."""
+        why = (
+            Counter(text for text in self.reason if text) if self.reason is not None else Counter()
+        )
+        rows = [("frames", f"{len(self)}, {self.frame[0]} to {self.frame[-1]}")]
+        rows += [(s.name.lower(), f"{int((self.status == s).sum())}") for s in Status]
+        rows += [("model", " ".join(filter(None, (self.side, self.model))))]
+        if self.hand_length_mm is not None:
+            rows += [("length", f"{self.hand_length_mm:.0f} mm")]
+        rows += [
+            ("parameters", ", ".join(self.parameter_names[:8]) + ", …"),
+            ("joints", f"{len(self.joint_names)}"),
+        ]
+        rows += [("most often", escape(f"{text} ({count})")) for text, count in why.most_common(2)]
+        cells = "".join(f"<tr><th>{name}</th><td>{value}</td></tr>" for name, value in rows)
+        return f"<table><caption>TrackResult</caption>{cells}</table>"
 
     @cached_property
     def landmark_definition(self) -> str | None:
