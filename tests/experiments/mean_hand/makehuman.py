@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, N, V
+from handtrack.arrays import D3, Array, Floats, N, T, V
 from tests.experiments.honesty.meshes import FINGERS, HandMesh, _made, _skin_point, _upright
 
 _DATA = "makehuman/data"
@@ -23,6 +23,8 @@ LENGTH_MM = 187.0
 DEPTH_MM = 1.3
 """by which a finger's joint centres lie nearer to its back than to its pulp, of a hand of that length: 3 mm of skin and tendon and
 half of a head 8 to 9 mm high, of a finger 17 to 18 mm deep"""
+KNUCKLE_MM = 10.7
+"""by which a knuckle's centre lies under the skin of the back of such a hand: the same 3 mm and half of a metacarpal's head 15 to 16 mm high"""
 _UP = np.array([[-0.73, -0.47, 0.49], *[[0.0, 0, 1]] * 4])
 """backs of thumb and fingers, in the hand's axes"""
 LENGTHS = np.array(
@@ -147,11 +149,15 @@ class Base:
             _from_tip(line, size * own)
             for line, own in zip(lines, LENGTHS / LENGTH_MM, strict=True)
         ]
+        skin = vertices[triangles.reshape(-1, 3)]
         own = [vertices[share[:, f + 1] > 0.5] for f in range(FINGERS)]
         chain = [
             _centred(p, t, v, turn.T @ up, size / LENGTH_MM)
             for p, t, v, up in zip(chain, tips, own, _UP, strict=True)
         ]
+        for line, up in zip(chain[1:], _UP[1:], strict=True):
+            z = _across(line[1] - line[0], turn.T @ up)
+            line[0] += (_out(skin, line[0], z) - KNUCKLE_MM * size / LENGTH_MM) * z
         weights = np.zeros((len(vertices), 1 + 3 * FINGERS))
         weights[:, 0] = share[:, 0]
         for f, joints in enumerate(chain):
@@ -184,20 +190,37 @@ def _from_tip(line: Floats, own: Floats) -> Floats[D3, D3]:
 def _centred(
     joints: Floats[D3, D3], tip: Floats[D3], vertices: Floats[V, D3], up: Floats[D3], size: float
 ) -> Floats[D3, D3]:
-    """Return a finger's joints where they lie in its breadth and depth: MakeHuman's are right below the skin of its back."""
+    """Return a finger's joints where they lie in its breadth and depth: MakeHuman's are right below the skin of its back.
+
+    Its base follows the next joint. size: [m] of one mm of a hand of `LENGTH_MM`.
+    """
     line = np.array([*joints, tip])
     moves = np.zeros((3, 3))
     for k in (1, 2):
         along = (line[k + 1] - line[k - 1]) / np.linalg.norm(line[k + 1] - line[k - 1])
-        z = up - along * (along @ up)
-        z /= np.linalg.norm(z)
+        z = _across(along, up)
         off = vertices - line[k]
         near = off[np.abs(off @ along) < _SECTION_M]
-        for axis, place in ((z, DEPTH_MM * 1e-3 * size), (np.cross(along, z), 0.0)):
+        for axis, place in ((z, DEPTH_MM * size), (np.cross(along, z), 0.0)):
             reach = near @ axis
             moves[k] += (0.5 * (reach.min() + reach.max()) + place) * axis
     moves[0] = moves[1]
     return joints + moves
+
+
+def _across(along: Floats[D3], up: Floats[D3]) -> Floats[D3]:
+    """Return the unit vector across a bone, nearest to up."""
+    z = up - along * (along @ up) / (along @ along)
+    return z / np.linalg.norm(z)
+
+
+def _out(skin: Floats[T, D3, D3], point: Floats[D3], way: Floats[D3]) -> float:
+    """Return how far from a point along a direction the skin's last triangle is met [m]."""
+    a, b, c = np.swapaxes(skin, 0, 1)
+    sides = np.stack([b - a, c - a, np.broadcast_to(-way, a.shape)], axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        u, v, t = np.linalg.solve(sides, (point - a)[:, :, None])[..., 0].T
+    return float(t[(u >= 0) & (v >= 0) & (u + v <= 1)].max())
 
 
 def _skinned(vertices: Floats[V, D3], line: Floats) -> Floats:

@@ -1,6 +1,7 @@
 """The mean hand: python -m tests.experiments.mean_hand.mean DEFINITION.toml MAKEHUMAN OUT.toml
 
-DEFINITION: hand26 as it was before (commit a27e47e): bones and finger breadths from published measurements. MAKEHUMAN: the git folder of a
+DEFINITION: hand26 as it was before (commit a27e47e): bones and finger breadths from published measurements. OUT.toml: today's hand26 with
+the bones' ends and ellipsoids that are found. MAKEHUMAN: the git folder of a
 copy of makehumancommunity/makehuman (its meshes are CC0).
 
 Bones stay as measured; the thumb's base is put at the joint line. Ellipsoids of fingers and palm: fitted to the breadths measured and to
@@ -15,6 +16,7 @@ import copy
 import re
 import sys
 import tomllib
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -67,6 +69,7 @@ def mean_definition(
         old if old["bone"] in _THENAR else new for old, new in zip(rows, moved, strict=True)
     ]
     _to_people(found, report)
+    _to_skin(found, hands["makehuman"])
     found["ellipsoids"]["metaballs"] = _metaballs(start, found)
     return found
 
@@ -107,6 +110,37 @@ def _to_people(definition: dict[str, Any], report: bool) -> None:
         print(
             f"  palm {own[0]:.1f} → {breadth:.1f} mm broad, {own[1]:.1f} → {around:.1f} round; wrist {wrist:.1f} round, × {factor:.3f}"
         )
+
+
+def _to_skin(definition: dict[str, Any], people_: list[Flat]) -> None:
+    """Give the palm's ellipsoids the height of people's back and palm above and below their own middles.
+
+    Ellipsoids beside each other that fit a skin by distance lie outside it at their crests and inside it between: silhouettes show crests.
+    An ellipsoid that does not reach the surface there stays as it is.
+    """
+    rows, bones = definition["ellipsoids"]["fine"], bones_of(definition)
+    palm = [r for r in rows if "carpal" in r["bone"] and not r["bone"].startswith("thumb")]
+    shown = [r for r in rows if r["bone"] != "forearm" and not r["bone"].startswith("thumb")]
+
+    def middle(row: dict[str, Any]) -> Floats[D3]:
+        head, axes, _ = frame(bones[row["bone"]])
+        return axes @ row["centre"] + head
+
+    def heights(points: Floats[N, D3], at: Floats[D3]) -> Floats:
+        near = points[(np.abs(points[:, 0] - at[0]) < 5) & (np.abs(points[:, 1] - at[1]) < 3), 2]
+        return np.array([near.max(), near.min()])
+
+    skins = [hand.points[hand.finger != 0] for hand in people_]
+    aims = [np.mean([heights(skin, middle(row)) for skin in skins], axis=0) for row in palm]
+    for _ in range(12):
+        points = _points(definition, shown)
+        for row, (back, front) in zip(palm, aims, strict=True):
+            at, (x, y, z) = middle(row), row["radii"]
+            top, low = heights(points, at)
+            above = 0.4 * (top - back) if top - (at[2] + z) < 1 else 0.0
+            below = 0.4 * (front - low) if at[2] - z - low < 1 else 0.0
+            row["radii"] = [x, y, z - 0.5 * (above + below)]
+            row["centre"] = [*row["centre"][:2], row["centre"][2] - 0.5 * (above - below)]
 
 
 def _metaballs(before: dict[str, Any], after: dict[str, Any]) -> list[dict[str, Any]]:
@@ -190,9 +224,14 @@ def _numbers(values: Any) -> str:
 
 def main() -> None:
     start, makehuman, out = map(Path, sys.argv[1:4])
-    text = start.read_text()
-    definition = tomllib.loads(text)
+    definition = tomllib.loads(start.read_text())
+    bones = bones_of(definition)
+    for row in definition["ellipsoids"]["metaballs"]:
+        if row["bone"] == "root":  # the palm's, which today follows the palm's proportions
+            row["bone"] = "middle_metacarpal"
+            row["centre"] = np.subtract(row["centre"], bones[row["bone"]]["head"]).tolist()
     hands = families(definition, makehuman)
+    text = resources.files("handtrack.model.definitions").joinpath("hand26.toml").read_text()
     out.write_text(written(text, mean_definition(definition, hands, report=True)))
 
 
