@@ -122,10 +122,9 @@ def commands() -> str:
 
 
 def _command(name: str, parser: argparse.ArgumentParser) -> str:
-    shown = [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest != "help"]
-    rows = [f"| {_names(action)} | {_cell(action.help or '')} |" for action in shown]
-    options = "\n".join(["| argument | meaning |", "|---|---|", *rows])
-    return f"## {name}\n\n{parser.description}\n\n{options if rows else ''}\n"
+    shown = [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest not in ("help", "json")]  # fmt: skip
+    rows = [f"- {_names(action)}: {_cell(action.help or action.dest)}" for action in shown]
+    return "\n".join([f"## {name}", "", str(parser.description), "", *rows, ""])
 
 
 def _names(action: argparse.Action) -> str:
