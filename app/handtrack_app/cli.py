@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
-from handtrack.errors import HandtrackError, not_enough_memory
+from handtrack.errors import HandtrackError, not_enough_memory, unknown_name
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
@@ -28,9 +28,13 @@ def main(argv: list[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that knows no "−" shows "?"
-    parser = build_parser()
+    parser, words = build_parser(), sys.argv[1:] if argv is None else argv
+    if words and not words[0].startswith("-") and words[0] not in COMMANDS:
+        names = [name for group in _GROUPS.values() for name in group]
+        print(f"handtrack: {unknown_name('command', words[0], names)}", file=sys.stderr)
+        return EXIT_USAGE
     try:
-        args = parser.parse_args(sys.argv[1:] if argv is None else argv)
+        args = parser.parse_args(words)
     except SystemExit as asked:  # --help, --version: 0; usage: 2
         return int(asked.code or EXIT_OK)
     if args.command is None:
@@ -134,10 +138,10 @@ _INIT = _option(
 _YES = _option(
     "--yes",
     action="store_true",
-    help="track from a first pose that is not sure, or looks like the other hand's",
+    help="track even from a first pose with low confidence, or one that looks like the other hand",
 )
 _TAKE_OVER = _option(
-    "--take-over", action="store_true", help="write even if another program holds the session; that one can no more"
+    "--take-over", action="store_true", help="take over the write lock from another running handtrack"
 )  # fmt: skip
 _SIDE = _option("--side", choices=("right", "left"), default="right")
 _NEW = _option("--out", type=Path, required=True, metavar="SESSION", help="folder to make")
@@ -190,7 +194,7 @@ COMMANDS: dict[str, _Command] = {
     "start": _Command("workbench", "Choose a recording in the browser, or make one from videos, and open the workbench.",
                       (_TAKE_OVER, *_SERVER)),
     "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
-    "sample": _Command("new_session.sample", "Write a recording that comes with the program as files, to try things on.", (
+    "sample": _Command("new_session.sample", "Write a bundled sample recording to a folder.", (
         _option("name", metavar="NAME", help="two_videos (the tutorial's material) or another_hand or open_fist_open (sessions)"),
         _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"), _JSON,
     )),
@@ -216,41 +220,41 @@ COMMANDS: dict[str, _Command] = {
         _option("--name", default="", help="the session's name"),
         _option("--side", choices=("right", "left"), help="which hand (default: as the detector sees it, else right)"),
         _option("--detector", type=Path, metavar="FILE", help="the hand detector's weights (default: as for `detect`)"),
-        _option("--track", action="store_true", help="then find the hand in the images, where weights are there, and track it"),
+        _option("--track", action="store_true", help="track after import: detect the hand, then track it"),
         _option("--fps", type=float, help="frames a second (default: the first video's)"),
         _option("--world-unit-m", type=float, help="metres in one unit of the calibration (default: its form's, or inferred)"),
         _option("--names", type=Path, metavar="TABLE.toml",
                 help='which points of --keypoints are which joints, lines such as index_tip = "D2_tip"'),
         _option("--lens", choices=("plain", "fisheye"),
                 help="what four distortion coefficients are, where the calibration does not say: k1 k2 p1 p2, or a fisheye's"),
-        _option("--link", action="store_true", help="leave recordings where they are, for you and on this computer alone; no copies"),
-        _option("--yes", action="store_true", help="take every proposal without asking"),
-        _option("--scaled", action="store_true", help="videos of another size than the calibration's are its images, scaled"),
+        _option("--link", action="store_true", help="link the recordings instead of copying them"),
+        _option("--yes", action="store_true", help="accept every default without asking"),
+        _option("--scaled", action="store_true", help="accept videos that are scaled versions of the calibration's images"),
         _option("--masks", choices=("seeded", "skin_ycrcb", "background_mog2", "background_median", "none"),
                 help="how silhouettes are found; settings in session.toml (default: seeded, by the joints, where there are some; "
                 "else skin_ycrcb, by skin colour)"),
         _JSON,
     )),
-    "track": _Command("track", "Track a session and save poses.npz; the workbench's engine and numbers.", (
+    "track": _Command("track", "Track a session and save poses.npz.", (
         _SESSION, _INIT, _YES, _FRAMES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
         _SET, _KNOWN_PERSON,
-        _option("--seed", type=int, metavar="N", help="of everything random, the setting tracker.seed (default: 0)"),
+        _option("--seed", type=int, metavar="N", help="random seed, the setting tracker.seed (default: 0)"),
         _option("--size-later", action="store_true",
-                help="where the hand's size is to be fitted: track at once, fit it to what was tracked, track again"),
+                help="track first, fit the hand's size to the tracked frames, then track again"),
         _option("--out", type=Path, metavar="FILE.npz", help="result (default: SESSION/tracks/poses.npz)"),
         _option("--rerun", action="store_true", help="show residuals in rerun's viewer in the browser"),
         _option("--rerun-save", type=Path, metavar="FILE.rrd", help="record residuals to a file"),
         _option("--rerun-frame", type=int, metavar="N", help="record every iteration of this frame"),
-        _option("--restart", action="store_true", help="begin anew, not where the same command was ended before its end"),
+        _option("--restart", action="store_true", help="start over instead of resuming an interrupted run"),
         _TAKE_OVER, _JSON,
-        _option("--explain", type=int, metavar="FRAME", help="say what was searched in this frame, and why the winner won"),
+        _option("--explain", type=int, metavar="FRAME", help="report the searches made in this frame and why the winner won"),
     )),
-    "batch": _Command("batch.batch", "Track many recordings, one process each, and report the worst first.", (
+    "batch": _Command("batch.batch", "Track many recordings in parallel and report the worst first.", (
         _option("pattern", nargs="+", metavar="PATTERN", help="session folders, or patterns of them, such as 'takes/*'"),
         _option("--jobs", type=int, default=1, metavar="N", help="recordings at a time on this machine (1)"),
         _option("--dask", metavar="ADDRESS", help="on a dask cluster instead: its scheduler's address"),
-        _option("--resume", action="store_true", help="go on with a batch: leave out what the same inputs gave already"),
+        _option("--resume", action="store_true", help="skip recordings that the same inputs were already tracked for"),
         _option("--out", type=Path, default=Path("batch"), metavar="DIR", help="of ledger, reports, logs (./batch); results stay "
                 "with their recordings"),
         _option("--most-lost", type=float, default=0.5, metavar="SHARE", help="a recording with more lost frames makes the exit code 3 (0.5)"),
@@ -258,15 +262,15 @@ COMMANDS: dict[str, _Command] = {
         _option("--use", metavar="NAMES", help="as for `track`"), _SET,
         _option("--seed", type=int, metavar="N", help="as for `track`"), _JSON,
     )),
-    "takes": _Command("takes", "List what was tracked of a session, take by take; compare, make current again, remove.", (
+    "takes": _Command("takes", "List, compare, restore or remove the takes of a session.", (
         _SESSION,
         _option("--restore", type=int, metavar="TAKE", help="make a take current again, and save it as tracks/poses.npz"),
         _option("--compare", type=int, nargs=2, metavar="TAKE", help="how far two takes differ"),
         _option("--prune", type=int, metavar="TAKE", help="remove a take that is not current, for good"),
-        _option("--frames", metavar="A:B", help="restore or compare these alone (default: all)"),
+        _option("--frames", metavar="A:B", help="restore or compare only these (default: all)"),
         _TAKE_OVER, _JSON,
     )),
-    "person": _Command("person.size", "Save a person's hand or body, of a recording or of a tracked sequence, for other recordings.", _OF_PERSON),
+    "person": _Command("person.size", "Fit a person's hand or body shape and save it for other recordings.", _OF_PERSON),
     "size": _Command("person.size", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
     "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,
@@ -282,7 +286,7 @@ COMMANDS: dict[str, _Command] = {
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _LANDMARKS, _JSON,
     )),
     "spread": _Command("person.spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
-    "skin": _Command("person.skin", "Fit the colour of skin to images segmented by hand, for the filter of clouds.", (
+    "skin": _Command("person.skin", "Fit the skin colour filter of point clouds to manually segmented images.", (
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
                 help="an image file and its mask; several times (default: what was painted in the session's masks)"),
@@ -310,7 +314,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--seed", type=int, default=0, help="of motion and noise"),
         _JSON,
     )),
-    "retarget": _Command("person.retarget", "Put a motion file (BVH, AMC, TRC, C3D) on a model: size, angles, and how near.", (
+    "retarget": _Command("person.retarget", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
         _option("file", type=Path, metavar="FILE"),
         _option("--out", type=Path, required=True, metavar="SESSION|POSES.npz", help="a session's folder to make, or a file of poses"),
         _option("--model", metavar="NAME", help="body34, hand26 or another (default: what the file's names are of)"),
@@ -318,30 +322,30 @@ COMMANDS: dict[str, _Command] = {
         _option("--fps", dest="motion_fps", type=float, metavar="RATE", help="frames a second, where the file does not say it (AMC)"),
         _option("--scale", type=Path, metavar="FILE.json", help="a person's saved size (default: fitted)"), _JSON,
     )),
-    "model": _Command("model", "Check a model's definition, or make one of a robot's URDF or MJCF, or a BVH.", (
+    "model": _Command("model", "Check a model definition, or convert a URDF, MJCF or BVH to one.", (
         _option("action", choices=("check",), help="what to do"),
         _option("file", type=Path, metavar="FILE", help="a definition (.toml), or a URDF, MJCF or BVH"),
         _option("--out", type=Path, metavar="FILE", help="also write it: as a definition, to be changed by hand (.toml), or as a robot (.urdf)"), _JSON,
     )),
-    "warmup": _Command("warmup", "Compile ahead what tracking would compile at its first frame.", (_JSON,)),
+    "warmup": _Command("warmup", "Compile the kernels now instead of at the first frame.", (_JSON,)),
     "detect": _Command("detection.detect", "Find the hand in a session's images and write its 21 joints as files.", (
         _SESSION, _FRAMES,
         _option("--weights", type=Path, metavar="FILE",
                 help="the detector's (default: what HANDTRACK_DETECTOR names, or `handtrack detector install` left)"),
         _option("--camera", action="append", default=[], metavar="NAME",
-                help="look at this camera only; may be repeated (default: all that have images)"),
-        _option("--every", type=int, default=1, metavar="N", help="look at every N-th frame only (default: each)"),
-        _option("--write", action="store_true", help="also write into session.toml that these joints are to be used"),
-        _option("--masks", action="store_true", help="and that masks are to be made by them (method seeded), where they are no files"),
+                help="only this camera; may be repeated (default: all with images)"),
+        _option("--every", type=int, default=1, metavar="N", help="only every N-th frame (default: 1)"),
+        _option("--write", action="store_true", help="also use these joints in session.toml"),
+        _option("--masks", action="store_true", help="with --write: also segment by them (method seeded) where masks are not files"),
         _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
         _JSON,
     )),
-    "masks": _Command("detection.masks", "Make masks again by tracked poses, and write them as files.", (
+    "masks": _Command("detection.masks", "Re-segment the images with the tracked poses and save the masks.", (
         _SESSION,
-        _option("--poses", type=Path, metavar="FILE.npz", help="what was tracked (default: the session's tracks/poses.npz)"),
+        _option("--poses", type=Path, metavar="FILE.npz", help="tracked poses (default: the session's tracks/poses.npz)"),
         _option("--camera", action="append", default=[], metavar="NAME",
-                help="this camera only; may be repeated (default: all that have images)"),
-        _option("--write", action="store_true", help="also write into session.toml that these masks are to be used"),
+                help="only this camera; may be repeated (default: all with images)"),
+        _option("--write", action="store_true", help="also use these masks in session.toml"),
         _JSON,
     )),
     "detector": _Command("detection.detector", "Install the hand detector's weights for all sessions.", (
@@ -374,7 +378,7 @@ COMMANDS: dict[str, _Command] = {
         _BOARD,
         _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
     )),
-    "doctor": _Command("doctor", "Check a session folder and say what is odd.", (
+    "doctor": _Command("doctor", "Check a session folder and report problems.", (
         _SESSION,
         _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand where joints tell; odd ones orange"), _JSON,
     )),
@@ -382,7 +386,24 @@ COMMANDS: dict[str, _Command] = {
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,
     )),
 }  # fmt: skip
-"""by name, in the order of `handtrack --help`"""
+"""by name"""
+
+_GROUPS = {
+    "workbench": ("open", "start", "demo", "sample"),
+    "tracking": ("new", "track", "batch", "takes", "export", "evaluate"),
+    "preparing a recording": ("doctor", "calibrate", "board", "detect", "detector", "masks", "stereo"),
+    "a person": ("person", "spread", "skin", "retarget"),
+    "models and tests": ("model", "simulate", "bench", "warmup"),
+}  # fmt: skip
+"""in the order of `handtrack --help`; an alias, such as `size`, is in none"""
+
+
+def _listing() -> str:
+    """Return the commands in groups, for `--help`."""
+    lines = []
+    for group, names in _GROUPS.items():
+        lines += ["", f"{group}:", *(f"    {name:<10} {COMMANDS[name].help}" for name in names)]
+    return "\n".join(lines[1:])
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -390,13 +411,15 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="handtrack",
         description="Track the full 3D pose of a hand by fitting an articulated model to what calibrated cameras saw.",
-        epilog="Without a command, the workbench opens in the browser. `handtrack COMMAND --help` tells more.",
+        epilog=_listing()
+        + "\n\nWithout a command, the workbench opens in the browser. Options: `handtrack COMMAND --help`.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", help="see below")
     for name, (module, words, options) in COMMANDS.items():
-        command = commands.add_parser(name, help=words, description=words, allow_abbrev=False)
+        command = commands.add_parser(name, description=words, allow_abbrev=False)
         command.set_defaults(module=module)
         for names, how in options:
             command.add_argument(*names, **how)  # type: ignore[arg-type]

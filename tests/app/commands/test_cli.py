@@ -385,3 +385,13 @@ def test_bench_prints_tables_and_json(handtrack: CommandLine, monkeypatch) -> No
 def test_main_returns_what_the_program_exits_with(monkeypatch) -> None:
     monkeypatch.setattr(sys, "argv", ["handtrack", "--help"])
     assert cli.main() == 0
+
+
+def test_a_misspelled_command_is_refused_with_the_one_that_may_be_meant(
+    handtrack: CommandLine,
+) -> None:
+    ended = handtrack("trak", "session")
+    assert ended.code == 2
+    assert ended.out == ""
+    assert "trak" in ended.err
+    assert "'track'" in ended.err
