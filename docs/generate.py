@@ -20,7 +20,7 @@ from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS, table
 from handtrack.tracking.frame.settings import ALIASES, GROUPS, SETTINGS
 from handtrack.tracking.search import policy
-from handtrack_app.cli import build_parser
+from handtrack_app.cli import COMMAND_GROUPS, build_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures.toml"
@@ -115,9 +115,8 @@ def _cell(text: object) -> str:
 def commands() -> str:
     """Return a section per command: what it does, usage, arguments and options."""
     (sub,) = [a for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction)]
-    listed = {choice.dest for choice in sub._choices_actions if choice.help != argparse.SUPPRESS}
     return "\n".join(
-        _command(name, parser) for name, parser in sub.choices.items() if name in listed
+        _command(name, sub.choices[name]) for names in COMMAND_GROUPS.values() for name in names
     )
 
 

@@ -30,7 +30,7 @@ def main(argv: list[str] | None = None) -> int:
             stream.reconfigure(errors="replace")  # a terminal that knows no "−" shows "?"
     parser, words = build_parser(), sys.argv[1:] if argv is None else argv
     if words and not words[0].startswith("-") and words[0] not in COMMANDS:
-        names = [name for group in _GROUPS.values() for name in group]
+        names = [name for group in COMMAND_GROUPS.values() for name in group]
         print(f"handtrack: {unknown_name('command', words[0], names)}", file=sys.stderr)
         return EXIT_USAGE
     try:
@@ -388,7 +388,7 @@ COMMANDS: dict[str, _Command] = {
 }  # fmt: skip
 """by name"""
 
-_GROUPS = {
+COMMAND_GROUPS = {
     "workbench": ("open", "start", "demo", "sample"),
     "tracking": ("new", "track", "batch", "takes", "export", "evaluate"),
     "preparing a recording": ("doctor", "calibrate", "board", "detect", "detector", "masks", "stereo"),
@@ -401,7 +401,7 @@ _GROUPS = {
 def _listing() -> str:
     """Return the commands in groups, for `--help`."""
     lines = []
-    for group, names in _GROUPS.items():
+    for group, names in COMMAND_GROUPS.items():
         lines += ["", f"{group}:", *(f"    {name:<10} {COMMANDS[name].help}" for name in names)]
     return "\n".join(lines[1:])
 
