@@ -313,6 +313,7 @@ class _Tracking:
         self._control = replace(self._control, on_early=lambda r: on_progress(ProvisionalFrame(r)))
         self._asked = control.should_stop
         self._recorded = run.session.live is None
+        self._announced = run.session.known_frames.stop
         self._results: dict[int, FrameResult] = {}
         self._steps: list[Step] = []  # until all frames are counted
         self._refined: FramesRefined | None = None
@@ -335,6 +336,7 @@ class _Tracking:
         request, run = self._request, self._run
         if request.fit_size and run.sizes_first and run.settings.model.fit_size == "true":
             sized = None
+            self._on_progress(Progress("size", 0.0, f"fitting the {run.model.kind}'s size …"))
             try:
                 sized = run.fit_size(self._stops, tell=self._report("size"))
             except KeyboardInterrupt:
@@ -442,14 +444,12 @@ class _Tracking:
     def _counted_frames(self) -> range:
         """Return the frames to track once those of videos are counted, which may be other than they announced."""
         request, session = self._request, self._run.session
-        known = session.known_frames
         counted, stop = session.frame_range.stop, request.frames.stop
-        if counted == known.stop and stop <= counted:
-            return request.frames
-        frames = range(request.frames.start, min(stop, counted))
+        stop = counted if stop == self._announced else min(stop, counted)
+        frames = range(request.frames.start, stop)
         if not frames:
             raise HandtrackError(
-                f"{session.folder}: frames {request.frames.start} to {stop - 1} were asked for, but the recording has the "
+                f"{session.folder}: frames from {request.frames.start} on were asked for, but the recording has the "
                 f"frames 0 to {counted - 1}: its videos have not as many as they announce."
             )
         return frames
@@ -459,8 +459,11 @@ class _Tracking:
         run, request = self._run, self._request
         results = [self._results[frame] for frame in sorted(self._results)]
         if request.fit_size and run.settings.model.fit_size == "later" and run.size_is_open:
+            message = f"fitting the {run.model.kind}'s size to the {len(results)} frames that were tracked …"
+            self._on_progress(Progress("size", 0.0, message))
             other = run.fit_size(self._stops, tell=self._report("size"), tracked=results)
             if self._stops():
+                yield Warned(f"the {run.model.kind}'s size is not fitted.")
                 return
             yield SizeFitted(other, after_tracking=True)
         elif request.track_again and not request.fixed and not request.guides:

@@ -7,30 +7,25 @@ import json
 import sys
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.images.frame_notes import listed
 from handtrack.diagnostics.review import queue_words, worth_a_look
 from handtrack.errors import HandtrackError
-from handtrack.model.model_file import load_model
-from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.doctor.examine import examine_start
-from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
-from handtrack.session.side import doubt_of_side
+from handtrack.session.takes.take_recorder import TakeOptions, TakeRecorder
+from handtrack.session.track_session import Ended, request_for, track_session
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.explain import explained
-from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.commands.terminal.first_pose import (
     SURE,
     ask_for_other_side,
@@ -38,13 +33,7 @@ from handtrack_app.commands.terminal.first_pose import (
     found_first_pose,
     percent,
 )
-from handtrack_app.commands.terminal.progress import (
-    Stop,
-    say,
-    saying_compiling,
-    share_bar,
-    stoppable,
-)
+from handtrack_app.commands.terminal.progress import say, saying_compiling, stoppable
 from handtrack_app.commands.terminal.track_options import (
     check_recording,
     check_seen,
@@ -54,11 +43,11 @@ from handtrack_app.commands.terminal.track_options import (
     parse_sources,
     writable,
 )
-from handtrack_app.commands.terminal.tracked_take import TrackedTake
-from handtrack_app.commands.terminal.tracking_passes import TrackingPasses
+from handtrack_app.commands.terminal.tracking_progress import Progressing
 from handtrack_app.rerun.recorder import ResidualRecorder
 
 _INTERRUPTED = 130
+_PROGRAM = "handtrack track"
 
 
 def run(args: argparse.Namespace) -> int:
@@ -90,55 +79,43 @@ def run(args: argparse.Namespace) -> int:
         ask_for_other_side(session, first or session.init, args.yes)
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
-    fits = session.hand_scale == "fit" and settings.model.fit_size == "true"
-    with stoppable() as stop, saying_compiling(), TrackedTake(out, session, args) as take:
+    options = TakeOptions(
+        _PROGRAM, args.restart, args.take_over, args.explain, lambda text: say(f"note: {text}")
+    )
+    with (
+        stoppable() as stop,
+        saying_compiling(),
+        TakeRecorder(out, session.folder, options) as take,
+    ):
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop, args.yes)
         elif (given := first or session.init) is not None and given.pixels:
             first = first_pose_of_images(session, settings, given)
-        run_ = None if stop() else _opened(session, overrides, first, fits, stop)
-        if run_ is None:
+        if stop():
             say("handtrack track: interrupted before the first frame; nothing was saved.")
             return _INTERRUPTED
-        later = settings.model.fit_size == "later" and run_.size_is_open
-        if args.size_later and not later:
+        unsized = TrackingRun.open(session, {**overrides, "model.fit_size": "false"}, first, stop)
+        run_ = unsized.with_values({"model.fit_size": settings.model.fit_size})
+        if args.size_later and not (settings.model.fit_size == "later" and run_.size_is_open):
             say("note: --size-later has no effect: the size is given, and not fitted.")
         recorder = None
         if args.rerun or args.rerun_save:
             recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)
             if recorder.url:
                 say(f"residuals are shown at {recorder.url}")
+        reports: list[SearchReport] = []
+        control = Control(stop, on_search=None if args.explain is None else reports.append)
+        control = control if recorder is None else recorder.watching(control)
         try:
-            reports: list[SearchReport] = []
-            on_search = None if args.explain is None else reports.append
-            passes = TrackingPasses(stop, take, recorder, on_search)
-            results, problem = passes.track(run_, frames)
-            counted = frames if stop() else _counted(args, session, settings)
-            if counted != frames:
-                say(
-                    "note: the videos have not as many frames as they announce; tracking begins anew."
+            request = request_for(run_, frames, from_init=args.init is None)
+            with Progressing(take, recorder, reports) as progress:
+                end, warnings = progress.follow(
+                    track_session(run_, request, control, progress.show, take), stop
                 )
-                stop.shielded, frames = False, counted
-                reports.clear()
-                results, problem = passes.track(run_, frames)
-            if later and not problem and not stop():
-                reports.clear()
-                run_, results = passes.track_again(run_, results, frames)
-            elif not problem and not stop():
-                run_, results = passes.with_arm_of_all(run_, results, frames)
-            doubts = _doubts_of_side(run_, results, args, stop) if take.is_first else []
-            refinement = Refinement.read(passes.refinement) if passes.refinement else None
-            if refinement is not None and refinement.scale is not None:
-                run_ = run_.with_scale(refinement.scale)
-            doubts += (refinement and refinement.words) or (
-                [doubt_of_cameras(run_, results)] if not stop() else []
-            )
-            code = _save(
-                run_, results, passes.refinement, frames, out, stop(), problem, take, doubts,
-                began if args.json else None,
-            )  # fmt: skip
+            stop.shielded = True  # from here on it is saved
+            code = _save(end, out, take, warnings, began if args.json else None)
             if args.explain is not None:
-                there = next((r for r in results if r.frame == args.explain), None)
+                there = next((r for r in end.results if r.frame == args.explain), None)
                 text = "\n".join(explained(args.explain, reports, there))
                 print(text, file=sys.stderr if args.json else sys.stdout, flush=True)
         finally:
@@ -150,109 +127,58 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _opened(
-    session: Session,
-    overrides: Mapping[str, object],
-    first: FirstPose | None,
-    fits: bool,
-    stop: Stop,
-) -> TrackingRun | None:
-    """Return the run with its hand, None when the user stopped it."""
-    if fits:
-        chosen = session.settings.with_values(overrides).model.name
-        say(f"fitting the {load_model(chosen or session.hand_model).kind}'s size …")
-    try:
-        with share_bar("sizing") as tell:
-            run_ = TrackingRun.open(session, overrides, first, stop, tell=tell)
-    except KeyboardInterrupt:
-        return None
-    return None if stop() else run_
-
-
-def _doubts_of_side(
-    run_: TrackingRun, results: Sequence[FrameResult], args: argparse.Namespace, stop: Stop
-) -> list[str]:
-    """Return that the other hand was tracked, in words, where nothing but session.toml says which it is. That takes as long
-    as a hundred frames: asked once for a first pose, and by `doctor`.
-    """
-    joints_given = args.init != "auto" and run_.first is not None and run_.first.xyz is not None
-    if joints_given or stop():
-        return []
-    tracked = {r.frame: r.parameters for r in results if r.status != Status.LOST}
-    text = doubt_of_side(run_.session, run_.settings, run_.model, tracked, Control(stop))
-    return [text] if text else []
-
-
-def _counted(args: argparse.Namespace, session: Session, settings: TrackerSettings) -> range:
-    """Return the frames asked for once those of videos are counted. Raises HandtrackError where there are none such."""
-    counted = session.frame_range
-    if args.init is None:
-        session.check_init()
-    first_pose(args.init, session, settings)
-    return parse_frames(args.frames, counted, session.folder)
-
-
 def _save(
-    run_: TrackingRun,
-    results: Sequence[FrameResult],
-    refinement: str | None,
-    frames: range,
-    out: Path,
-    stopped: bool,
-    ended_by: str,
-    take: TrackedTake,
-    doubts: Sequence[str],
-    json_since: float | None,
+    end: Ended, out: Path, take: TakeRecorder, warnings: Sequence[str], json_since: float | None
 ) -> int:
-    """Write the result and tell how it went, as JSON where `json_since` says when it began [s]."""
+    """Write the result and report how it went, as JSON where `json_since` says when it began [s]."""
     take.check()
+    run, results, frames = end.run, end.results, end.frames
     if not results:
-        say("handtrack track: interrupted before the first frame was done; nothing was saved.")
+        say("handtrack track: interrupted before the first frame; nothing was saved.")
         return _INTERRUPTED
-    track, finished = (
-        replace(run_.result(results), refinement=refinement),
-        not (stopped or ended_by),
-    )
+    track = end.track
     try:
-        whole = track if finished else take.with_earlier(track)
+        whole = track if end.is_complete else take.with_earlier(track)
     except HandtrackError:
         say(
-            f"handtrack track: {ended_by or 'interrupted;'} the track before, of another model, stays. The {len(results)} frames tracked so "
-            f"far are take {take.number}: `handtrack takes {run_.session.folder} --restore {take.number}` makes them the track."
+            f"handtrack track: {end.problem or 'interrupted;'} the track before, of another model, stays. The {len(results)} "
+            f"frames tracked so far are take {take.number}: `handtrack takes {run.session.folder} --restore {take.number}` "
+            "makes them the track."
         )
-        return 2 if ended_by else _INTERRUPTED
+        return 2 if end.problem else _INTERRUPTED
     place, problem = _write(out, whole)
     if not problem:
-        take.saved(track, finished)
+        take.saved(track, end.is_complete)
     earlier = len(whole) - len(track)
     over = f", over {earlier} of an earlier take" if earlier > 0 else ""
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
     notes = [
-        *dict.fromkeys([*run_.session.warnings, *run_.notes]),
-        *filter(None, doubts),
+        *dict.fromkeys([*run.session.warnings, *run.notes]),
+        *warnings,
         *_doubts(results),
     ]
-    hand = hand_words(run_.model)
+    hand = hand_words(run.model)
     if json_since is None:
         by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))
-        begun = _begun_at(run_)
+        fixed = f", {counts['keyframe']} set by hand" if counts["keyframe"] else ""
         print(
-            f"{len(results)} of {len(frames)} frames{begun}: {by_status}{hand and f'; {hand}'}. Saved to {place}",
+            f"{len(results)} of {len(frames)} frames{_begun_at(run)}: {by_status}{fixed}{hand and f'; {hand}'}. "
+            f"Saved to {place}",
             flush=True,
         )
     else:
         seconds = round(time.monotonic() - json_since, 3)
-        told = {"frames": counts, "seconds": seconds, "warnings": notes, "output": str(place)}
-        print(json.dumps(told, indent=1), flush=True)
+        report = {"frames": counts, "seconds": seconds, "warnings": notes, "output": str(place)}
+        print(json.dumps(report, indent=1), flush=True)
     for note in notes:
         say(f"note: {note}")
     if problem:
         raise HandtrackError(problem)
-    if ended_by:
+    if end.problem:
         raise HandtrackError(
-            f"{ended_by} Tracking ended there; the {len(results)} frames tracked before it are in {place}{over}."
+            f"{end.problem} Tracking ended there; the {len(results)} frames tracked before it are in {place}{over}."
         )
-    if stopped:
+    if end.cancelled:
         say(
             f"handtrack track: interrupted; the {len(results)} frames tracked so far are in {place}{over}."
         )

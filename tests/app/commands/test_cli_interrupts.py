@@ -15,7 +15,7 @@ import pytest
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.tables import read_npz
 from handtrack_app.commands import track as track_command
-from handtrack_app.commands.terminal import tracking_passes
+from handtrack_app.commands.terminal import tracking_progress
 from tests.app.command_line import PROGRAM, CommandLine
 from tests.session.small_session import edit
 
@@ -64,7 +64,7 @@ def test_interrupted_tracking_is_saved_and_named(
     handtrack: CommandLine, session: Path, monkeypatch, presses: int
 ) -> None:
     """Fault C65."""
-    monkeypatch.setattr(tracking_passes, "progress_bar", lambda *_: Interrupter(2, presses))
+    monkeypatch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(2, presses))
     handler = signal.getsignal(signal.SIGINT)
     ended = handtrack("track", session)
     assert signal.getsignal(signal.SIGINT) is handler

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
+import signal
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +21,6 @@ from handtrack.session.formats.tables import read_npz
 from handtrack.session.run import TrackingRun
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands import track as track_command
-from handtrack_app.commands.terminal.progress import Stop
 from tests.app.command_line import CommandLine, refused
 from tests.session.small_session import edit
 
@@ -159,8 +162,9 @@ def test_an_interrupted_second_tracking_keeps_the_first(
     edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
     seen = track_command.TrackingRun.fit_size
 
-    def fit(run: TrackingRun, should_stop: Stop, **how: Any) -> TrackingRun:
-        should_stop.asked = True
+    def fit(run: TrackingRun, should_stop: Callable[[], bool], **how: Any) -> TrackingRun:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)
         return seen(run, should_stop, **how)
 
     monkeypatch.setattr(track_command.TrackingRun, "fit_size", fit)

@@ -10,7 +10,7 @@ import pytest
 from handtrack.session.formats.tables import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.cli import main
-from handtrack_app.commands.terminal import tracking_passes
+from handtrack_app.commands.terminal import tracking_progress
 from handtrack_app.start.start_page import StartPage
 from handtrack_app.workbench import Workbench
 from tests.app.commands.test_cli_interrupts import Interrupter
@@ -37,7 +37,7 @@ def cancelled(bare_arm: Path, tmp_path: Path) -> Path:
     """The recording, tracked until Ctrl-C after its first frame."""
     session = Path(shutil.copytree(bare_arm, tmp_path / "session"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tracking_passes, "progress_bar", lambda *_: Interrupter(1))
+        patch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(1))
         assert main(["track", str(session), "--init", "auto", "--yes"]) == 130
     return session
 
