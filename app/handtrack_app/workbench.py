@@ -24,10 +24,10 @@ from handtrack_app.page.page import Page
 from handtrack_app.page.player import Demo, Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.state import UserState
-from handtrack_app.process.engine_child import EngineChild
+from handtrack_app.process.child import EngineChild
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.log_file import LOG_FILE
 from handtrack_app.protocol.mailbox import Mailbox
 
@@ -71,14 +71,15 @@ class Workbench:
         if plan is not None:
             self.worker = EngineProcess(plan, self._snapshots.put, child)
         else:
-            from handtrack_app.process.engine_thread import EngineThread  # the engine's imports
+            from handtrack_app.engine.worker import EngineThread  # the engine's imports
 
             plan = EnginePlan(self.folder, rerun=rerun, take_over=take_over, opener=opener)
             self.worker = EngineThread(plan, self._snapshots.put)
         self._ends_within_s = _STOP_S if plan.live is None else _LIVE_STOP_S
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[snapshots.Notice] = []
-        self._wished: dict[type, commands.Command] = {}
+        self._wanted: dict[str, tuple[object, ...]] = {}
+        self.engine = self.worker.engine
         self._demo = Demo() if demo else None
         self._token = token
         self.left = threading.Event()
@@ -104,7 +105,7 @@ class Workbench:
         self.page = Page(
             self.server,
             self.state,
-            self.send,
+            self.engine,
             self.redraw,
             self.go_to,
             self.door.messages.sent_value,
@@ -114,7 +115,8 @@ class Workbench:
             self.page.everyones,
         )
         self.stage = Stage(self.page)
-        self.layout = PageLayout(self.page, self.stage)
+        self.layout = PageLayout(self.page, self.stage, self.worker.start_again)
+        self._subscribe()
         self.page.on(self.layout.session.others, lambda _: self.left.set())
         self.in_flight = InFlight(self.page, self._snapshots.put)
         self.server.on_client_disconnect(lambda _: self.in_flight.clear())
@@ -158,10 +160,6 @@ class Workbench:
 
     # ---- from the page
 
-    def send(self, command: commands.Command) -> None:
-        """Hand a command to the worker."""
-        self.worker.send(command)
-
     def go_to(self, frame: float) -> None:
         """Show a frame, from whatever number came."""
         state = self.state
@@ -175,23 +173,23 @@ class Workbench:
             self.layout.timeline.show_frame(state.frame)
             return
         self.layout.timeline.show_frame(target)
-        self.send(commands.ShowFrame(target))
+        self.engine.show_frame(target)
 
     def _ask_for(self, frame: int) -> None:
         """Ask for a frame that is played. The page stays at the one shown until all of it comes."""
         target = self.state.clamp_frame(frame)
         if target is not None:
             self.in_flight.begin(target)
-            self.send(commands.ShowFrame(target, is_played=True))
+            self.engine.show_frame(target, is_played=True)
 
     def redraw(self) -> None:
         """Apply changed display options."""
         self.stage.apply()
         self.layout.session.show_display()
-        for wish in self.stage.wanted():
-            if self._wished.get(type(wish)) != wish:
-                self._wished[type(wish)] = wish
-                self.send(wish)
+        for name, wanted in self.stage.wanted().items():
+            if self._wanted.get(name) != wanted:
+                self._wanted[name] = wanted
+                getattr(self.engine, name)(*wanted)
 
     # ---- from the worker
 
@@ -202,103 +200,94 @@ class Workbench:
             if snapshot is None:
                 continue
             try:
-                self._show(snapshot)
+                self.page.show(snapshot)
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)
             opens = self.layout.progress.state in ("opening", "failed")
             if not opens and None not in (self.stage.pose, self.layout.timeline.strip):
                 self._ready.set()
 
-    def _show(self, snapshot: snapshots.Snapshot | Drawn) -> None:
-        match snapshot:
-            case snapshots.SessionSnapshot():
-                with self.state.lock:
-                    known = self.state.names == snapshot.parameter_names
-                    self.state.names = snapshot.parameter_names
-                    self.state.start, self.state.stop = snapshot.start, snapshot.stop
-                    if not known:
-                        self.state.values = ()
-                self.player.fps = snapshot.fps
-                self.stage.fit(snapshot)
-                self.layout.fit(snapshot)
-                self.redraw()
-            case snapshots.PoseSnapshot(beside=pictures):
-                if pictures is None:
-                    self.in_flight.clear()  # somebody went elsewhere, or another engine began
-                self._held = snapshot if self.in_flight.is_drawing else None
-                if self._held is None:
-                    self._show_pose(snapshot)
-            case Drawn():
-                held, self._held = self._held, None
-                if held is not None:
-                    self._show_pose(held)
-            case snapshots.PictureSnapshot():
-                self.stage.show_pictures(snapshot)
-                self.layout.session.show_pictures(snapshot)
-            case snapshots.SurfaceSnapshot():
-                self.stage.show_surface(snapshot)
-            case snapshots.CloudSnapshot():
-                self.stage.show_cloud(snapshot)
-                self.layout.cloud.show(snapshot)
-            case snapshots.CloudPicture():
-                self.layout.cloud.show_picture(snapshot)
-            case snapshots.CloudCard():
-                self.layout.cloud.fit(snapshot)
-                if not snapshot.source:
-                    self.stage.forget_cloud()
-            case snapshots.MaskCard():
-                self.layout.masks.fit(snapshot)
-            case snapshots.MaskPicture():
-                self.stage.show_masks(snapshot)
-                self.layout.masks.show(snapshot)
-            case snapshots.GuessesSnapshot():
-                self.stage.show_guesses(snapshot)
-                self.layout.guesses.show(snapshot)
-            case snapshots.CurvesSnapshot():
-                self.layout.plots.show(snapshot)
-            case snapshots.ScoreSnapshot():
-                self.stage.show_score(snapshot)
-                self.layout.show_score(snapshot)
-            case snapshots.LibrarySnapshot():
-                self.layout.library.show(snapshot)
-            case snapshots.ComparedSnapshot():
-                self.layout.compared.show(snapshot)
-            case snapshots.WorkSnapshot():
-                self.layout.show_work(snapshot)
-            case snapshots.LiveSnapshot():
-                self.layout.live.show(snapshot)
-            case snapshots.TimelineSnapshot():
-                with self.state.lock:
-                    self.state.start = snapshot.start
-                    self.state.stop = snapshot.start + len(snapshot.status)
-                self.layout.show_timeline(snapshot)
-                if self._demo is not None:
-                    self._demo.begin(snapshot, self.page, self.layout.snapshot)
-            case snapshots.TimelineChange():
-                strip = self.layout.timeline.strip
-                if strip is not None:
-                    self.layout.show_timeline(snapshot.over(strip))
-            case snapshots.ProgressSnapshot():
-                self.layout.show_progress(snapshot)
-                tracking = snapshot.state in ("tracking", "preparing")
-                if self.state.tracking != tracking:
-                    self.state.tracking = tracking
-                    self.redraw()
-                if self._demo is not None:
-                    self._demo.follow(snapshot, self.page)
-            case snapshots.Notice():
-                if self.server.get_clients():
-                    self.page.notify(snapshot.level, snapshot.title, snapshot.text)
-                else:  # nobody is there yet: the first to come is told
-                    self._unread.append(snapshot)
-                self.layout.show_notice(snapshot)
-            case snapshots.RerunPage():
-                print(f"handtrack: residuals are at {snapshot.url}", flush=True)
-                self.layout.tracking.show_rerun(snapshot.url)
-                if self._open_pages:
-                    webbrowser.open(snapshot.url)
-            case snapshots.Download():
-                self.layout.export.deliver(snapshot)
+    def _subscribe(self) -> None:
+        """Have each kind of snapshot shown where it belongs."""
+        stage, layout, subscribe = self.stage, self.layout, self.page.subscribe
+        subscribe(snapshots.SessionSnapshot, self._show_session, stage.fit, layout.fit)
+        subscribe(snapshots.SessionSnapshot, lambda _: self.redraw())
+        subscribe(snapshots.PoseSnapshot, self._take_pose)
+        subscribe(Drawn, self._show_held)
+        subscribe(snapshots.PictureSnapshot, stage.show_pictures, layout.session.show_pictures)
+        subscribe(snapshots.SurfaceSnapshot, stage.show_surface)
+        subscribe(snapshots.CloudSnapshot, stage.show_cloud, layout.cloud.show)
+        subscribe(snapshots.CloudPicture, layout.cloud.show_picture)
+        subscribe(snapshots.CloudCard, layout.cloud.fit, stage.fit_cloud)
+        subscribe(snapshots.MaskCard, layout.masks.fit)
+        subscribe(snapshots.MaskPicture, stage.show_masks, layout.masks.show)
+        subscribe(snapshots.GuessesSnapshot, stage.show_guesses, layout.guesses.show)
+        subscribe(snapshots.CurvesSnapshot, layout.plots.show)
+        subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.show_score)
+        subscribe(snapshots.LibrarySnapshot, layout.library.show)
+        subscribe(snapshots.ComparedSnapshot, layout.compared.show)
+        subscribe(snapshots.WorkSnapshot, layout.show_work)
+        subscribe(snapshots.LiveSnapshot, layout.live.show)
+        subscribe(snapshots.TimelineSnapshot, self._show_span, layout.show_timeline)
+        subscribe(snapshots.TimelineChange, self._change_timeline)
+        subscribe(snapshots.ProgressSnapshot, layout.show_progress, self._show_progress)
+        subscribe(snapshots.Notice, self._notify, layout.show_notice)
+        subscribe(snapshots.RerunPage, self._show_rerun)
+        subscribe(snapshots.Download, layout.export.deliver)
+        if (demo := self._demo) is not None:
+            subscribe(
+                snapshots.TimelineSnapshot,
+                lambda strip: demo.begin(strip, self.page, layout.snapshot),
+            )
+            subscribe(snapshots.ProgressSnapshot, lambda now: demo.follow(now, self.page))
+
+    def _show_session(self, session: snapshots.SessionSnapshot) -> None:
+        with self.state.lock:
+            known = self.state.names == session.parameter_names
+            self.state.names = session.parameter_names
+            self.state.start, self.state.stop = session.start, session.stop
+            if not known:
+                self.state.values = ()
+        self.player.fps = session.fps
+
+    def _take_pose(self, pose: snapshots.PoseSnapshot) -> None:
+        if pose.beside is None:
+            self.in_flight.clear()  # somebody went elsewhere, or another engine began
+        self._held = pose if self.in_flight.is_drawing else None
+        if self._held is None:
+            self._show_pose(pose)
+
+    def _show_held(self, _: Drawn) -> None:
+        held, self._held = self._held, None
+        if held is not None:
+            self._show_pose(held)
+
+    def _show_span(self, strip: snapshots.TimelineSnapshot) -> None:
+        with self.state.lock:
+            self.state.start, self.state.stop = strip.start, strip.start + len(strip.status)
+
+    def _change_timeline(self, change: snapshots.TimelineChange) -> None:
+        strip = self.layout.timeline.strip
+        if strip is not None:
+            self.layout.show_timeline(change.over(strip))
+
+    def _show_progress(self, progress: snapshots.ProgressSnapshot) -> None:
+        tracking = progress.state in ("tracking", "preparing")
+        if self.state.tracking != tracking:
+            self.state.tracking = tracking
+            self.redraw()
+
+    def _notify(self, notice: snapshots.Notice) -> None:
+        if self.server.get_clients():
+            self.page.notify(notice.level, notice.title, notice.text)
+        else:  # nobody is there yet: the first to come is told
+            self._unread.append(notice)
+
+    def _show_rerun(self, rerun: snapshots.RerunPage) -> None:
+        print(f"handtrack: residuals are at {rerun.url}", flush=True)
+        self.layout.tracking.show_rerun(rerun.url)
+        if self._open_pages:
+            webbrowser.open(rerun.url)
 
     def _show_pose(self, pose: snapshots.PoseSnapshot) -> None:
         if len(pose.values) != len(self.state.names):
@@ -320,7 +309,7 @@ class Workbench:
             self.stage.show_pose(pose, move_handle=newest)
             self.layout.show_pose(pose, newest)
             for picture in pose.beside or ():
-                self._show(picture)
+                self.page.show(picture)
             if pose.beside is not None:
                 self.in_flight.show(pose.frame)
         for one in (*clients, self.server):
@@ -372,7 +361,7 @@ def run_workbench(
         if not is_loopback(host):
             print(f"From other machines: {bench.door.url_by(socket.gethostname())}", flush=True)
         if live is not None and live.record is not None:
-            bench.send(commands.Record(True, str(live.record)))
+            bench.engine.record(True, str(live.record))
         if folder != Path(session_folder) or demo:
             print(f"This is your own copy; poses and tracks go to {folder}", flush=True)
         if open_browser and token is None:

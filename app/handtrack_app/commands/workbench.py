@@ -13,7 +13,7 @@ from handtrack_app.commands.terminal.output import check_new
 from handtrack_app.commands.terminal.progress import say
 from handtrack_app.door.address import FIRST_PORT, choose_port
 from handtrack_app.engine.live.live_options import LiveOptions
-from handtrack_app.process.engine_child import EngineChild
+from handtrack_app.process.child import EngineChild
 from handtrack_app.process.memory import memory_limit, use_one_arena
 from handtrack_app.protocol.log_file import ENGINE_LOG
 from handtrack_app.start.recent import remember

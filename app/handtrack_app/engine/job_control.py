@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from handtrack.errors import HandtrackError
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
@@ -43,7 +44,6 @@ from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.review.frozen_frames import given_poses, refuse_to_fit
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.protocol.commands import FindHand, Track
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
@@ -83,7 +83,7 @@ class JobControl:
         self._document, self._store, self._live = document, store, live
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
-        self._then: Track | None = None
+        self._then: Callable[[], None] | None = None
         self._outcomes: dict[int, Outcome] = {}
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moved = Moved()
@@ -134,39 +134,39 @@ class JobControl:
 
     # ---- starting
 
-    def track(self, order: Track) -> None:
-        """Begin to track; a hand's size that is still to be fitted comes first."""
+    def track(
+        self, start: int, stop: int, first: int, anew: bool = False, both_ends: bool = False
+    ) -> None:
+        """Begin to track; see OpenSession.track. A hand's size that is still to be fitted comes first."""
         document = self._document
         self._refuse()
         document.see_frames()
-        frames = range(
-            max(order.start, document.frames.start), min(order.stop, document.frames.stop)
-        )
-        if not frames or order.first not in document.frames:
+        frames = range(max(start, document.frames.start), min(stop, document.frames.stop))
+        if not frames or first not in document.frames:
             raise HandtrackError(
-                f"No frames to track: {order.start} to {order.stop} of a session with frames "
+                f"No frames to track: {start} to {stop} of a session with frames "
                 f"{document.frames.start} to {document.frames.stop - 1}."
             )
-        if document.live_scale is not None and order.anew and not document.by_hand:
+        if document.live_scale is not None and anew and not document.by_hand:
             self._store.do("Size as before refining", edits.size(document.live_scale))
         later = document.run.settings.model.fit_size == "later"
         if document.size_pending and not later and len(frames) > 1:
-            document.begin_at(order.first)
+            document.begin_at(first)
             if document.run.first is not None:
-                self.fit_size(order)
+                self.fit_size(partial(self.track, start, stop, first, anew, both_ends))
                 return
-        start = document.start_params(order.first, order.anew)
+        params = document.start_params(first, anew)
         if len(frames) == 1:
             refuse_to_fit(document, frames.start)
         given = Given() if len(frames) == 1 else given_poses(document, frames)
-        if order.anew and order.first not in document.accepted:
-            given = given.without(order.first)  # where tracking starts by itself it is only a start
-        path = legs(frames, order.first, start, given, order.both_ends)
+        if anew and first not in document.accepted:
+            given = given.without(first)  # where tracking starts by itself it is only a start
+        path = legs(frames, first, params, given, both_ends)
         if not path:
             raise HandtrackError(
                 "All these frames are set by hand, found or accepted; there is nothing to track."
             )
-        self._store.begin_take(frames, order.first, start, tuple(given.held))
+        self._store.begin_take(frames, first, params, tuple(given.held))
         job = TrackingJob(self._next(), document.run, frames, path, self._post, self._watch, given)
         self._begin(job)
 
@@ -199,7 +199,7 @@ class JobControl:
         self._store.begin_take(endless, first, start)
         self._begin(TrackingJob(self._next(), document.run, endless, path, self._post, self._watch))
 
-    def fit_size(self, then: Track | None = None) -> None:
+    def fit_size(self, then: Callable[[], None] | None = None) -> None:
         """Begin to fit the hand's size, and afterwards perhaps to track."""
         self._refuse()
         if self._document.run.first is None:
@@ -222,7 +222,7 @@ class JobControl:
         self._store.do("Size", edits.size(document.offered_scale) | arm)
         self._publish(session_snapshot(document))
         anew = first == document.first_frame and first not in document.by_hand
-        self.track(Track(document.frames.start, document.frames.stop, first, anew))
+        self.track(document.frames.start, document.frames.stop, first, anew)
 
     def begin(self, make: Callable[[int, Callable[[Report], None]], BackgroundJob]) -> None:
         """Begin a job that needs nothing of what is tracked by; make(number, post) returns it. Raises HandtrackError."""
@@ -230,10 +230,10 @@ class JobControl:
             raise HandtrackError(_BUSY)
         self._begin(make(self._next(), self._post))
 
-    def find(self, wanted: FindHand) -> None:
+    def find(self, frame: int | None, fetch: bool) -> None:
         """Begin to look for the hand."""
         self._refuse()
-        self._begin(FindingJob(self._next(), self._document.run, wanted, self._post))
+        self._begin(FindingJob(self._next(), self._document.run, frame, fetch, self._post))
 
     def _refuse(self) -> None:
         """Raise HandtrackError where no job can begin."""
@@ -357,7 +357,7 @@ class JobControl:
             self._publish(said)
         if then is not None and not end.cancelled and not end.error:
             document.size_pending = False
-            self.track(then)
+            then()
         elif self._sizes_now(job, end):
             self._begin(
                 SizingJob(self._next(), document.run, self._post, list(document.results.values()))
@@ -398,3 +398,14 @@ class JobControl:
             done, total = round(100 * job.share), 100
         eta_s = job.eta_s()
         self._publish(ProgressSnapshot(state, words, done, total, eta_s, job.kind, job.frame))
+
+
+def looks_elsewhere(jobs: JobControl, **_: object) -> None:
+    """Somebody looks at a frame: tracked frames are not shown any more as they come."""
+    jobs.follow = False
+
+
+def drags(jobs: JobControl, **_: object) -> None:
+    """Somebody drags, which calls twenty times a second: tracking gives way."""
+    jobs.follow = False
+    jobs.give_way()

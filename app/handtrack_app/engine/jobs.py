@@ -23,7 +23,6 @@ from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.posing.given import Given
 from handtrack_app.engine.posing.legs import Leg
 from handtrack_app.engine.run import Run
-from handtrack_app.protocol.commands import FindHand
 
 log = logging.getLogger(__name__)
 
@@ -343,13 +342,18 @@ class FindingJob(BackgroundJob):
     kind = "finding"
 
     def __init__(
-        self, number: int, run: Run, wanted: FindHand, post: Callable[[Report], None]
+        self,
+        number: int,
+        run: Run,
+        frame: int | None,
+        fetch: bool,
+        post: Callable[[Report], None],
     ) -> None:
         super().__init__(number, range(0), post)
-        self._run, self._wanted = run, wanted
+        self._run, self._frame, self._fetch = run, frame, fetch
 
     def work(self) -> None:
-        if self._wanted.fetch:
+        if self._fetch:
             self.tell(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
             try:
                 fetch_weights(self.should_stop)
@@ -358,6 +362,6 @@ class FindingJob(BackgroundJob):
                     return
                 raise
         run = cast(TrackingRun, self._run)  # only a session of files can be searched
-        found = find_first_poses(run, self._wanted.frame, self.should_stop, self.tell)
+        found = find_first_poses(run, self._frame, self.should_stop, self.tell)
         if not self.should_stop():
             self.post(Found(self.number, found))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence, Sized
 from dataclasses import replace
+from functools import partial
 
 from handtrack.errors import HandtrackError
-from handtrack.store.history import NOTE
+from handtrack.store.history import NOTE, Action
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
@@ -17,26 +18,23 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
     work_snapshot,
 )
-from handtrack_app.engine.job_control import JobControl
+from handtrack_app.engine.job_control import JobControl, looks_elsewhere
 from handtrack_app.engine.jobs import Report, Watch
 from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
-from handtrack_app.engine.masks.mask_service import MaskChange, MaskService
+from handtrack_app.engine.masks.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
-from handtrack_app.engine.pictures.cloud_service import CloudChange, CloudService
+from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.posing.pin_service import PinService
 from handtrack_app.engine.posing.pose_service import PoseService
-from handtrack_app.engine.posing.pose_service import Request as PoseRequest
 from handtrack_app.engine.review.live_score import LiveScore
-from handtrack_app.engine.review.review_service import Request as ReviewRequest
 from handtrack_app.engine.review.review_service import ReviewService
 from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.exporting import export_beside
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.tuning.refit import Refitted
-from handtrack_app.engine.tuning.tuning_service import Request as TuningRequest
 from handtrack_app.engine.tuning.tuning_service import TuningService
-from handtrack_app.protocol import commands, posing
+from handtrack_app.protocol.calls import Call, command, rules_of
 from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
@@ -44,23 +42,6 @@ from handtrack_app.protocol.snapshots import (
     WorkSnapshot,
 )
 
-Request = commands.Command | Report | Refitted
-_EDITS = (
-    posing.TakePose | posing.PullPlace | posing.SetPin | posing.DropPins | posing.CopyPins | posing.ForgetPose
-    | commands.Track | commands.TakeGuess | commands.Undo | commands.Redo
-)  # fmt: skip
-_KEEPS = (
-    commands.SavePose
-    | commands.SaveTrack
-    | commands.SaveSettings
-    | commands.SaveClouds
-    | commands.SaveMasks
-    | commands.PaintMask
-    | commands.CarryMasks
-    | commands.DropCorrection
-    | commands.FitSize
-    | commands.TakeSize
-)
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
 _LIVE = (
@@ -76,7 +57,7 @@ class OpenSession:
         self,
         document: Document,
         publish: Callable[[Snapshot], None],
-        post: Callable[[Report | Refitted], None],
+        post: Callable[[Callable[[], None]], None],
         waiting: Sized,
         render_thread: RenderThread,
         watch: Watch | None,
@@ -84,7 +65,7 @@ class OpenSession:
         take_over: bool = False,
         page: str = "",
     ) -> None:
-        """post: takes the jobs' reports to `serve`. waiting: what is to be served; painting gives way to it. take_over:
+        """post: has something done on the worker's thread, in its turn. waiting: what is to be served; painting gives way to it. take_over:
         write, even if another program does. page: whose numbers its commands have.
         """
         self.document = document
@@ -97,22 +78,35 @@ class OpenSession:
         self._publish = publish
         self.painter = Painter(document, publish, waiting)
         self.jobs = JobControl(
-            document, self.store, self._announce, post, watch, compiles, self._live
+            document, self.store, self._announce, lambda report: post(partial(self._take, report)),
+            watch, compiles, self._live,
+        )  # fmt: skip
+        self._clouds = CloudService(
+            document, self.store, self.jobs, render_thread, publish, self._see_otherwise
         )
-        self._clouds = CloudService(document, self.store, self.jobs, render_thread, publish)
-        self._masks = MaskService(document, self.store, self.jobs, render_thread, publish)
+        self._masks = MaskService(
+            document, self.store, self.jobs, render_thread, publish, self._see_otherwise
+        )
         self._poses = PoseService(
             document, lambda: self.store.history, self._edit, publish, self._show_pose
         )
         self._tuning = TuningService(
-            document, self.store, self.jobs, self._edit, publish, self._show_all, post
-        )
+            document, self.store, self.jobs, self._edit, publish, self._show_all,
+            lambda done: post(partial(self._tuning.refitted, done)),
+        )  # fmt: skip
         self._review = ReviewService(document, self.store, publish)
+        parts = (
+            self, self._poses, PinService(document, self._edit), self._tuning, self._review, self._clouds,
+            self._masks,
+        )  # fmt: skip
+        self._commands = {
+            name: getattr(part, name) for part in parts for name in rules_of(type(part))
+        }
         self._score = LiveScore(document, publish)
         self._counted, self._told = False, set[str]()
         self._told_work: WorkSnapshot | None = None
 
-    def show_first(self, wishes: Sequence[commands.Command]) -> None:
+    def show_first(self, views: Sequence[Call]) -> None:
         """Show the session and its first pose, and say what is to be known of it."""
         document, say = self.document, self._say
         self._tell_work()
@@ -120,8 +114,8 @@ class OpenSession:
         self._clouds.tell()
         self._masks.tell()
         document.show(document.first_frame)
-        for wish in wishes:
-            self.serve(wish)
+        for view in views:
+            self.serve(view)
         self._show_all()
         if self._restored:
             say("info", "Welcome back", self._restored)
@@ -138,32 +132,17 @@ class OpenSession:
 
     # ---- commands, and reports of the jobs
 
-    def serve(self, request: Request | commands.Numbered) -> None:
+    def serve(self, call: Call) -> None:
         """Do what is asked. Raises HandtrackError for what cannot be done."""
-        if isinstance(request, commands.Numbered):
-            self.store.said = (self._page, request.number)
-            try:
-                self.serve(request.command)
-            finally:
-                self._served = request.number
-            return
-        document = self.document
-        if self._live is not None and isinstance(request, _KEEPS):
-            raise HandtrackError(KEEPS_NOTHING)
-        if isinstance(request, _EDITS):
-            document.version = max(document.version, request.version)
-        if isinstance(request, PoseRequest):
-            self._poses.serve(request)
-        elif isinstance(request, TuningRequest):
-            self._tuning.serve(request)
-        elif isinstance(request, ReviewRequest):
-            self._review.serve(request)
-        elif isinstance(request, CloudChange | MaskChange):
-            self._see_otherwise(request)
-        elif isinstance(request, Report):
-            self._take(request)
-        else:
-            self._serve(request)
+        if call.number:
+            self.store.said = (self._page, call.number)
+        try:
+            if self._live is not None and call.rule.files:
+                raise HandtrackError(KEEPS_NOTHING)
+            self.document.version = max(self.document.version, call.arguments.get("version", 0))
+            self._commands[call.name](**call.arguments)
+        finally:
+            self._served = call.number or self._served
 
     def _take(self, report: Report) -> None:
         try:
@@ -172,85 +151,159 @@ class OpenSession:
             self.jobs.show_progress()  # a full disk at a job's end: it is over all the same
             raise
 
-    def _serve(self, request: commands.Command) -> None:
-        document, jobs = self.document, self.jobs
-        match request:
-            case commands.ShowFrame():
-                if self.store.write_what_rests(at_once=True):
-                    self._announce(timeline_snapshot(document))
-                document.show(request.frame)
-                self._show_pose(request.is_played)
-            case commands.Undo() | commands.Redo():
-                self._travel(request)
-            case commands.RestoreTake():
-                self.jobs.require_idle()
-                frames = request.span and range(request.span[0], request.span[1] + 1)
-                if self.store.restore_take(request.number, frames):
-                    self._show_session()  # it may be of another model
-                    document.show(document.frame)
-                    self._show_all()
-                    self._say("done", f"Take {request.number} is the track again", "")
-            case commands.ShowTake():
-                self.jobs.require_idle()
-                if self.store.show_take(request.number):
-                    self._show_session()
-                    document.show(document.frame)
-                    self._show_all()
-            case commands.WantPictures():
-                self.painter.want(request)
-                self._masks.want(request)
-            case commands.Track():
-                self.store.write_what_rests(at_once=True)
-                if request.stop - request.start == 1 and document.frame == request.first:
-                    self._see_arm()
-                jobs.track(request)
-            case commands.Refine():
-                self.store.write_what_rests(at_once=True)
-                jobs.refine()
-            case commands.TrackLive():
-                self.store.write_what_rests(at_once=True)
-                self._see_arm()
-                jobs.track_live()
-            case commands.Record():
-                if self._live is not None:
-                    self._live.record(request.on, request.folder)
-            case commands.FitSize():
-                jobs.fit_size()
-            case commands.TakeSize():
-                self.store.write_what_rests(at_once=True)
-                jobs.take_size(request.first)
-            case commands.Pause():
-                jobs.show_progress()
-            case commands.Cancel():
-                self._tuning.cancel()
-                jobs.leave()  # acted on in `send` already; most jobs report their end themselves
-            case commands.Follow() | commands.StartAgain():
-                pass  # acted on in `send`
-            case commands.WantCloud() | commands.WantSurface():
-                self._clouds.want(request)
-            case commands.WantMasks():
-                self._masks.want(request)
-            case commands.SavePose():
-                self._see_arm()
-                doubt = self._doubt_of_pose()
-                if doubt:
-                    self._say("warning", "Not saved yet", doubt)
-                else:
-                    said = saving.save_first_pose(self.store)
-                    self._say("done", "First-frame pose saved", said)
-            case commands.SaveTrack():
-                self._say("done", "Track saved", saving.save_track(self.store))
-            case commands.Export():
-                export_beside(document, request, self._publish)
-            case commands.FindHand():
-                self.store.write_what_rests(at_once=True)
-                jobs.find(request)
-            case commands.TakeGuess():
-                taken = jobs.guesses.take(request.frame, request.index)
-                self._edit(request.frame, taken, "Detected pose")
-                if keys.FOREARM in taken or keys.SIZE in taken:
-                    self._show_session()
-                    self._show_all()
+    @command(latest=(), is_ordered=True, at_once=looks_elsewhere)
+    def show_frame(self, frame: int, is_played: bool = False) -> None:
+        """Show another frame. is_played: it is sent with all its pictures at one time; of a frame that somebody went to, they come
+        later.
+        """
+        if self.store.write_what_rests(at_once=True):
+            self._announce(timeline_snapshot(self.document))
+        self.document.show(frame)
+        self._show_pose(is_played)
+
+    @command(edits=True, words="an undo", at_once=looks_elsewhere)
+    def undo(self, version: int) -> None:
+        """Take the latest step back: a pose, a setting, limits, filters, a size, a take."""
+        self._travel(self.store.undo, "Undone", "Nothing to undo")
+
+    @command(edits=True, words="a redo", at_once=looks_elsewhere)
+    def redo(self, version: int) -> None:
+        """Make the step again that was undone last."""
+        self._travel(self.store.redo, "Redone", "Nothing to redo")
+
+    @command(edits=True, words="take {number}")
+    def restore_take(self, number: int, span: tuple[int, int] | None = None) -> None:
+        """Make a take the current track, or some of its frames: first to last."""
+        self.jobs.require_idle()
+        frames = None if span is None else range(span[0], span[1] + 1)
+        if self.store.restore_take(number, frames):
+            self._show_session()  # it may be of another model
+            self.document.show(self.document.frame)
+            self._show_all()
+            self._say("done", f"Take {number} is the track again", "")
+
+    @command(edits=True, words="take {number}")
+    def show_take(self, number: int) -> None:
+        """Use the model that a take was tracked with, so that its frames show; the track stays composed as it is."""
+        self.jobs.require_idle()
+        if self.store.show_take(number):
+            self._show_session()
+            self.document.show(self.document.frame)
+            self._show_all()
+
+    @command(view=True, latest=())
+    def want_pictures(
+        self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
+    ) -> None:
+        """Show these pictures. paint: over the small ones: `plain`, `outline`, `residual` or `field`. screens: cameras whose pictures
+        stand behind the hand, each with what is painted over it.
+        """
+        self.painter.want(thumbnails, paint, screens)
+        self._masks.want_screens(screens)
+
+    @command(job=True, words="tracking frames {start}–{stop}")
+    def track(
+        self,
+        start: int,
+        stop: int,
+        first: int,
+        anew: bool = False,
+        version: int = 0,
+        both_ends: bool = False,
+    ) -> None:
+        """Track frames [start, stop) from the pose at `first` (shown there, set or tracked).
+
+        anew: start from the first-frame pose as saved, even if its frame was tracked before. version: of the user's edits, when
+        fitting one frame is one. both_ends: between keyframes half of the frames are tracked from each.
+        """
+        self.store.write_what_rests(at_once=True)
+        if stop - start == 1 and self.document.frame == first:
+            self._see_arm()
+        self.jobs.track(start, stop, first, anew, both_ends)
+
+    @command(job=True, words="refining")
+    def refine(self) -> None:
+        """Optimise the tracked frames jointly; keyframes stay fixed."""
+        self.store.write_what_rests(at_once=True)
+        self.jobs.refine()
+
+    @command(job=True, words="live tracking")
+    def track_live(self) -> None:
+        """Track what the cameras show from now on, from the pose shown."""
+        self.store.write_what_rests(at_once=True)
+        self._see_arm()
+        self.jobs.track_live()
+
+    @command(job=True, words="recording")
+    def record(self, on: bool, folder: str | None = None) -> None:
+        """Record what the cameras show and what is tracked to a new session folder (None: beside the session's), or end that."""
+        if self._live is not None:
+            self._live.record(on, folder)
+
+    @command(job=True, files=True, words="fitting the size")
+    def fit_size(self) -> None:
+        """Fit the hand's size to the frames near the first pose."""
+        self.jobs.fit_size()
+
+    @command(job=True, files=True, words="taking the size")
+    def take_size(self, first: int) -> None:
+        """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
+        self.store.write_what_rests(at_once=True)
+        self.jobs.take_size(first)
+
+    @command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follow", on))
+    def follow(self, on: bool) -> None:
+        """Whether each frame is shown as it is tracked."""
+
+    @command(at_once=lambda jobs, on: jobs.pause(on))
+    def pause(self, on: bool) -> None:
+        """Hold tracking before its next frame, or go on."""
+        self.jobs.show_progress()
+
+    @command(at_once=lambda jobs: jobs.cancel())
+    def cancel(self) -> None:
+        """Stop tracking now; frames tracked so far stay."""
+        self._tuning.cancel()
+        self.jobs.leave()  # most jobs report their end themselves
+
+    @command(edits=True, files=True, words="saving the first-frame pose")
+    def save_pose(self) -> None:
+        """Write the pose shown to init.json."""
+        self._see_arm()
+        doubt = self._doubt_of_pose()
+        if doubt:
+            self._say("warning", "Not saved yet", doubt)
+        else:
+            self._say("done", "First-frame pose saved", saving.save_first_pose(self.store))
+
+    @command(edits=True, files=True, words="saving the track")
+    def save_track(self) -> None:
+        """Write tracks/poses.npz."""
+        self._say("done", "Track saved", saving.save_track(self.store))
+
+    @command(job=True, words="an export")
+    def export(self, kind: str, client_id: int, up: str = "") -> None:
+        """Send a file to one client: in a format of `handtrack export --to`, or `init`, the pose that is shown. up: which of the world's
+        axes points up, for formats whose readers take one for it; empty: nothing is turned.
+        """
+        export_beside(self.document, kind, client_id, up, self._publish)
+
+    @command(job=True, words="detecting the first pose")
+    def find_hand(self, frame: int | None, fetch: bool = False) -> None:
+        """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
+        before.
+        """
+        self.store.write_what_rests(at_once=True)
+        self.jobs.find(frame, fetch)
+
+    @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
+    def take_guess(self, frame: int, index: int, version: int) -> None:
+        """Set the pose of a frame to one of the list."""
+        taken = self.jobs.guesses.take(frame, index)
+        self._edit(frame, taken, "Detected pose")
+        if keys.FOREARM in taken or keys.SIZE in taken:
+            self._show_session()
+            self._show_all()
 
     def _doubt_of_pose(self) -> str:
         """Return why the pose shown should not be a first pose, and that saving it once more takes it; empty where nothing speaks
@@ -268,25 +321,22 @@ class OpenSession:
             "to take it as it is."
         )
 
-    def _travel(self, way: commands.Undo | commands.Redo) -> None:
+    def _travel(self, travel: Callable[[bool], Action | None], done: str, end: str) -> None:
         """Undo or redo, and show what that changed."""
-        back, store = isinstance(way, commands.Undo), self.store
         known = self.document.run.notes
         try:
-            action = (store.undo if back else store.redo)(self.jobs.busy)
+            action = travel(self.jobs.busy)
         except HandtrackError:
             self._show_pose()  # of this version: the page's widgets wait for it
             raise
         if action is None:
             self._show_pose()
-            end = "Nothing to undo" if back else "Nothing to redo"
             self._say("info", end, "The history of edits ends here.")
             return
         kinds = {keys.parts(change.key) for change in action.changes}
         frames = [int(name) for kind, name in kinds if kind == keys.POSE]
         self.document.show(min(frames, default=self.document.frame))
-        done = f"{action.words[:1].lower()}{action.words[1:]}"
-        self._say("info", f"{'Undone' if back else 'Redone'}: {done}", "")
+        self._say("info", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
         if len(frames) < len(kinds):
             self._show_session()
             self._clouds.tell()
@@ -294,13 +344,10 @@ class OpenSession:
             self._tuning.say_notes(known)
         self._show_all()
 
-    def _see_otherwise(self, change: CloudChange | MaskChange) -> None:
+    def _see_otherwise(self, change: Callable[[], None]) -> None:
         """Change clouds or masks; the page learns where there are some for the first time, or none any more."""
         known = seen_kinds(self.document.run.session)
-        if isinstance(change, CloudChange):
-            self._tuning.followed(lambda: self._clouds.serve(change))
-        else:
-            self._tuning.followed(lambda: self._masks.serve(change))
+        self._tuning.followed(change)
         if seen_kinds(self.document.run.session) != known:
             self._show_session()
 

@@ -5,50 +5,39 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.jobs import Watch
+from handtrack_app.engine.live.live_control import open_live_document
+from handtrack_app.engine.masks.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession
-from handtrack_app.engine.open_session import Request as SessionRequest
-from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.opening import Opening, open_document
+from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.posing.pin_service import PinService
+from handtrack_app.engine.posing.pose_service import PoseService
 from handtrack_app.engine.preview import Preview
-from handtrack_app.protocol import commands
-from handtrack_app.protocol.commands import Numbered, is_step
-from handtrack_app.protocol.commands import kind_of as _kind
+from handtrack_app.engine.review.review_service import ReviewService
+from handtrack_app.engine.tuning.tuning_service import TuningService
+from handtrack_app.process.plan import EnginePlan
+from handtrack_app.protocol.calls import Call, Caller, rules_of
+from handtrack_app.protocol.engine import Engine
 from handtrack_app.protocol.mailbox import Mailbox
-from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
+from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Shown, Snapshot
+from handtrack_app.rerun.recorder import LiveRecorder
 
 log = logging.getLogger(__name__)
 Opener = Callable[[Path, Mapping[str, object]], Document]
-
-
-@dataclass(frozen=True, eq=False)
-class _Previewed:
-    """There is something to be looked at."""
-
-    document: Document
-
-
-@dataclass(frozen=True, eq=False)
-class _Opened:
-    """The session can be worked in, or why it cannot."""
-
-    document: Document | Exception
-
-
-Request = SessionRequest | Numbered | _Previewed | _Opened
-
-_LOOKS_ELSEWHERE = (
-    commands.SetPose, commands.TakePose, commands.PullPlace, commands.LookBefore, commands.ShowFrame, commands.TakeGuess,
-    commands.Undo, commands.Redo, commands.SetPin, commands.DropPins, commands.ForgetPose,
-)  # fmt: skip
-_MOVES = commands.SetPose, commands.PullPlace, commands.SetPin
-"""what comes twenty times a second while somebody drags"""
+RULES = rules_of(
+    OpenSession, PoseService, PinService, TuningService, ReviewService, CloudService, MaskService
+)
+"""what the page can call"""
+_VIEWED_LATER = ("want_cloud", "want_surface", "want_masks")
 _PREPARING = "Preparing the first pose …"
 
 
@@ -71,7 +60,12 @@ class Worker:
         self.folder = folder
         self._publish, self._opener, self._watch = publish, opener, watch
         self._previewer, self._take_over, self._page = previewer, take_over, page
-        self._mail: Mailbox[Request] = Mailbox(_kind, is_step)
+        self._mail: Mailbox[Call | Callable[[], None]] = Mailbox(
+            lambda item: item.key if isinstance(item, Call) else None,
+            lambda item: isinstance(item, Call) and item.is_step,
+        )
+        self.engine = cast("Engine", Caller(self._call))
+        """what the page calls; each call returns at once"""
         self._stopping, self._opened = threading.Event(), threading.Event()
         self._shown = threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
@@ -82,7 +76,9 @@ class Worker:
         self._preview: Preview | None = None
         self._session: OpenSession | None = None
         self._compiles = CompileWatch(self._compiling)
-        self._wishes: dict[type, commands.Command] = {}
+        self._views: dict[str, Call] = {}
+        self._later: list[Call] = []
+        """calls that the open session is to serve, in their order"""
 
     # ---- from the page
 
@@ -111,22 +107,17 @@ class Worker:
         """Whether a job runs."""
         return self._session is not None and self._session.jobs.busy
 
-    def send(self, request: commands.Command | Numbered) -> None:
-        """Hand over a command; returns at once. Stopping and holding act before the queue's turn."""
-        command = request.command if isinstance(request, Numbered) else request
-        if self._session is not None:
-            jobs = self._session.jobs
-            if isinstance(command, commands.Cancel):
-                jobs.cancel()
-            elif isinstance(command, commands.Pause):
-                jobs.pause(command.on)
-            elif isinstance(command, commands.Follow):
-                jobs.follow = command.on
-            elif isinstance(command, _LOOKS_ELSEWHERE):
-                jobs.follow = False  # tracking goes on behind
-                if isinstance(command, _MOVES):
-                    jobs.give_way()
-        self._mail.put(request)
+    def _call(self, name: str, given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
+        self.send(Call.of(RULES, name, given, named))
+
+    def send(self, call: Call) -> None:
+        """Take a call; returns at once. Stopping and pausing act before the call's turn."""
+        if self._session is not None and call.rule.at_once is not None:
+            call.rule.at_once(self._session.jobs, **call.arguments)
+        self._mail.put(call)
+
+    def start_again(self) -> None:
+        """Nothing: these threads end with the page's."""
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the thread; the store already has what was saved."""
@@ -144,15 +135,17 @@ class Worker:
         threading.Thread(target=self._open, name="opening", daemon=True).start()
         while not self._stopping.is_set():
             desk = self._session or self._preview
-            request = self._mail.take(0.1 if desk is None else desk.rest_s)
-            if request is not None:
-                self._guarded(lambda request=request: self._serve(request))
+            item = self._mail.take(0.1 if desk is None else desk.rest_s)
+            if isinstance(item, Call):
+                self._guarded(partial(self._serve, item))
+            elif item is not None:
+                self._guarded(item)
             elif desk is not None:
                 self._guarded(desk.idle)
             if self._session is not None:
                 self._guarded(self._session.write_what_rests)
             elif self._preview is not None and not self._preview.painter.is_stale:
-                self._shown.set()
+                self._set_shown()
         session = self._session
         if session is not None:
             self._guarded(lambda: self.last_words.extend(session.close()))
@@ -161,13 +154,13 @@ class Worker:
         """Open the session, on a thread of its own: what can be shown first, then what takes longer."""
         try:
             if self._previewer is not None:
-                self._mail.put(_Previewed(self._previewer(self.folder, {})))
+                self._mail.put(partial(self._look_at, self._previewer(self.folder, {})))
                 while not self._shown.wait(0.1):  # nothing is fitted before the first picture
                     if self._stopping.is_set():
                         return
-            self._mail.put(_Opened(self._opener(self.folder, {})))
+            self._mail.put(partial(self._begin, self._opener(self.folder, {})))
         except Exception as error:
-            self._mail.put(_Opened(error))
+            self._mail.put(partial(self._begin, error))
 
     def _guarded(self, action: Callable[[], None]) -> None:
         try:
@@ -182,27 +175,28 @@ class Worker:
         if self._session is None:  # later on, it is told with the jobs' progress
             self._publish(ProgressSnapshot("opening", words))
 
-    def _serve(self, request: Request) -> None:
-        session, preview = self._session, self._preview
-        match request:
-            case _Previewed():
-                self._preview = Preview(request.document, self._publish, self._mail)
-                self._preview.show_first()
-                self._publish(ProgressSnapshot("opening", _PREPARING))
-            case _Opened():
-                self._begin(request.document)
-            case _ if session is not None:
-                session.serve(request)
-            case commands.WantCloud() | commands.WantSurface() | commands.WantMasks():
-                self._wishes[type(request)] = request
-            case commands.Cancel():
-                pass
-            case _ if preview is not None:
-                preview.serve(request)
-            case commands.WantPictures() | commands.ShowFrame():
-                pass
-            case _:
-                raise HandtrackError("No session is open yet.")
+    def _serve(self, call: Call) -> None:
+        if self._session is not None:
+            self._session.serve(call)
+        elif call.name in _VIEWED_LATER:
+            self._views[call.name] = call
+        elif self._preview is not None:
+            if call.name in rules_of(Preview):
+                getattr(self._preview, call.name)(**call.arguments)
+            if call.name not in ("want_pictures", "cancel"):
+                self._later.append(call)
+        elif call.name not in ("want_pictures", "show_frame", "cancel"):
+            raise HandtrackError("No session is open yet.")
+
+    def _look_at(self, document: Document) -> None:
+        self._preview = Preview(document, self._publish, self._mail)
+        self._preview.show_frame(document.first_frame)
+        self._publish(ProgressSnapshot("opening", _PREPARING))
+
+    def _set_shown(self) -> None:
+        if not self._shown.is_set():
+            self._shown.set()
+            self._publish(Shown(self._failure))
 
     def _begin(self, document: Document | Exception) -> None:
         """Show the session and serve what was asked for meanwhile."""
@@ -219,10 +213,42 @@ class Worker:
             raise
         else:
             self._session = session
-            session.show_first(list(self._wishes.values()))
+            session.show_first(list(self._views.values()))
         finally:
-            self._shown.set()
+            self._set_shown()
             self._opened.set()
-        for command in () if self._preview is None else self._preview.later:
-            self._guarded(lambda command=command: session.serve(command))
-        self._preview = None
+            self._publish(Opened(self._failure))
+        for call in self._later:
+            self._guarded(partial(session.serve, call))
+        self._later, self._preview = [], None
+
+
+class EngineThread(Worker):
+    """A worker that does what a plan says, with its recorder for rerun."""
+
+    def __init__(self, plan: EnginePlan, publish: Callable[[Snapshot], None]) -> None:
+        self._recorder = LiveRecorder(publish) if plan.rerun else None
+        opening = Opening()
+        live = None if plan.live is None else partial(open_live_document, plan.live)
+        opener = plan.opener or live
+
+        def opened(folder: Path, overrides: Mapping[str, object]) -> Document:
+            document = (opener or opening.document)(folder, overrides)
+            document.version = plan.version
+            return document
+
+        super().__init__(
+            plan.folder,
+            publish,
+            opened,
+            None if self._recorder is None else self._recorder.show,
+            opening.preview if opener is None and plan.preview else None,
+            plan.take_over,
+            plan.page,
+        )
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """End the threads, then the recorder; the store already has what was saved."""
+        super().stop(timeout)
+        if self._recorder is not None:
+            self._recorder.close()

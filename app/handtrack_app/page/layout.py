@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import viser
 
 from handtrack_app.page.masks.mask_panel import MaskPanel
@@ -33,7 +35,6 @@ from handtrack_app.page.views.help import Help
 from handtrack_app.page.views.room import POSE, REST, WIDTHS, Room, colours
 from handtrack_app.page.views.work_keys import add_work_keys
 from handtrack_app.page.views.zoom_keys import ZoomKeys
-from handtrack_app.protocol.commands import StartAgain
 from handtrack_app.protocol.palette import ASIDE
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import (
@@ -56,7 +57,8 @@ _ASIDE = (
 class PageLayout:
     """Builds the panels once, and passes snapshots on to them."""
 
-    def __init__(self, page: Page, stage: Stage) -> None:
+    def __init__(self, page: Page, stage: Stage, start_again: Callable[[], None]) -> None:
+        """start_again: starts an engine that ended too often."""
         self.page, self.names = page, stage.names
         gui = page.gui
         colours(gui)
@@ -68,7 +70,7 @@ class PageLayout:
         self.aside = gui.add_html(_ASIDE, visible=False)
         self.failure = gui.add_markdown("", visible=False)
         self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
-        page.on(self.again, lambda _: page.send(StartAgain()))
+        page.on(self.again, lambda _: start_again())
         self.messages = Messages(page)
         tabs = gui.add_tab_group()
         self.keys = Keys(gui, page.words)

@@ -11,14 +11,14 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
 
 import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.state import UserState
 from handtrack_app.page.worded import Worded
-from handtrack_app.protocol.commands import Command, LookBefore, Redo, SetPose, Undo
+from handtrack_app.protocol.engine import Engine
 from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ class UserEvent(Protocol):
 
 
 Action = Callable[[UserEvent], None]
+Shows = TypeVar("Shows")
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,8 @@ class Page:
 
     server: viser.ViserServer
     state: UserState
-    send: Callable[[Command], None]
+    engine: Engine
+    """its methods can be called, and return at once; what they do comes as snapshots"""
     redraw: Callable[[], None]
     """apply changed display options to the scene"""
     go_to: Callable[[float], None]
@@ -62,8 +64,19 @@ class Page:
     words: Worded = field(default_factory=Worded)
     heard: list[Callable[[Notice], None]] = field(default_factory=list)
     """called with all that is said"""
+    _shows: dict[type, list[Callable[[Any], None]]] = field(default_factory=dict)
+    """by kind of snapshot, in the order in which they subscribed"""
     _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
     """by client, those that are open"""
+
+    def subscribe(self, kind: type[Shows], *show: Callable[[Shows], object]) -> None:
+        """Have snapshots of a kind shown, from now on."""
+        self._shows.setdefault(kind, []).extend(show)
+
+    def show(self, snapshot: object) -> None:
+        """Show a snapshot wherever its kind was subscribed to."""
+        for show in self._shows.get(type(snapshot), ()):
+            show(snapshot)
 
     def dialog(self, client: viser.ClientHandle, title: str) -> GuiModalHandle:
         """Open a dialog of one page, in the place of another. Whoever opens it adds a button that closes it."""
@@ -105,17 +118,21 @@ class Page:
         edit = self.state.edit(changes)
         if edit is not None:
             at = f"{tag} {edit.frame}" if tag else ""  # a drag is of one frame
-            self.send(SetPose(edit.frame, edit.values, edit.version, at, is_stroke, words))
+            self.engine.set_pose(edit.frame, edit.values, edit.version, at, is_stroke, words)
 
     def flip(self) -> None:
         """Show the frame's pose as it was before the last step that changed it, or again as it is: a look, no edit."""
         state = self.state
         state.follow = state.playing = False
-        self.send(LookBefore(not state.looks_before))
+        self.engine.look_before(not state.looks_before)
 
     def travel(self, back: bool) -> None:
         """Undo or redo the latest step."""
-        self.send((Undo if back else Redo)(self.state.begin_edit()))
+        version = self.state.begin_edit()
+        if back:
+            self.engine.undo(version)
+        else:
+            self.engine.redo(version)
 
     def notify(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None

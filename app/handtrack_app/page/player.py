@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page
 from handtrack_app.page.state import UserState
-from handtrack_app.protocol.commands import Track
 from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
 
 _MOST = 2
@@ -162,7 +161,7 @@ class Demo:
             page.state.playing = True
             return
         page.state.follow = self._waits = True
-        page.send(Track(session.start, session.stop, session.first_frame, anew=True))
+        page.engine.track(session.start, session.stop, session.first_frame, anew=True)
 
     def follow(self, progress: ProgressSnapshot, page: Page) -> None:
         """Play once when what it began to track is done, unless the user looks at something else by then."""

@@ -1,129 +1,188 @@
-"""The engine's own process: `python -m handtrack_app.process.child`, its commands on stdin, its snapshots on stdout.
+"""The engine's own process: calls come in by a pipe, snapshots go out by it.
 
 It ends when it is asked to, when whoever started it is gone, and on SIGTERM: each time what was accepted is on disk and
-the session free for others. What it or a library prints goes where its stderr leads: to the log.
+the session free for others. What it or a library prints goes to the log.
 """
 
 from __future__ import annotations
 
 import faulthandler
 import logging
+import multiprocessing
 import os
 import pickle
 import signal
 import threading
 import traceback
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
 
-from handtrack.errors import HandtrackError
-from handtrack_app.process.channel import Channel, Ended, FromEngine, Opened, Shown, Stop
-from handtrack_app.process.memory import limit_memory
-from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol.mailbox import Mailbox
-
-if TYPE_CHECKING:
-    from handtrack_app.process.engine_thread import EngineThread
-
-log = logging.getLogger(__name__)
 _ALONE_S = 15.0  # for each thread to end when nobody says how long: a recording of running cameras is completed
+_GOING_S = 2.0  # between the end of its pipe and its own
+_LARGEST_LOG = 1_000_000  # bytes; a larger one makes room when an engine begins
 
 
-class EngineEnd:
-    """Waits for the reason to end."""
+@dataclass(frozen=True)
+class Stop:
+    """To the engine: write the last edits and end."""
 
-    def __init__(self) -> None:
-        self.timeout = _ALONE_S
-        self._why = threading.Event()
-
-    def come(self, timeout: float = _ALONE_S) -> None:
-        """There is a reason. timeout: for each thread to end [s]."""
-        self.timeout = timeout
-        self._why.set()
-
-    def wait(self) -> None:
-        while not self._why.wait(1.0):  # on some systems a signal is handled between two waits only
-            pass
+    timeout: float
+    """[s] for each of its threads"""
 
 
-def main() -> int:
-    """Serve one plan until the end."""
+@dataclass(frozen=True)
+class Commands:
+    """From the engine, first: what can be called."""
+
+    rules: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """From the engine: its last message."""
+
+    last_words: tuple[str, ...]
+
+
+class EngineChild:
+    """A started process as the one that started it sees it. It imports what the engine needs at once; its plan may come later."""
+
+    def __init__(self, log: Path) -> None:
+        """Start it. log: takes what it prints, its tracebacks and those of crashes."""
+        with suppress(OSError):  # another user's file
+            log.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if log.is_file() and log.stat().st_size > _LARGEST_LOG:
+                log.replace(log.with_name(f"{log.name}.1"))
+        self.log_from = log.stat().st_size if log.is_file() else 0
+        """where in the log its own words begin [bytes]"""
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._sending, self._is_over = threading.Lock(), False
+        self._process = context.Process(target=serve, args=(theirs, log), daemon=True)
+        safe = os.environ.get("PYTHONSAFEPATH")
+        os.environ["PYTHONSAFEPATH"] = (
+            "1"  # nothing is imported from the folder that the user happens to be in
+        )
+        try:
+            self._process.start()
+        finally:
+            os.environ.pop("PYTHONSAFEPATH")
+            if safe is not None:
+                os.environ["PYTHONSAFEPATH"] = safe
+        theirs.close()
+        self.pid = self._process.pid
+
+    def send(self, message: object) -> None:
+        """Hand over a message, waiting while the pipe is full; to one that ended, nothing."""
+        with suppress(OSError, ValueError), self._sending:
+            self._pipe.send(message)
+
+    def listen(self, take: Callable[[Any], None]) -> int:
+        """Hand over its messages as they come, until it ended; return its exit code, or the signal's number below 0."""
+        with suppress(EOFError, OSError, pickle.UnpicklingError):  # gone, or torn while it was sent
+            while True:
+                take(self._pipe.recv())
+        self._process.join(_GOING_S)
+        self.kill()
+        return self._process.exitcode or 0
+
+    def kill(self) -> None:
+        """End it at once, and what it started. Until its end was waited for, its lease would look alive."""
+        if self._is_over:
+            return
+        self._is_over = True  # its number may be another's from now on
+        if os.name == "posix" and self.pid is not None:
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.pid, signal.SIGKILL)
+        self._process.kill()
+        self._process.join()
+        self._pipe.close()
+
+
+def serve(pipe: Connection, log: Path) -> None:
+    """Be the engine: serve one plan until the end."""
     for name in ("SIGINT", "SIGHUP"):  # whoever started it is told, and says what is to be done
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
-    channel = _own_channel()
+    if os.name == "posix":
+        os.setpgid(0, 0)  # what it starts can be ended with it
+    _print_to(log)
     faulthandler.enable()
-    logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    from handtrack_app.process.engine_thread import EngineThread  # seconds, if all is compiled
-    from handtrack_app.protocol.snapshots import kind_of
-
+    logging.basicConfig(format="%(asctime)s %(name)s %(levelname)s %(message)s", force=True)
+    code = 1
     try:
-        plan = channel.receive()
-    except EOFError:
-        return 0
+        _serve(pipe)
+        code = 0
+    except EOFError:  # whoever started it is gone
+        code = 0
+    except BaseException:
+        logging.getLogger(__name__).exception("the engine ended")
+    logging.shutdown()
+    os._exit(code)  # threads may still be in compiled code, where an orderly end is none
+
+
+def _serve(pipe: Connection) -> None:
+    from handtrack_app.engine.worker import RULES, EngineThread  # seconds, if all is compiled
+    from handtrack_app.process.memory import limit_memory
+    from handtrack_app.process.plan import EnginePlan
+    from handtrack_app.protocol.calls import Call, portable
+    from handtrack_app.protocol.snapshots import Opened, Shown
+
+    sending, asked, waits = threading.Lock(), threading.Event(), [_ALONE_S]
+
+    def publish(message: object) -> None:
+        if isinstance(message, Shown | Opened):
+            message = type(message)(_portable(message.failure))
+        try:
+            with sending:
+                pipe.send(message)
+        except OSError:  # nobody listens any more; `listen` sees that too
+            pass
+        except MemoryError:  # the next one may be smaller
+            logging.getLogger(__name__).exception("could not send %s", type(message).__name__)
+
+    publish(Commands(portable(RULES)))
+    plan = pipe.recv()
     assert isinstance(plan, EnginePlan)
     limit_memory(plan.memory)
-    end, outbox = EngineEnd(), Mailbox["FromEngine"](kind_of)
+    engine = EngineThread(plan, publish)
     # on a thread: what the handler breaks into may be the wait itself, with its lock held
-    signal.signal(signal.SIGTERM, lambda *_: threading.Thread(target=end.come).start())
-    engine = EngineThread(plan, outbox.put)
-    told = threading.Thread(target=_tell, args=(channel, outbox), name="tell", daemon=True)
-    for thread in (
-        told,
-        threading.Thread(target=_listen, args=(channel, engine, end), name="listen", daemon=True),
-        threading.Thread(target=_say_opened, args=(engine, outbox.put), name="say", daemon=True),
-    ):
-        thread.start()
+    signal.signal(signal.SIGTERM, lambda *_: threading.Thread(target=asked.set).start())
+
+    def listen() -> None:
+        with suppress(EOFError, OSError, pickle.UnpicklingError):
+            while not isinstance(message := pipe.recv(), Stop):
+                name, arguments, number = message
+                engine.send(Call(name, arguments, RULES[name], number))
+            waits[0] = message.timeout
+        asked.set()
+
+    threading.Thread(target=listen, name="listen", daemon=True).start()
     engine.start()
-    end.wait()
-    engine.stop(end.timeout)
-    outbox.put(Ended(tuple(engine.last_words)))
-    told.join(_ALONE_S)
-    return 0
+    while not asked.wait(1.0):  # on some systems a signal is handled between two waits only
+        pass
+    engine.stop(waits[0])
+    publish(Ended(tuple(engine.last_words)))
 
 
-def _own_channel() -> Channel:
-    """Take stdin and stdout away from everybody else."""
-    incoming, outgoing = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
-    os.dup2(2, 1)
-    return Channel(incoming, outgoing)
-
-
-def _listen(channel: Channel, engine: EngineThread, end: EngineEnd) -> None:
+def _print_to(log: Path) -> None:
     try:
-        while True:
-            message = channel.receive()
-            if isinstance(message, Stop):
-                end.come(message.timeout)
-            else:
-                engine.send(message)
-    except EOFError:
-        end.come()
-
-
-def _tell(channel: Channel, outbox: Mailbox[FromEngine]) -> None:
-    message = None
-    while not isinstance(message, Ended):
-        message = outbox.take()
-        try:
-            channel.send(message)
-        except OSError:  # nobody listens any more; `_listen` sees that too
-            return
-        except MemoryError:  # the next one may be smaller
-            log.exception("could not tell %s", type(message).__name__)
-
-
-def _say_opened(engine: EngineThread, put: Callable[[FromEngine], None]) -> None:
-    failure = engine.wait_shown(threading.TIMEOUT_MAX)
-    put(Shown(_portable(failure)))
-    put(Opened(_portable(engine.wait_opened(None))))
+        printed = os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600)
+    except OSError:
+        printed = os.open(os.devnull, os.O_WRONLY)
+    for number in (1, 2):
+        os.dup2(printed, number)
+    os.close(printed)
 
 
 def _portable(error: Exception | None) -> Exception | None:
     """Return an error, or one with the same words that another process can take."""
+    from handtrack.errors import HandtrackError
+
     if error is not None and not isinstance(error, HandtrackError):
         error.add_note(
             "".join(traceback.format_exception(error))
@@ -134,9 +193,3 @@ def _portable(error: Exception | None) -> Exception | None:
         if isinstance(error, HandtrackError):
             return HandtrackError(str(error))
         return RuntimeError(f"{type(error).__name__}: {error}")
-
-
-if __name__ == "__main__":
-    code = main()
-    logging.shutdown()
-    os._exit(code)  # threads may still be in compiled code, where an orderly end is none

@@ -6,19 +6,20 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any, cast
 from uuid import uuid4
 
 from handtrack.errors import HandtrackError
-from handtrack_app.process.channel import Ended, FromEngine, Opened, Shown, Stop
+from handtrack_app.process.child import Commands, Ended, EngineChild, Stop
 from handtrack_app.process.ending import again_notice, down_notice, ending_words
-from handtrack_app.process.engine_child import EngineChild
 from handtrack_app.process.outbox import Outbox, named
 from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol import commands
+from handtrack_app.protocol.calls import Call, Caller
+from handtrack_app.protocol.engine import Engine
 from handtrack_app.protocol.log_file import ENGINE_LOG
-from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
+from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Shown, Snapshot
 
 log = logging.getLogger(__name__)
 _MOST_AGAIN = 3  # within so many seconds; after that it would only end once more
@@ -26,16 +27,8 @@ _WITHIN_S = 60.0
 _AGAIN = "Opening the session again …"
 
 
-class _Life:
-    """One process, from its start to its end."""
-
-    def __init__(self, child: EngineChild) -> None:
-        self.child = child
-        self.listens, self.over = threading.Event(), threading.Event()
-
-
 class EngineProcess:
-    """Has the face of a Worker. Commands wait until the session is shown."""
+    """Has the face of a Worker. Calls wait until the session is shown."""
 
     def __init__(
         self,
@@ -48,12 +41,14 @@ class EngineProcess:
         self.last_words: list[str] = []
         self._plan = replace(plan, page=plan.page or uuid4().hex)
         self._publish, self._child = publish, child
-        self._outbox = Outbox()
+        self._outbox = Outbox(self._hand_over)
+        self.engine = cast("Engine", Caller(self.call))
+        """what the page calls; each call returns at once"""
         self._shown, self._opened = threading.Event(), threading.Event()
         self._stopping, self._again = threading.Event(), threading.Event()
         self._failure: Exception | None = None
         self._ends: deque[float] = deque(maxlen=_MOST_AGAIN + 1)
-        self._life: _Life | None = None
+        self._life: EngineChild | None = None
         self._log_from = 0
         self._is_down = False
         self._thread = threading.Thread(target=self._live, name="engine", daemon=True)
@@ -63,7 +58,7 @@ class EngineProcess:
     @property
     def pid(self) -> int | None:
         """The number of the engine's process; None while there is none."""
-        return None if self._life is None else self._life.child.pid
+        return None if self._life is None else self._life.pid
 
     def start(self) -> None:
         self._thread.start()
@@ -78,18 +73,22 @@ class EngineProcess:
         self._opened.wait(timeout)
         return self._failure
 
-    def send(self, command: commands.Command) -> None:
-        """Hand over a command; returns at once."""
-        if isinstance(command, commands.StartAgain):
-            self._again.set()
-        elif self._outbox.put(command):
+    def call(self, name: str, given: tuple[Any, ...], named_: Mapping[str, Any]) -> None:
+        """Call a method of the engine; returns at once."""
+        lost = self._outbox.put(name, given, named_)
+        if lost is None:
             self._tell_work()
         else:
-            self._publish(
-                Notice(
-                    "error", "Not done", f"The engine does not serve it now: {named([command])}."
-                )
-            )
+            text = f"The engine does not serve it now: {named([lost])}."
+            self._publish(Notice("error", "Not done", text))
+
+    def start_again(self) -> None:
+        """Start the engine that ended too often."""
+        self._again.set()
+
+    def _hand_over(self, call: Call) -> None:
+        if (life := self._life) is not None:
+            life.send((call.name, call.arguments, call.number))
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the engine in order, once what it was asked for is on disk; at once where it does not answer."""
@@ -99,10 +98,10 @@ class EngineProcess:
         self._again.set()
         life = self._life
         if life is not None:  # its pipe may be full, with nobody at the other end
-            threading.Thread(target=life.child.send, args=(Stop(timeout),), daemon=True).start()
+            threading.Thread(target=life.send, args=(Stop(timeout),), daemon=True).start()
         self._thread.join(2 * timeout)
         if life is not None and self._thread.is_alive():
-            life.child.kill()
+            life.kill()
             self._thread.join(timeout)
         if lost := self._outbox.edits:
             self.last_words.append(f"Not saved, since the engine did not answer: {named(lost)}.")
@@ -128,47 +127,30 @@ class EngineProcess:
     def _one_life(self, plan: EnginePlan) -> int:
         """Let a process be the engine; return how it ended."""
         child, self._child = self._child or EngineChild(ENGINE_LOG), None
-        life = self._life = _Life(child)
-        self._log_from = child.log_from
+        self._life, self._log_from = child, child.log_from
         if self._stopping.is_set():  # which saw no life yet
             child.kill()
-        anew = plan is not self._plan
-        talker = threading.Thread(target=self._talk, args=(life, anew), name="talk", daemon=True)
         child.send(plan)
-        talker.start()
-        code = child.listen(lambda message: self._take(life, message))
-        life.over.set()
-        life.listens.set()
-        talker.join()
+        code = child.listen(lambda message: self._take(child, message, plan is not self._plan))
         self._life = None
         return code
 
-    def _talk(self, life: _Life, anew: bool) -> None:
-        life.listens.wait()
-        for command in self._outbox.again() if anew else ():
-            life.child.send(command)
-        while not life.over.is_set():
-            command = self._outbox.take(0.1)
-            if command is not None:
-                life.child.send(command)
-
-    def _take(self, life: _Life, message: FromEngine) -> None:
-        match message:
-            case Shown(failure):
-                self._failure = failure
-                life.listens.set()
-                self._shown.set()
-            case Opened(failure):
-                self._failure = failure
-                self._opened.set()
-                if failure is not None:
-                    life.child.send(Stop(1.0))
-            case Ended(words):
-                self.last_words = list(words)
-            case _:
-                told = self._outbox.see(message)
-                if told is not None:
-                    self._publish(told)
+    def _take(self, child: EngineChild, message: object, is_anew: bool) -> None:
+        if isinstance(message, Commands):
+            self._outbox.know(message.rules)
+        elif isinstance(message, Shown):
+            self._failure = message.failure
+            self._outbox.listen(is_anew)
+            self._shown.set()
+        elif isinstance(message, Opened):
+            self._failure = message.failure
+            self._opened.set()
+            if message.failure is not None:
+                child.send(Stop(1.0))
+        elif isinstance(message, Ended):
+            self.last_words = list(message.last_words)
+        elif (told := self._outbox.see(cast("Snapshot", message))) is not None:
+            self._publish(told)
 
     def _tell_work(self, is_down: bool | None = None) -> None:
         """Say where what is saved is not as it was said last."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from handtrack_app.engine.live.live_options import LiveOptions
 
 if TYPE_CHECKING:  # the page's process has no use for what the engine imports
     from handtrack_app.engine.worker import Opener
-    from handtrack_app.protocol.commands import Command
 
 
 @dataclass(frozen=True)
@@ -34,17 +33,3 @@ class EnginePlan:
     """of the user's edits so far"""
     page: str = ""
     """whose numbers the commands have: an engine that begins again finds on disk up to which they are done"""
-
-
-class Engine(Protocol):
-    """The engine as the page's side sees it: on threads of this process (EngineThread), or a process (EngineProcess)."""
-
-    folder: Path
-    last_words: list[str]
-    """what is to be said once it has ended, in sentences"""
-
-    def start(self) -> None: ...
-    def send(self, command: Command) -> None: ...
-    def wait_shown(self, timeout: float) -> Exception | None: ...
-    def wait_opened(self, timeout: float | None) -> Exception | None: ...
-    def stop(self, timeout: float = 5.0) -> None: ...

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from handtrack.arrays import D3, Bytes, H, W
 
+FILES, NO_MASKS = "files", "none"
+"""in place of a method: files that session.toml names; no masks"""
+
 
 @dataclass(frozen=True)
 class MaskCameraCard:

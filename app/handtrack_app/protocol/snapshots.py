@@ -346,6 +346,22 @@ class CloudPicture:
 
 
 @dataclass(frozen=True)
+class CloudSelection:
+    """What the page shows of point clouds; nothing else is computed."""
+
+    points: bool = False
+    dropped: bool = False
+    """also the points that a filter dropped"""
+    picture: str = "none"
+    """`images`, `stereo` or `none`"""
+    wide: bool = False
+    pair: tuple[str, str] | None = None
+    """cameras of the stereo preview; None: the session's first pair"""
+    box: tuple[str, tuple[int, int, int, int]] | None = None
+    """camera and x, y, w, h [px] of the marked patch of skin"""
+
+
+@dataclass(frozen=True)
 class CloudCard:
     """Where clouds come from and the settings in force."""
 
@@ -386,15 +402,30 @@ class WorkSnapshot:
     takes: tuple[TakeCard, ...]
     """the latest first"""
     written: int = 0
-    """the number of the last command that is on disk, as are all before it: `commands.Numbered`"""
+    """the number of the last call that is on disk, as are all before it: `calls.Call`"""
     done: int = 0
     """of the last that was done, on disk or not"""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """There is something to be looked at, or why not."""
+
+    failure: Exception | None
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The session can be worked in, or why not."""
+
+    failure: Exception | None
 
 
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
     | ComparedSnapshot | CurvesSnapshot | ScoreSnapshot | LibrarySnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | Shown | Opened
 )  # fmt: skip
 
 

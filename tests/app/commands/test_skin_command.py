@@ -16,7 +16,6 @@ from handtrack.session.session import Session
 from handtrack_app.cli import main
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.cloud_service import skin_in_force
-from handtrack_app.protocol.commands import SampleSkin
 from tests.app.cloudy_session import BOX, SKIN, cloudy_session
 
 OTHER_LIGHT = (170, 70, 60)
@@ -84,7 +83,7 @@ def test_what_was_painted_is_enough(folder, capsys):
     assert "pixels of 2 images" in capsys.readouterr().out
     assert holds(ellipse(folder), OTHER_LIGHT)
     document = open_document(folder, {})
-    settings, words = skin_in_force(document, SampleSkin(0, "cam0", None, 2.5))
+    settings, words = skin_in_force(document, 0, "cam0", None, 2.5)
     assert settings.filters.skin == ellipse(folder)
     assert "of 2 painted images" in words
 
@@ -101,9 +100,9 @@ def test_masks_that_cannot_be_used(folder, tmp_path, capsys, size, words):
 
 
 def test_a_box_is_taken_as_before(folder):
-    settings, _ = skin_in_force(open_document(folder, {}), SampleSkin(0, "cam0", BOX, 2.5))
+    settings, _ = skin_in_force(open_document(folder, {}), 0, "cam0", BOX, 2.5)
     found = settings.filters.skin
     assert found is not None
     np.testing.assert_allclose(found.mean, chromaticity(np.array([SKIN]))[0][0], atol=0.02)
     with pytest.raises(HandtrackError, match="no camera 'cam9'"):
-        skin_in_force(open_document(folder, {}), SampleSkin(0, "cam9", BOX, 2.5))
+        skin_in_force(open_document(folder, {}), 0, "cam9", BOX, 2.5)

@@ -11,7 +11,7 @@ from handtrack.store.spans import Span, beside_accepted
 from handtrack.store.store import WritableStore
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.engine.test_refine import _bends, _told, _tracked
 from tests.app.engine.test_worker import Listener, _desk, _pose
 from tests.app.fake_run import FRAMES
@@ -25,7 +25,7 @@ def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
 
 
 def _accept(worker: Worker, first: int, last: int, on: bool = True) -> None:
-    worker.send(commands.Accept(((first, last),), on))
+    worker.engine.accept(((first, last),), on)
     wanted = set(range(first, last + 1))
     eventually(lambda: wanted <= worker.document.accepted or not on, "accepted")
 
@@ -35,16 +35,16 @@ def test_tracking_again_and_refining_leave_accepted_frames(desk: tuple[Worker, L
     _tracked(desk)
     before = _bends(worker)
     _accept(worker, 5, 6)
-    worker.send(commands.SetPose(9, _pose(listener, index_mcp_flex=0.3), 1))
-    worker.send(commands.Track(0, FRAMES, 9))
+    worker.engine.set_pose(9, _pose(listener, index_mcp_flex=0.3), 1)
+    worker.engine.track(0, FRAMES, 9)
     eventually(lambda: len(_told(listener, "Tracking finished")) == 2, "tracked again")
     after = _bends(worker)
     assert {f for f in before if after[f] == before[f]} == {5, 6, 9}, "9 is a keyframe"
-    worker.send(commands.Refine())
+    worker.engine.refine()
     eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
     last = _bends(worker)
     assert {f for f in before if last[f] == after[f]} == {5, 6, 9}
-    worker.send(commands.RestoreTake(1))
+    worker.engine.restore_take(1)
     eventually(lambda: len(_told(listener, "Take 1 is the track again")) == 1, "restored")
     restored = _bends(worker)
     assert restored[5] == before[5] and restored[7] != last[7]
@@ -54,10 +54,10 @@ def test_an_accepted_frame_is_not_fitted_until_it_is_let_go(desk: tuple[Worker, 
     worker, listener = desk
     _tracked(desk)
     _accept(worker, 4, 4)
-    worker.send(commands.Track(4, 5, 4))
+    worker.engine.track(4, 5, 4)
     listener.wait(snapshots.Notice, lambda n: "Frame 4 is accepted" in n.text)
     _accept(worker, 4, 4, on=False)
-    worker.send(commands.Track(4, 5, 4))
+    worker.engine.track(4, 5, 4)
     eventually(lambda: bool(_told(listener, "Frame 4 is fitted")), "fitted")
 
 

@@ -12,7 +12,7 @@ from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.engine.posing.before import pose_before
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener, _desk
 from tests.app.opened import opened, posed, tracked
 
@@ -85,19 +85,19 @@ def test_a_key_flips_there_and_back_and_an_edit_goes_on_from_what_is(
 ) -> None:
     worker, listener = desk
     start = listener.wait(snapshots.PoseSnapshot)
-    worker.send(commands.LookBefore(True))
+    worker.engine.look_before(True)
     listener.wait(snapshots.Notice, lambda n: n.title == "Nothing before")
-    worker.send(commands.TakePose(3, "fist", 1))
+    worker.engine.take_pose(3, "fist", 1)
     fist = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
-    worker.send(commands.LookBefore(True))
+    worker.engine.look_before(True)
     looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
     np.testing.assert_allclose(looked.values, start.values, atol=1e-9)
-    worker.send(commands.LookBefore(False))
+    worker.engine.look_before(False)
     back = listener.wait(snapshots.PoseSnapshot, lambda p: p is not fist and p.version == 1 and p.origin == "set")  # fmt: skip
     np.testing.assert_array_equal(back.values, fist.values)
-    worker.send(commands.LookBefore(True))
+    worker.engine.look_before(True)
     tip = fist.joints[worker.document.model.joint_names.index("index_tip")]
-    worker.send(commands.PullPlace(3, tuple((tip + (0, 0.01, 0)).tolist()), 2, "index_tip"))
+    worker.engine.pull_place(3, tuple((tip + (0, 0.01, 0)).tolist()), 2, "index_tip")
     pulled = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
     others = [
         i for i, n in enumerate(worker.document.model.parameter_names) if not n.startswith("index")

@@ -9,7 +9,6 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.page.time.takes import apart_words
-from handtrack_app.protocol import commands
 from handtrack_app.protocol.timeline import APART
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
@@ -29,7 +28,7 @@ def test_a_take_is_compared_and_some_of_its_frames_come_back(bench: Workbench) -
     panel, document = bench.layout.takes, bench.worker.document
     track(bench, 0, 1, FRAMES)
     first = _bends(bench)
-    bench.send(commands.SetPose(4, tuple(value + 0.05 for value in document.start), 100))
+    bench.engine.set_pose(4, tuple(value + 0.05 for value in document.start), 100)
     track(bench, 4, 2, FRAMES - 5)  # the keyframe stays
     second = _bends(bench)
     with WireClient(bench.url) as client:
@@ -63,7 +62,7 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench: Workben
     assert not tracking.between.visible
     for frame, by in ((2, 0.05), (9, 0.4)):
         posed = tuple(value + by * (n == 10) for n, value in enumerate(document.start))
-        bench.send(commands.SetPose(frame, posed, 100 + frame))
+        bench.engine.set_pose(frame, posed, 100 + frame)
     bench.go_to(5)
     eventually(lambda: bool(tracking.between.visible), "offered")
     assert tracking.between.label == "Track between 2 and 9"

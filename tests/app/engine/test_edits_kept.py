@@ -11,9 +11,10 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.store.store import Store
 from handtrack_app.engine.store import keys, persistence
-from handtrack_app.engine.worker import Worker, _kind
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.mailbox import Mailbox
+from tests.app.calls import call
 from tests.app.engine.test_worker import Listener, _desk, _pose
 from tests.app.waiting import eventually
 
@@ -31,19 +32,19 @@ def written(folder: Path) -> list[int]:
 
 
 def edit(worker: Worker, listener: Listener, frame: int, version: int) -> None:
-    worker.send(commands.SetPose(frame, _pose(listener, index_mcp_flex=0.1), version))
+    worker.engine.set_pose(frame, _pose(listener, index_mcp_flex=0.1), version)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.version == version)
 
 
 @pytest.mark.parametrize(
     ("first", "second"),
     [
-        (commands.SetPose(1, (), 1), commands.SetPose(2, (), 2)),
-        (commands.PullPlace(1, (0, 0, 0), 1, "index_tip"), commands.PullPlace(2, (0, 0, 0), 2, "index_tip")),
+        (call("set_pose", 1, (), 1), call("set_pose", 2, (), 2)),
+        (call("pull_place", 1, (0, 0, 0), 1, "index_tip"), call("pull_place", 2, (0, 0, 0), 2, "index_tip")),
     ],
 )  # fmt: skip
 def test_a4_a_waiting_edit_is_not_replaced_by_another_frames(first: Any, second: Any) -> None:
-    box: Mailbox[Any] = Mailbox(_kind)
+    box: Mailbox[Any] = Mailbox(lambda c: c.key)
     for command in (first, second, first):
         box.put(command)
     assert [box.take(0.0) for _ in range(len(box))] == [second, first]
@@ -54,7 +55,7 @@ def test_a5_edits_of_two_frames_in_quick_succession_are_both_written(
 ) -> None:
     worker, listener = desk
     edit(worker, listener, 3, 1)
-    worker.send(commands.TakePose(4, "fist", 2))
+    worker.engine.take_pose(4, "fist", 2)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
     worker.stop()
     assert written(tmp_path) == [3, 4]
@@ -73,7 +74,7 @@ def test_a7_an_edit_that_could_not_be_written_is_tried_again_with_the_next(
         patch.setattr(worker._session.store.store, "write", full)
         edit(worker, listener, 5, 1)
         listener.wait(snapshots.Notice, lambda n: "the disk is full" in n.text)
-    worker.send(commands.ShowFrame(6))  # one can look around meanwhile
+    worker.engine.show_frame(6)  # one can look around meanwhile
     listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 6)
     assert written(tmp_path) == []
     edit(worker, listener, 8, 2)
@@ -94,9 +95,9 @@ def test_a15_a_drag_that_goes_on_and_on_is_written_meanwhile(
 
 def test_a14_while_tracking_is_paused_every_frame_is_on_disk(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, stuck=lambda frame: frame == 7):
-        worker.send(commands.Track(0, 12, 3))
+        worker.engine.track(0, 12, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 4)
-        worker.send(commands.Pause(True))
+        worker.engine.pause(True)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
 
         results, store = worker.document.results, Store(tmp_path / "tracks")
@@ -106,4 +107,4 @@ def test_a14_while_tracking_is_paused_every_frame_is_on_disk(tmp_path: Path) -> 
             ),
             "what is shown is on disk",
         )
-        worker.send(commands.Cancel())
+        worker.engine.cancel()

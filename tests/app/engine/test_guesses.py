@@ -21,7 +21,6 @@ from handtrack_app.engine.guesses import Guesses
 from handtrack_app.engine.store import keys
 from handtrack_app.page.panels import guesses as guesses_panel
 from handtrack_app.page.scene.ghosts import update_ghosts
-from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
@@ -116,9 +115,9 @@ def test_a_found_pose_is_set_by_hand_once_it_is_edited(
     eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")
     client.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: ">found<" in card.content, "as it was found")
-    bench.send(commands.SetSetting("model.name", "ball6"))
+    bench.engine.set_setting("model.name", "ball6")
     eventually(lambda: len(bench.state.values) == 6, "a simpler model")
-    bench.send(commands.SetSetting("model.name", ""))
+    bench.engine.set_setting("model.name", "")
     eventually(lambda: len(bench.state.values) == 26 and ">found<" in card.content, "still found")
 
 
@@ -146,12 +145,12 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(
     bench: Workbench, search: threading.Event
 ) -> None:
     panel = bench.layout.guesses
-    bench.send(commands.FindHand(9))
+    bench.engine.find_hand(9)
     eventually(lambda: bool(panel.cancel.visible), "it runs")
-    bench.send(commands.Cancel())
+    bench.engine.cancel()
     eventually(lambda: not panel.cancel.visible, "cancelled before the search came to its end")
     search.set()
-    bench.send(commands.FindHand(9))
+    bench.engine.find_hand(9)
     eventually(lambda: any(n.title == "No hand found" for n in bench._unread), "told")
     assert panel.guesses is None
 
@@ -221,7 +220,7 @@ def test_the_detector_is_offered_where_it_is_not_installed(
     monkeypatch.setattr(jobs, "fetch_weights", fetch)
     bench.go_to(5)
     panel.helps = True  # as in a recording whose images two cameras or more give
-    bench.send(commands.FindHand(9))
+    bench.engine.find_hand(9)
     eventually(lambda: bool(panel.fetch.visible), "offered")
     client.set_value(panel.fetch, True)
     eventually(lambda: any(why in str(m) for _, m in list(client.messages)), "what to do then")

@@ -20,7 +20,6 @@ WORK = """
 import sys, time
 from pathlib import Path
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands
 from tests.app.fake_run import fake_document
 
 worker = Worker(Path(sys.argv[1]), lambda s: None, lambda f, o: fake_document(f, o, stuck=lambda f: f == 8))
@@ -29,9 +28,9 @@ assert worker.wait_opened(60.0) is None
 names = worker.document.model.parameter_names
 values = list(worker.document.start)
 values[names.index("index_pip_flex")] = 0.75
-worker.send(commands.SetPose(9, tuple(values), 1))
-worker.send(commands.SetSetting("silhouettes.weight", 2.0))
-worker.send(commands.Track(3, 12, 3))
+worker.engine.set_pose(9, tuple(values), 1)
+worker.engine.set_setting("silhouettes.weight", 2.0)
+worker.engine.track(3, 12, 3)
 while len(worker.document.results) < 5:  # frame 8 never comes
     time.sleep(0.01)
 print("tracking", flush=True)

@@ -10,7 +10,7 @@ import pytest
 from handtrack_app.engine.posing.given import Given
 from handtrack_app.engine.posing.legs import legs
 from handtrack_app.page.panels.tracking import frozen_ends, keyframe_words, odd_frames
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import _desk, _pose
 from tests.app.fake_run import FRAMES
 
@@ -56,9 +56,9 @@ def test_every_other_frame_is_tracked_once(first, held) -> None:
 def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
         values = _pose(listener, ring_pip_flex=1.0)
-        worker.send(commands.SetPose(8, values, 1))
+        worker.engine.set_pose(8, values, 1)
         listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8)
-        worker.send(commands.Track(0, FRAMES, 3, anew=True))
+        worker.engine.track(0, FRAMES, 3, anew=True)
         done = listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert f"{FRAMES - 1} of {FRAMES - 1} frames" in done.text
         assert done.text.endswith("One, set by hand or found, stayed as it is.")
@@ -74,8 +74,8 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> 
 def test_tracking_from_a_corrected_frame_leaves_it(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
         values = _pose(listener, ring_pip_flex=1.0)
-        worker.send(commands.SetPose(8, values, 1))
-        worker.send(commands.Track(8, FRAMES, 8))
+        worker.engine.set_pose(8, values, 1)
+        worker.engine.track(8, FRAMES, 8)
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         document = worker.document
         assert document is not None
@@ -85,8 +85,8 @@ def test_tracking_from_a_corrected_frame_leaves_it(tmp_path: Path) -> None:
 
 def test_fitting_one_frame_replaces_what_was_set_by_hand(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
-        worker.send(commands.SetPose(8, _pose(listener, ring_pip_flex=1.0), 1))
-        worker.send(commands.Track(8, 9, 8))
+        worker.engine.set_pose(8, _pose(listener, ring_pip_flex=1.0), 1)
+        worker.engine.track(8, 9, 8)
         listener.wait(snapshots.Notice, lambda n: n.title == "Frame 8 is fitted")
         document = worker.document
         assert document is not None and not document.by_hand and 8 in document.results
@@ -95,9 +95,9 @@ def test_fitting_one_frame_replaces_what_was_set_by_hand(tmp_path: Path) -> None
 def test_frames_that_are_all_set_by_hand_are_not_tracked(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, step_s=0.0):
         for frame in (4, 5):
-            worker.send(commands.SetPose(frame, _pose(listener, ring_pip_flex=1.0), frame))
+            worker.engine.set_pose(frame, _pose(listener, ring_pip_flex=1.0), frame)
             listener.wait(snapshots.PoseSnapshot, lambda p, frame=frame: p.version == frame)
-        worker.send(commands.Track(4, 6, 4))
+        worker.engine.track(4, 6, 4)
         assert (
             "nothing to track" in listener.wait(snapshots.Notice, lambda n: n.level == "error").text
         )

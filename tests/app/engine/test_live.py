@@ -14,7 +14,7 @@ from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.live import live_table
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener
 from tests.app.waiting import eventually
 from tests.live_cameras import ScriptedDevice
@@ -71,22 +71,22 @@ def test_the_newest_images_are_watched_until_the_hand_is_posed(studio: Studio) -
     studio.show()
     pose = studio.wait_for_pose(lambda p: p.frame >= 1)
     values = tuple(float(v) for v in pose.values)
-    studio.worker.send(commands.SetPose(pose.frame, values, 1))
+    studio.worker.engine.set_pose(pose.frame, values, 1)
     posed = studio.wait_for_pose(lambda p: p.version == 1)
     studio.show()
-    studio.worker.send(commands.TakePose(posed.frame, "previous", 2))
+    studio.worker.engine.take_pose(posed.frame, "previous", 2)
     later = studio.wait_for_pose(lambda p: p.version == 2)
     assert later.frame == posed.frame  # the picture stands still
-    studio.worker.send(commands.Follow(True))
+    studio.worker.engine.follow(True)
     studio.wait_for_pose(lambda p: p.frame > posed.frame)
 
 
 def test_tracked_live_recorded_and_opened_again(studio: Studio, tmp_path: Path) -> None:
     new = tmp_path / "new"
     before = sorted(path.name for path in studio.folder.iterdir())
-    studio.worker.send(commands.Record(True, str(new)))
+    studio.worker.engine.record(True, str(new))
     studio.listener.wait(snapshots.LiveSnapshot, lambda s: s.recording == str(new))
-    studio.worker.send(commands.TrackLive())
+    studio.worker.engine.track_live()
     eventually(lambda: studio.worker.busy, "tracking began")
     feed = studio.worker.document.run.session.live
     assert feed is not None
@@ -94,12 +94,12 @@ def test_tracked_live_recorded_and_opened_again(studio: Studio, tmp_path: Path) 
         studio.show()
         eventually(lambda count=count: feed.counts["cam0"].used >= count, "the images are used")
     eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked", 60.0)
-    studio.worker.send(commands.Cancel())
+    studio.worker.engine.cancel()
     ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended", 30.0)
     assert "cam0: " in ended.text and "images tracked" in ended.text
     results = studio.worker.document.results
     assert sorted(results) == list(range(min(results), max(results) + 1))
-    studio.worker.send(commands.Record(False))
+    studio.worker.engine.record(False)
     told = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Recorded")
     assert f"are in {new}" in told.text
     again = Session.open(new)
@@ -115,14 +115,14 @@ def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio: St
     studio.devices[0].fail(3)
     gone = studio.listener.wait(snapshots.Notice, lambda n: n.title == "A camera is gone")
     assert gone.text.endswith("or a file is at its end. The others go on.")
-    studio.worker.send(commands.TrackLive())
+    studio.worker.engine.track_live()
     studio.devices[1].fail(3)
     stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped", 30.0)
     assert "camera 'cam0'" in stopped.text and "camera 'cam1'" in stopped.text
 
 
 def test_nothing_is_saved_into_the_folder_of_a_live_session(studio: Studio) -> None:
-    studio.worker.send(commands.SavePose())
+    studio.worker.engine.save_pose()
     told = studio.listener.wait(snapshots.Notice, lambda n: n.level == "error")
     assert told.text.startswith("A live source keeps no files of its own: press 'Record'")
 

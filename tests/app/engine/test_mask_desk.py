@@ -18,13 +18,15 @@ from handtrack.session.session import Session
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, masks, snapshots
+from handtrack_app.protocol import masks, snapshots
+from handtrack_app.protocol.calls import Call
+from tests.app.calls import call
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
 from tests.app.engine.test_worker import Listener
 from tests.app.waiting import eventually
 
 Desk = tuple[Worker, Listener, Path]
-SKIN = commands.SetMasks("", (("method", "skin_ycrcb"),))
+SKIN = call("set_masks", "", {"method": "skin_ycrcb"})
 X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
 """amid the skin, in cam0"""
 
@@ -49,8 +51,8 @@ def method(card: masks.MaskCard, camera: str = "cam0") -> str:
     return next(c.method for c in card.cameras if c.name == camera)
 
 
-def stroke(frame: int = 0, brush: str = "hand", camera: str = "cam0") -> commands.PaintMask:
-    return commands.PaintMask(frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
+def stroke(frame: int = 0, brush: str = "hand", camera: str = "cam0") -> Call:
+    return call("paint_mask", frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
 
 
 def held(worker: Worker) -> list[int]:
@@ -74,7 +76,7 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk: Desk) -> None:
     assert [method(first, c.name) for c in first.cameras] == ["none", "none"]
     assert "skin_ycrcb" in first.cameras[0].possible
     assert {"seeded", "depth_range", "files"}.isdisjoint(first.cameras[0].possible)
-    worker.send(commands.WantMasks(True))
+    worker.engine.want_masks(True)
     worker.send(SKIN)
     card = listener.wait(masks.MaskCard, lambda c: method(c) == "skin_ycrcb")
     assert card.unsaved == ("cam0", "cam1")
@@ -85,7 +87,12 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk: Desk) -> None:
         return len(picture.small) == 2 and middle.mean() > 100 and corner.mean() < 20
 
     listener.wait(masks.MaskPicture, is_dark)
-    worker.send(commands.SetMasks("cam1", (("y_min", 255),)))
+    worker.engine.set_masks(
+        "cam1",
+        {
+            "y_min": 255,
+        },
+    )
     changed = listener.wait(masks.MaskCard, lambda c: c.cameras[1].values.get("y_min") == 255)
     assert changed.cameras[0].values["y_min"] == 40
     assert (folder / "session.toml").read_text() == SETTINGS
@@ -94,9 +101,19 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk: Desk) -> None:
 def test_what_is_tried_is_saved_and_taken_back(desk: Desk) -> None:
     worker, listener, folder = desk
     worker.send(SKIN)
-    worker.send(commands.SetMasks("cam1", (("roi", (10, 5, 60, 50)),)))
-    worker.send(commands.SetMasks("cam0", (("cr", (140, 170)),)))
-    worker.send(commands.SaveMasks())
+    worker.engine.set_masks(
+        "cam1",
+        {
+            "roi": (10, 5, 60, 50),
+        },
+    )
+    worker.engine.set_masks(
+        "cam0",
+        {
+            "cr": (140, 170),
+        },
+    )
+    worker.engine.save_masks()
     listener.wait(masks.MaskCard, lambda c: c.cameras[1].roi is not None and not c.unsaved)
     text = (folder / "session.toml").read_text()
     assert text.startswith("# a comment that stays\n")
@@ -104,38 +121,73 @@ def test_what_is_tried_is_saved_and_taken_back(desk: Desk) -> None:
     assert saved[0]["masks"] == {"method": "skin_ycrcb", "cr": [140, 170]}
     assert saved[1]["roi"] == [10, 5, 60, 50]
     assert Session.open(folder).views[0].settings.masks == SkinYCrCb(cr=(140, 170))
-    worker.send(commands.SetMasks("cam0", (("y_min", 90),)))
+    worker.engine.set_masks(
+        "cam0",
+        {
+            "y_min": 90,
+        },
+    )
     listener.wait(masks.MaskCard, lambda c: c.unsaved == ("cam0",))
-    worker.send(commands.Undo(1))
+    worker.engine.undo(1)
     eventually(lambda: not worker.document.unsaved_masks, "undone")
-    worker.send(commands.SetMasks("", (("method", "background_median"),)))
+    worker.engine.set_masks(
+        "",
+        {
+            "method": "background_median",
+        },
+    )
     eventually(lambda: len(worker.document.unsaved_masks) == 2, "tried")
-    worker.send(commands.RestoreMasks())
+    worker.engine.restore_masks()
     eventually(lambda: not worker.document.unsaved_masks, "as it is saved")
-    worker.send(commands.SetMasks("cam0", (("y_min", 90),)))
-    worker.send(commands.SaveMasks())
+    worker.engine.set_masks(
+        "cam0",
+        {
+            "y_min": 90,
+        },
+    )
+    worker.engine.save_masks()
     eventually(lambda: "y_min = 90" in (folder / "session.toml").read_text(), "one value")
     assert len(versions(folder / "session.toml")) == 2
 
 
 def test_what_cannot_be_is_told_and_changes_nothing(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.SetMasks("cam0", (("method", "seeded"),)))
+    worker.engine.set_masks(
+        "cam0",
+        {
+            "method": "seeded",
+        },
+    )
     told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
     assert "cannot be made by 'seeded'" in told.text
     worker.send(SKIN)
-    worker.send(commands.SetMasks("cam0", (("cr", (200, 100)),)))
+    worker.engine.set_masks(
+        "cam0",
+        {
+            "cr": (200, 100),
+        },
+    )
     listener.wait(snapshots.Notice, lambda n: "least and most" in n.text)
-    worker.send(commands.SetMasks("cam0", (("roi", (0, 0, 960, 72)),)))
+    worker.engine.set_masks(
+        "cam0",
+        {
+            "roi": (0, 0, 960, 72),
+        },
+    )
     listener.wait(snapshots.Notice, lambda n: "reaches outside the image" in n.text)
     assert worker.document.masks["cam0"] == (SkinYCrCb(), None)
 
 
 def test_boxes_are_dragged(desk: Desk) -> None:
     worker, _, _ = desk
-    worker.send(commands.SetMasks("cam0", (("method", "skin_adaptive"),)))
-    worker.send(commands.MarkMaskBox("cam0", "sample", BOX, 2))
-    worker.send(commands.MarkMaskBox("cam0", "roi", (5, 6, 70, 60), 2))
+    worker.engine.set_masks(
+        "cam0",
+        {
+            "method": "skin_adaptive",
+        },
+    )
+    worker.engine.mark_mask_box("cam0", "sample", BOX, 2)
+    worker.engine.mark_mask_box("cam0", "roi", (5, 6, 70, 60), 2)
     document = worker.document
     eventually(lambda: document.masks["cam0"][1] == (5, 6, 70, 60), "the box")
     learned = document.masks["cam0"][0]
@@ -148,8 +200,8 @@ def test_boxes_are_dragged(desk: Desk) -> None:
 def test_a_stroke_becomes_a_file_and_is_undone(desk: Desk) -> None:
     worker, listener, folder = desk
     worker.send(SKIN)
-    worker.send(commands.SaveMasks())
-    worker.send(commands.WantMasks(True))
+    worker.engine.save_masks()
+    worker.engine.want_masks(True)
     worker.send(stroke())
     listener.wait(masks.MaskPicture, lambda p: p.corrected["cam0"].startswith("corrected here; 1"))
     eventually(lambda: file_of(folder).is_file(), "its file")
@@ -158,13 +210,13 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk: Desk) -> None:
         assert (seen.mask[60, 15], seen.mask[50, 15], seen.mask[Y, X]) == (1, 0, 1)
     worker.send(stroke(brush="as it is"))
     eventually(lambda: not file_of(folder).exists(), "nothing is left of it")
-    worker.send(commands.Undo(1))
+    worker.engine.undo(1)
     eventually(lambda: file_of(folder).is_file(), "undone")
-    worker.send(commands.Undo(2))
+    worker.engine.undo(2)
     eventually(lambda: not file_of(folder).exists(), "undone, too")
-    worker.send(commands.Redo(3))
+    worker.engine.redo(3)
     eventually(lambda: file_of(folder).is_file(), "redone")
-    worker.send(commands.DropCorrection(0, "cam0"))
+    worker.engine.drop_correction(0, "cam0")
     eventually(lambda: not file_of(folder).exists(), "dropped")
     assert not versions(file_of(folder))  # all ours
 
@@ -175,7 +227,7 @@ def test_a_slow_stroke_is_one_step_and_the_next_another(
     monkeypatch.setattr("handtrack_app.engine.store.persistence._MERGE_S", 0.0)
     worker, _, _ = begun(cloudy_session(tmp_path))
     for x, tag in ((10.0, "1"), (20.0, "1"), (30.0, "1"), (60.0, "2")):
-        worker.send(commands.PaintMask(0, "cam0", "hand", ((x, 40.0),), 3.0, tag))
+        worker.engine.paint_mask(0, "cam0", "hand", ((x, 40.0),), 3.0, tag)
     corrections = worker.document.run.session.view("cam0").corrections
 
     def painted_at() -> list[bool]:
@@ -183,9 +235,9 @@ def test_a_slow_stroke_is_one_step_and_the_next_another(
         return [] if layer is None else (layer[40, [10, 30, 60]] == HAND).tolist()
 
     eventually(lambda: painted_at() == [True] * 3, "two strokes")
-    worker.send(commands.Undo(1))
+    worker.engine.undo(1)
     eventually(lambda: painted_at() == [True, True, False], "the second is undone")
-    worker.send(commands.Undo(2))
+    worker.engine.undo(2)
     eventually(lambda: painted_at() == [], "and the first as a whole")
     worker.stop()
 
@@ -199,7 +251,7 @@ def test_what_was_painted_comes_back(tmp_path: Path) -> None:
     assert file_of(folder).is_file()
     again, _, _ = begun(folder)
     assert again.document.run.session.view("cam0").corrections.frames == [0]
-    again.send(commands.Undo(1))
+    again.engine.undo(1)
     eventually(lambda: not file_of(folder).exists(), "undone after opening again")
     again.stop()
 
@@ -223,7 +275,7 @@ def test_a_file_from_elsewhere_counts_and_is_kept(tmp_path: Path) -> None:
     layer = again.document.run.session.view("cam0").corrections.layer(1)
     assert layer is not None
     assert layer[8, 80] == layer[60, 15] == HAND  # painted over theirs
-    again.send(commands.Undo(1))
+    again.engine.undo(1)
     eventually(lambda: file_of(folder, 1).read_bytes() == theirs, "undo brings theirs back")
     again.stop()
 
@@ -248,9 +300,9 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path: Path) 
         cv2.imwrite(str(folder / "cam0" / f"{frame:03d}.png"), scene[:, 2 * frame :][:, :96])
     worker, listener, _ = begun(folder)
     square = tuple((float(x), 30.0) for x in (45, 50))
-    worker.send(commands.PaintMask(2, "cam0", "not hand", square, 6.0, "1"))
-    worker.send(commands.PaintMask(5, "cam0", "hand", ((5.0, 5.0),), 4.0, "2"))
-    worker.send(commands.CarryMasks(2, "", 20, 20))
+    worker.engine.paint_mask(2, "cam0", "not hand", square, 6.0, "1")
+    worker.engine.paint_mask(5, "cam0", "hand", ((5.0, 5.0),), 4.0, "2")
+    worker.engine.carry_masks(2, "", 20, 20)
     eventually(lambda: file_of(folder, 4).is_file(), "carried")
     corrections = worker.document.run.session.view("cam0").corrections
     eventually(lambda: corrections.frames == [0, 1, 2, 3, 4, 5], "to all frames beside")
@@ -263,9 +315,9 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path: Path) 
     assert painted_there[5, 5] == HAND
     assert not (painted_there == 0).any()
     listener.wait(snapshots.Notice, lambda n: "4 frames" in n.text)
-    worker.send(commands.Undo(1))
+    worker.engine.undo(1)
     eventually(lambda: corrections.frames == [2, 5], "undone as one")
-    worker.send(commands.CarryMasks(0, "cam1", 1, 1))
+    worker.engine.carry_masks(0, "cam1", 1, 1)
     listener.wait(snapshots.Notice, lambda n: "nothing to carry" in n.text)
     worker.stop()
 
@@ -288,7 +340,7 @@ def test_files_are_said_to_be_files_and_stay(tmp_path: Path) -> None:
     eventually(lambda: file_of(folder).is_file(), "painted over it")
     assert (folder / "masks" / "0.png").read_bytes() == before
     worker.send(SKIN)
-    worker.send(commands.SaveMasks())
+    worker.engine.save_masks()
     eventually(lambda: "skin_ycrcb" in (folder / "session.toml").read_text(), "saved")
     assert "mask_unknown" not in (folder / "session.toml").read_text()
     Session.open(folder)

@@ -13,7 +13,7 @@ from handtrack.tracking.search import initialize
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.fake_run import fake_document
 from tests.session.small_session import keypoints, make_session
 
@@ -31,10 +31,10 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
     worker = Worker(tmp_path, seen.append, opener, previewer=fake_document)
     worker.start()
     assert worker.wait_shown(20.0) is None
-    worker.send(commands.ShowFrame(5))
+    worker.engine.show_frame(5)
     values = fake_document(tmp_path).start
     values[0] += 0.01
-    worker.send(commands.SetPose(5, tuple(values.tolist()), 1))  # it waits, and is not lost
+    worker.engine.set_pose(5, tuple(values.tolist()), 1)  # it waits, and is not lost
     held.set()
     assert worker.wait_opened(20.0) is None
     worker.stop()

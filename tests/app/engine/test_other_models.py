@@ -12,7 +12,7 @@ from handtrack_app.engine.posing.page_values import renamed
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, tracked
 from tests.app.waiting import eventually
@@ -107,7 +107,7 @@ def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path: Path) -
         assert not worker.document.results, "a setting says that there is no forearm"
         hidden = [s.hidden for s in seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
         assert [(span.take, span.first, span.last) for span in hidden] == [(1, 0, FRAMES - 1)]
-        worker.send(commands.ShowTake(1))
+        worker.engine.show_take(1)
         eventually(lambda: len(worker.document.results) == FRAMES, "its frames show")
     finally:
         worker.stop()

@@ -18,7 +18,6 @@ from handtrack.store.spans import Span
 from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.exporting import export_beside, exported, file_stem
 from handtrack_app.engine.store.tracks import whole_track
-from handtrack_app.protocol.commands import Export
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, spans, tracked
 
@@ -199,7 +198,7 @@ def test_npz_can_be_read_back(tmp_path: Path) -> None:
 
 def test_nothing_to_export_is_told_in_words(tmp_path: Path) -> None:
     with pytest.raises(HandtrackError, match="There is nothing to save yet"):
-        export_beside(fake_document(tmp_path), Export("csv", 1), print)
+        export_beside(fake_document(tmp_path), "csv", 1, "", print)
 
 
 def sent(document, kind: str) -> tuple[str, bytes]:
@@ -209,7 +208,7 @@ def sent(document, kind: str) -> tuple[str, bytes]:
 
 def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path: Path) -> None:
     store, sent_to = tracked(opened(tmp_path)), []
-    thread = export_beside(store.document, Export("csv-long", 7), sent_to.append)
+    thread = export_beside(store.document, "csv-long", 7, "", sent_to.append)
     assert thread is not None
     thread.join(300)
     (download,) = sent_to
@@ -219,20 +218,20 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path: Path) -
         names = [f"fake_long{kind}.csv" for kind in kinds]
         assert sorted(archive.namelist()) == sorted([*names, "fake_long.json"])
     for up in ("", "z"):
-        thread = export_beside(store.document, Export("trc", 7, up), sent_to.append)
+        thread = export_beside(store.document, "trc", 7, up, sent_to.append)
         assert thread is not None
         thread.join(300)
     flat, upright = (download.data.splitlines()[6].split() for download in sent_to[1:])
     assert upright[3] == flat[4], "what was z is y, up for those who read TRC"
-    assert export_beside(store.document, Export("init", 7), sent_to.append) is None
+    assert export_beside(store.document, "init", 7, "", sent_to.append) is None
     assert sent_to[3].name == f"fake_frame{store.document.frame}_init.json"
 
 
 def test_a_format_that_cannot_have_the_track_says_so(tmp_path: Path) -> None:
     store, said = tracked(opened(tmp_path)), []
     with pytest.raises(HandtrackError, match="no format 'xls' in --to; known: csv, csv-long"):
-        export_beside(store.document, Export("xls", 1), said.append)
-    thread = export_beside(store.document, Export("mp4", 1), said.append)
+        export_beside(store.document, "xls", 1, "", said.append)
+    thread = export_beside(store.document, "mp4", 1, "", said.append)
     assert thread is not None
     thread.join(300)
     assert (said[0].level, said[0].title) == ("error", "Not exported")

@@ -14,7 +14,8 @@ from handtrack_app.engine.posing import pin_edits
 from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
+from tests.app.calls import call
 from tests.app.engine.test_refine import _bends, _told
 from tests.app.engine.test_worker import Listener, _desk
 from tests.app.fake_run import FRAMES
@@ -42,9 +43,7 @@ def _pull(worker: Worker, listener: Listener, version: int, by=(0.0, -0.02, 0.01
     target = _tip(pose, worker.document) + by
     for n, camera in enumerate(("front", "side")):
         pixel = _pixel(worker.document, target, camera)
-        worker.send(
-            commands.SetPin(frame, camera, pixel, version + n, "index_tip", tag=f"drag {version}")
-        )
+        worker.engine.set_pin(frame, camera, pixel, version + n, "index_tip", tag=f"drag {version}")
     return target
 
 
@@ -60,7 +59,7 @@ def test_a_joint_that_is_pulled_in_two_pictures_comes_to_the_point(
         ("front", "index tip"), ("side", "index tip"),
     ]  # fmt: skip
     assert max(pin.off_px for pin in pose.pins) < 0.3
-    worker.send(commands.Undo(3))
+    worker.engine.undo(3)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 3)
     assert not pose.pins, "one drag is one step"
 
@@ -74,10 +73,10 @@ def test_a_pin_replaces_the_one_of_its_place_and_camera_and_is_dropped(
     _pull(worker, listener, 3, by=(0.0, 0.0, 0.01))
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 4)
     assert len(pose.pins) == 2
-    worker.send(commands.DropPins(3, 0, 5))
+    worker.engine.drop_pins(3, 0, 5)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
     assert [pin.camera for pin in pose.pins] == ["side"]
-    worker.send(commands.DropPins(3, None, 6))
+    worker.engine.drop_pins(3, None, 6)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 6)
     assert (pose.pins, pose.origin) == ((), "carried")
 
@@ -85,10 +84,10 @@ def test_a_pin_replaces_the_one_of_its_place_and_camera_and_is_dropped(
 def test_what_is_no_pin_is_refused_in_words(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
     for version, pin in enumerate((
-        commands.SetPin(3, "front", (float("nan"), 1.0), 1, "index_tip"),
-        commands.SetPin(3, "front", (1e9, 1.0), 2, "index_tip"),
-        commands.SetPin(3, "nowhere", (1.0, 1.0), 3, "index_tip"),
-        commands.SetPin(3, "front", (1.0, 1.0), 4, "wing"),
+        call("set_pin", 3, "front", (float("nan"), 1.0), 1, "index_tip"),
+        call("set_pin", 3, "front", (1e9, 1.0), 2, "index_tip"),
+        call("set_pin", 3, "nowhere", (1.0, 1.0), 3, "index_tip"),
+        call("set_pin", 3, "front", (1.0, 1.0), 4, "wing"),
     )):  # fmt: skip
         worker.send(pin)
         eventually(lambda n=version: len(_errors(listener)) == n + 1, "told")
@@ -105,19 +104,19 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
     desk: tuple[Worker, Listener],
 ) -> None:
     worker, listener = desk
-    worker.send(commands.Track(0, FRAMES, 3, anew=True))
+    worker.engine.track(0, FRAMES, 3, anew=True)
     eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked")
-    worker.send(commands.ShowFrame(8))
+    worker.engine.show_frame(8)
     _pull(worker, listener, 1, frame=8)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2 and p.origin == "pinned")
     pinned, before = worker.document.pose_at(8), _bends(worker)
     assert not worker.document.keyframes(range(FRAMES))
-    worker.send(commands.Refine())
+    worker.engine.refine()
     eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
     after = _bends(worker)
     assert {f for f in before if after[f] != before[f]} == {7, 8, 9}, "only what pins touch"
     assert worker.document.pose_at(8).tolist() != pinned.tolist(), "what was refined shows"
-    worker.send(commands.Undo(3))
+    worker.engine.undo(3)
     eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist(), "where pins led")
 
 

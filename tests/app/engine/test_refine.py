@@ -18,7 +18,7 @@ from handtrack_app.engine.job_words import Moved
 from handtrack_app.engine.posing.given import RefinedWith
 from handtrack_app.engine.store.tracks import whole_track
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener, _desk, _pose
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
@@ -43,7 +43,7 @@ def _bends(worker: Worker) -> dict[int, float]:
 
 def _tracked(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.Track(0, FRAMES, 3, anew=True))
+    worker.engine.track(0, FRAMES, 3, anew=True)
     eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked and refined")
 
 
@@ -56,7 +56,7 @@ def test_what_was_tracked_is_refined_as_a_take_of_its_own(desk: tuple[Worker, Li
     takes = Store(worker.document.run.session.folder / "tracks").takes()
     assert [take.about.by for take in takes] == ["handtrack open", "handtrack open, refined"]
     assert all(take.is_finished for take in takes)
-    worker.send(commands.Undo(1))
+    worker.engine.undo(1)
     eventually(lambda: _bends(worker) != refined, "undone")
     live = _bends(worker)
     assert [refined[f] - live[f] for f in live] == pytest.approx([BY] * FRAMES)
@@ -77,7 +77,7 @@ def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
         told = whole_track(worker.document).refinement
         assert told is not None and Refinement.read(told).scale == HandScale(1.07)
         assert takes[1].about.labels.refinement == told
-        worker.send(commands.Undo(1))
+        worker.engine.undo(1)
         eventually(lambda: worker.document.run.scale == live, "undone")  # noqa: B023
         assert whole_track(worker.document).refinement is None
 
@@ -86,13 +86,13 @@ def test_only_what_a_new_keyframe_touches_is_refined_again(desk: tuple[Worker, L
     worker, listener = desk
     _tracked(desk)
     before = _bends(worker)
-    worker.send(commands.SetPose(8, _pose(listener, index_mcp_flex=0.3), 1))
-    worker.send(commands.Refine())
+    worker.engine.set_pose(8, _pose(listener, index_mcp_flex=0.3), 1)
+    worker.engine.refine()
     eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
     after = _bends(worker)
     assert {f for f in before if after[f] != before[f]} == {7, 9}
-    worker.send(commands.SetSetting("tracker.smoothing", 0.5))
-    worker.send(commands.Refine())
+    worker.engine.set_setting("tracker.smoothing", 0.5)
+    worker.engine.refine()
     eventually(lambda: len(_told(listener, "Refined")) == 2, "refined again")
     last = _bends(worker)
     assert {f for f in before if last[f] != after[f]} == set(before) - {8}, "another setting"
@@ -100,7 +100,7 @@ def test_only_what_a_new_keyframe_touches_is_refined_again(desk: tuple[Worker, L
 
 def test_without_tracked_frames_there_is_nothing_to_refine(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.Refine())
+    worker.engine.refine()
     listener.wait(snapshots.Notice, lambda n: "There is nothing to refine" in n.text)
 
 

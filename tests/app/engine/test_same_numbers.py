@@ -15,7 +15,9 @@ from handtrack.session.session import Session
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.calls import Call
+from tests.app.calls import call
 from tests.app.command_line import FRAMES as COUNT
 from tests.app.command_line import small_recording
 
@@ -39,7 +41,7 @@ def folder(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 def tracked_by(
-    worker: Worker, seen: list[snapshots.Snapshot], order: commands.Track
+    worker: Worker, seen: list[snapshots.Snapshot], order: Call
 ) -> dict[int, FrameResult]:
     said = len(seen)
     worker.send(order)
@@ -64,7 +66,7 @@ def test_the_workbench_gives_the_numbers_of_a_headless_run(folder: Path) -> None
     worker = Worker(folder, seen.append)
     worker.start()
     assert worker.wait_opened(60.0) is None
-    everything = commands.Track(0, FRAMES.stop, first, anew=True)
+    everything = call("track", 0, FRAMES.stop, first, anew=True)
     try:
         once = tracked_by(worker, seen, everything)
         again = tracked_by(worker, seen, everything)  # not from what was tracked before
@@ -88,8 +90,8 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder: P
     assert worker.wait_opened(60.0) is None
     posed = run.model.joint_params(run.initial()[1])
     posed[run.model.parameter_names.index("index_mcp_flex")] += 0.0123456789
-    worker.send(commands.SetPose(0, tuple(posed), 1))
-    worker.send(commands.SavePose())
+    worker.engine.set_pose(0, tuple(posed), 1)
+    worker.engine.save_pose()
     until = time.monotonic() + 20
     while not any(isinstance(s, snapshots.Notice) and "saved" in s.title for s in seen):
         assert time.monotonic() < until, "not saved"

@@ -18,7 +18,6 @@ from handtrack_app.engine.document import Document
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.fake_run import fake_document
@@ -52,15 +51,15 @@ def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
         eventually(lambda: not panel.save.visible and not panel.back.visible, "nothing to save")
     assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
     assert control.value == 2.0
-    bench.send(commands.SetSetting("cloud.weight", 1.0))
+    bench.engine.set_setting("cloud.weight", 1.0)
     eventually(lambda: control.label == "Cloud •", "now the usual value is a change")
 
 
 def test_a_setting_without_effect_is_told_at_once(bench: Workbench) -> None:
     """The fake session has masks and no clouds."""
-    bench.send(commands.SetSetting("silhouettes.outline_sigma_mm", 2.0))
-    bench.send(commands.SetSetting("cloud.balance", 0.2))
-    bench.send(commands.SetSetting("solver.iterations", 20))
+    bench.engine.set_setting("silhouettes.outline_sigma_mm", 2.0)
+    bench.engine.set_setting("cloud.balance", 0.2)
+    bench.engine.set_setting("solver.iterations", 20)
 
     def told() -> list[str]:
         return [n.text for n in bench._unread if n.title == "About the settings"]
@@ -73,9 +72,9 @@ def test_a_setting_without_effect_is_told_at_once(bench: Workbench) -> None:
 def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
     path = bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
-    bench.send(commands.SetSetting("cloud.weight", 2.0))
-    bench.send(commands.Track(0, 12, 3))
-    bench.send(commands.SaveSettings())
+    bench.engine.set_setting("cloud.weight", 2.0)
+    bench.engine.track(0, 12, 3)
+    bench.engine.save_settings()
     eventually(
         lambda: any("fixed while tracking" in notice.text for notice in bench._unread), "told"
     )

@@ -10,7 +10,7 @@ import pytest
 
 from handtrack.model.articulated import HandScale
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener, _desk, _pose
 from tests.app.fake_run import FRAMES, FakeRun
 from tests.app.waiting import eventually
@@ -19,7 +19,7 @@ from tests.app.waiting import eventually
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
     for worker, listener in _desk(tmp_path, size_pending=True, step_s=0.0):
-        worker.send(commands.SetSetting("model.fit_size", "later"))
+        worker.engine.set_setting("model.fit_size", "later")
         yield worker, listener
 
 
@@ -34,8 +34,8 @@ def _finished(listener: Listener) -> int:
 
 def test_the_size_is_fitted_after_tracking_and_offered(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.SetPose(8, _pose(listener, index_mcp_flex=0.3), 1))
-    worker.send(commands.Track(0, FRAMES, 3, anew=True))
+    worker.engine.set_pose(8, _pose(listener, index_mcp_flex=0.3), 1)
+    worker.engine.track(0, FRAMES, 3, anew=True)
     offer = _offered(listener)
     assert (offer.size, offer.offered_size, offer.size_pending) == (1.0, 1.1, True)
     titles = [s.title for s in listener.seen if isinstance(s, snapshots.Notice)]
@@ -43,7 +43,7 @@ def test_the_size_is_fitted_after_tracking_and_offered(desk: tuple[Worker, Liste
     listener.wait(snapshots.Notice, lambda n: "it was tracked with 1.00" in n.text)
     assert worker.document.run.scale == HandScale(1.0), "what was tracked keeps its size"
 
-    worker.send(commands.TakeSize(8))
+    worker.engine.take_size(8)
     listener.wait(snapshots.SessionSnapshot, lambda s: s.size == 1.1)
     eventually(lambda: _finished(listener) == 2, "everything is tracked again")
     document = worker.document
@@ -60,18 +60,18 @@ def test_the_forearm_that_was_found_with_the_size_is_taken_with_it(
     worker, listener = desk
     found = replace(worker.document.run, forearm=True).with_scale(HandScale(1.1))
     monkeypatch.setattr(FakeRun, "fit_size", lambda *_, **__: found)
-    worker.send(commands.Track(0, FRAMES, 3))
+    worker.engine.track(0, FRAMES, 3)
     _offered(listener)
     assert not worker.document.run.forearm
-    worker.send(commands.TakeSize(3))
+    worker.engine.take_size(3)
     listener.wait(snapshots.SessionSnapshot, lambda s: "wrist_flex" in s.parameter_names)
     assert worker.document.run.scale == HandScale(1.1)
 
 
 def test_a_single_frame_fits_nothing(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.TakeSize(3))
+    worker.engine.take_size(3)
     listener.wait(snapshots.Notice, lambda n: "No size was fitted" in n.text)
-    worker.send(commands.Track(0, 1, 0))  # a single frame tells no size
+    worker.engine.track(0, 1, 0)  # a single frame tells no size
     listener.wait(snapshots.Notice, lambda n: n.title == "Frame 0 is fitted")
     assert worker.document.offered_scale is None

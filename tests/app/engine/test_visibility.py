@@ -7,7 +7,8 @@ from pathlib import Path
 
 from handtrack_app.engine.opening import nothing_seen, open_document
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
+from tests.app.calls import call
 from tests.app.cloudy_session import cloudy_session
 from tests.app.engine.test_worker import Listener
 
@@ -26,7 +27,7 @@ def test_images_alone_are_told_and_neither_searched_nor_tracked(tmp_path: Path) 
     worker.start()
     told = listener.wait(snapshots.Notice, lambda n: n.title == "Nothing to track by yet", 30.0)
     assert "neither masks nor clouds" in told.text
-    for command in (commands.FindHand(0), commands.Track(0, 2, 0)):
+    for command in (call("find_hand", 0), call("track", 0, 2, 0)):
         listener.seen.clear()
         worker.send(command)
         refused = listener.wait(snapshots.Notice, lambda n: n.level == "error")

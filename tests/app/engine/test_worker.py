@@ -17,9 +17,11 @@ import pytest
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import jobs
-from handtrack_app.engine.worker import Worker, _kind
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.calls import Call
 from handtrack_app.protocol.mailbox import Mailbox
+from tests.app.calls import call
 from tests.app.fake_run import FRAMES, FakeRun, fake_document
 
 
@@ -71,15 +73,6 @@ def _pose(listener: Listener, **changes: float) -> tuple[float, ...]:
     return tuple(float(v) for v in values.values())
 
 
-def test_commands_are_picklable() -> None:
-    sent = [
-        commands.ShowFrame(3), commands.SetPose(1, (0.0, 1.0), 2), commands.TakePose(1, "start", 2), commands.ForgetPose(1, 2), commands.SavePose(),
-        commands.Track(0, 9, 3), commands.FitSize(), commands.TakeSize(3), commands.Follow(True), commands.PullPlace(1, (0.0, 0.1, 0.2), 3, "index_tip"), commands.Pause(True), commands.Cancel(), commands.SetSetting("model.coupling", "21"),
-        commands.SetLimits("index_mcp_flex", (0.0, 1.0)), commands.SetShape("palm_breadth", 2.0), commands.WantPictures(True, "plain"), commands.Export("csv", 1), commands.SaveTrack(),
-    ]  # fmt: skip
-    assert [pickle.loads(pickle.dumps(c)) for c in sent] == sent
-
-
 def test_opening_shows_the_session_and_its_first_pose(desk: tuple[Worker, Listener]) -> None:
     session = desk[1].wait(snapshots.SessionSnapshot)
     pose = desk[1].wait(snapshots.PoseSnapshot)
@@ -90,15 +83,18 @@ def test_opening_shows_the_session_and_its_first_pose(desk: tuple[Worker, Listen
 
 
 def test_newest_pose_and_frame_win_and_nothing_else_is_dropped() -> None:
-    box: Mailbox[Any] = Mailbox(_kind)
+    box: Mailbox[Call] = Mailbox(lambda c: c.key)
     for version in range(5):
-        box.put(commands.SetPose(0, (), version))
-        box.put(commands.ShowFrame(version))
-        box.put(commands.Export("csv", version))
+        box.put(call("set_pose", 0, (), version))
+        box.put(call("show_frame", version))
+        box.put(call("export", "csv", version))
     kept = [box.take(0.0) for _ in range(len(box))]
-    assert [c.version for c in kept if isinstance(c, commands.SetPose)] == [4]
-    assert [c.frame for c in kept if isinstance(c, commands.ShowFrame)] == [4]
-    assert [c.client_id for c in kept if isinstance(c, commands.Export)] == [0, 1, 2, 3, 4]
+    assert [(c.name, *c.arguments.values()) for c in kept if c is not None] == [
+        *(("export", "csv", n) for n in range(4)),
+        ("set_pose", 0, (), 4),
+        ("show_frame", 4),
+        ("export", "csv", 4),
+    ]
 
 
 def test_the_newest_progress_of_each_state_is_told_however_late() -> None:
@@ -111,10 +107,8 @@ def test_the_newest_progress_of_each_state_is_told_however_late() -> None:
 
 def test_a_pose_is_moved_into_its_limits(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(
-        commands.SetPose(
-            3, _pose(listener, index_mcp_flex=50.0, root_tx=1e30, root_ty=float("nan")), 1
-        )
+    worker.engine.set_pose(
+        3, _pose(listener, index_mcp_flex=50.0, root_tx=1e30, root_ty=float("nan")), 1
     )
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
     session = listener.wait(snapshots.SessionSnapshot)
@@ -126,14 +120,14 @@ def test_a_pose_is_moved_into_its_limits(desk: tuple[Worker, Listener]) -> None:
 
 def test_a_pose_of_a_wrong_length_changes_nothing(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.SetPose(3, (1.0, 2.0), 1))
+    worker.engine.set_pose(3, (1.0, 2.0), 1)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
     np.testing.assert_allclose(pose.values, listener.wait(snapshots.PoseSnapshot).values)
 
 
 def test_tracking_gives_every_frame_and_then_is_idle(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.Track(0, FRAMES, 3))
+    worker.engine.track(0, FRAMES, 3)
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
     strip = listener.wait(snapshots.TimelineSnapshot, lambda s: (s.status >= 0).all())
     assert strip.status[7] == 1
@@ -145,9 +139,9 @@ def test_tracking_gives_every_frame_and_then_is_idle(desk: tuple[Worker, Listene
 
 def test_cancel_takes_effect_within_the_frame_under_way(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, stuck=lambda frame: frame == 5):
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
-        worker.send(commands.Cancel())
+        worker.engine.cancel()
         listener.wait(snapshots.Notice, lambda n: n.title == "Cancelled")
         assert sorted(worker.document.results) == [3, 4]
 
@@ -155,26 +149,26 @@ def test_cancel_takes_effect_within_the_frame_under_way(tmp_path: Path) -> None:
 def test_pause_holds_and_goes_on(tmp_path: Path) -> None:
     held = threading.Event()
     for worker, listener in _desk(tmp_path, stuck=lambda frame: frame == 5 and not held.is_set()):
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
-        worker.send(commands.Pause(True))
+        worker.engine.pause(True)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "paused")
         held.set()
         time.sleep(0.3)
         assert sorted(worker.document.results) == [3, 4]
-        worker.send(commands.Pause(False))
+        worker.engine.pause(False)
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
 
 
 def test_posing_goes_on_while_tracking(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, stuck=lambda _: True):
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         for version in (1, 2, 3):  # none of them waits for a frame
             values = _pose(listener, index_mcp_flex=0.01 * version)
-            worker.send(commands.SetPose(5, values, version))
+            worker.engine.set_pose(5, values, version)
             listener.wait(snapshots.PoseSnapshot, lambda p, v=version: p.version == v)
         assert worker.busy
-        worker.send(commands.Cancel())
+        worker.engine.cancel()
 
 
 def test_a_job_waits_while_somebody_moves_the_hand(
@@ -195,43 +189,43 @@ def test_a_job_waits_while_somebody_moves_the_hand(
 def test_a_drag_holds_the_job_and_stays_in_sight(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, stuck=lambda _: True):
         held: list[int] = []
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("tracking", "preparing"))
         session = worker._session
         assert session is not None
         session.jobs.give_way = partial(held.append, 1)  # type: ignore[method-assign]
-        worker.send(commands.SetPin(3, "front", (40.0, 40.0), 1, "index_tip"))
+        worker.engine.set_pin(3, "front", (40.0, 40.0), 1, "index_tip")
         assert held and not session.jobs.follow, "what is tracked is not shown over it"
-        worker.send(commands.Cancel())
+        worker.engine.cancel()
 
 
 def test_an_error_of_the_user_comes_in_words(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.SetSetting("silhouettes.wieght", 2.0))
+    worker.engine.set_setting("silhouettes.wieght", 2.0)
     notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
     assert notice.text.startswith("no setting 'silhouettes.wieght'; known: ")
-    worker.send(commands.Track(500, 600, 3))
+    worker.engine.track(500, 600, 3)
     listener.wait(snapshots.Notice, lambda n: n.text.startswith("No frames to track: 500 to 600"))
 
 
 def test_a_mistake_of_ours_ends_the_job_and_not_the_worker(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, broken=True):
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
         assert "ValueError: a mistake of ours" in notice.text
         assert "Traceback" not in notice.text
-        worker.send(commands.SetPose(3, _pose(listener), 7))
+        worker.engine.set_pose(3, _pose(listener), 7)
         listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 7)
 
 
 def test_settings_stay_fixed_while_tracking(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, stuck=lambda _: True):
-        worker.send(commands.Track(0, FRAMES, 3))
-        worker.send(commands.SetSetting("model.coupling", "21"))
+        worker.engine.track(0, FRAMES, 3)
+        worker.engine.set_setting("model.coupling", "21")
         listener.wait(
             snapshots.Notice, lambda n: n.text.startswith("Settings stay fixed while tracking runs")
         )
-        worker.send(commands.Cancel())
+        worker.engine.cancel()
 
 
 def test_a6_a_disk_that_is_full_when_tracking_ends_is_told_and_the_page_goes_on(
@@ -243,17 +237,17 @@ def test_a6_a_disk_that_is_full_when_tracking_ends_is_told_and_the_page_goes_on(
     is_full = threading.Event()
     for worker, listener in _desk(tmp_path, stuck=lambda f: f == 5 and not is_full.is_set()):
         with monkeypatch.context() as patch:
-            worker.send(commands.Track(0, FRAMES, 3))
+            worker.engine.track(0, FRAMES, 3)
             listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
             patch.setattr("os.write", full)
             is_full.set()
             notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
             assert "could not be written (No space left on device)" in notice.text
             listener.wait(snapshots.Notice, lambda n: "save the track once there is room" in n.text)
-            worker.send(commands.ShowFrame(2))
+            worker.engine.show_frame(2)
             listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 2)
         assert not worker.busy
-        worker.send(commands.SaveTrack())
+        worker.engine.save_track()
         listener.wait(snapshots.Notice, lambda n: n.title == "Track saved")
 
 
@@ -262,14 +256,14 @@ def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(
 ) -> None:
     with_arm, is_saved = load_model("hand26", forearm=True), threading.Event()
     for worker, listener in _desk(tmp_path, stuck=lambda f: f == 5 and not is_saved.is_set()):
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.done == 2)
         monkeypatch.setattr(
             FakeRun,
             "with_arm_in_view",
             lambda run, *_: replace(run, model=with_arm, forearm=True),
         )
-        worker.send(commands.SavePose())
+        worker.engine.save_pose()
         listener.wait(snapshots.Notice, lambda n: n.title == "First-frame pose saved")
         is_saved.set()
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
@@ -277,7 +271,7 @@ def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(
             s for s in listener.seen if isinstance(s, snapshots.Notice) and s.level == "error"
         ]
         assert len(worker.document.results) == FRAMES
-        worker.send(commands.SavePose())  # now it may
+        worker.engine.save_pose()  # now it may
         listener.wait(
             snapshots.SessionSnapshot,
             lambda s: s.parameter_names == with_arm.parameter_names,
@@ -286,12 +280,12 @@ def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(
 
 def test_a_coupling_makes_joints_follow(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.SetSetting("model.coupling", "21"))
+    worker.engine.set_setting("model.coupling", "21")
     session = listener.wait(snapshots.SessionSnapshot, lambda s: bool(s.driven))
     assert set(session.driven) == {"thumb_ip_flex"} | {
         f"{f}_dip_flex" for f in ("index", "middle", "ring", "little")
     }
-    worker.send(commands.SetPose(3, _pose(listener, index_pip_flex=0.6), 9))
+    worker.engine.set_pose(3, _pose(listener, index_pip_flex=0.6), 9)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 9)
     values = dict(zip(session.parameter_names, pose.values, strict=True))
     assert values["index_pip_flex"] == pytest.approx(0.6)
@@ -300,16 +294,16 @@ def test_a_coupling_makes_joints_follow(desk: tuple[Worker, Listener]) -> None:
 
 def test_limits_are_live(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
-    worker.send(commands.SetLimits("index_mcp_flex", (0.0, 0.2)))
+    worker.engine.set_limits("index_mcp_flex", (0.0, 0.2))
     session = listener.wait(
         snapshots.SessionSnapshot, lambda s: not np.array_equal(s.interval, s.own_interval)
     )
     index = session.parameter_names.index("index_mcp_flex")
     np.testing.assert_allclose(session.interval[index], [0.0, 0.2])
-    worker.send(commands.SetPose(3, _pose(listener, index_mcp_flex=1.0), 4))
+    worker.engine.set_pose(3, _pose(listener, index_mcp_flex=1.0), 4)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 4)
     assert pose.values[index] == pytest.approx(0.2)
-    worker.send(commands.SetLimits("index_mcp_flex", None))
+    worker.engine.set_limits("index_mcp_flex", None)
     listener.wait(
         snapshots.SessionSnapshot,
         lambda s: s is not session and np.array_equal(s.interval, s.own_interval),
@@ -327,12 +321,12 @@ def test_a_folder_that_is_no_session_is_told_in_words(tmp_path: Path) -> None:
 
 def test_the_size_is_fitted_before_the_first_tracking(tmp_path: Path) -> None:
     for worker, listener in _desk(tmp_path, size_pending=True):
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.Notice, lambda n: n.title == "Size fitted")
         listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert listener.wait(snapshots.SessionSnapshot, lambda s: "size 1.10" in s.model)
-        worker.send(commands.Track(0, FRAMES, 3))
-        worker.send(commands.Cancel())
+        worker.engine.track(0, FRAMES, 3)
+        worker.engine.cancel()
         fitted = [
             s for s in listener.seen if isinstance(s, snapshots.Notice) and s.title == "Size fitted"
         ]
@@ -348,7 +342,7 @@ def test_a_joint_can_be_pulled(desk: tuple[Worker, Listener], joint: str) -> Non
     )
     held = session.joint_names.index(joint)
     target = before.joints[held] + np.array([0.0, -0.01, -0.02])
-    worker.send(commands.PullPlace(3, tuple(target.tolist()), 5, joint))
+    worker.engine.pull_place(3, tuple(target.tolist()), 5, joint)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
     assert np.linalg.norm(pose.joints[held] - target) < 0.008
     others = [i for i, name in enumerate(session.parameter_names) if not name.startswith("index")]
@@ -358,7 +352,7 @@ def test_a_joint_can_be_pulled(desk: tuple[Worker, Listener], joint: str) -> Non
 def test_a_pose_of_the_library_moves_the_fingers_only(desk: tuple[Worker, Listener]) -> None:
     worker, listener = desk
     before = listener.wait(snapshots.PoseSnapshot)
-    worker.send(commands.TakePose(3, "fist", 5))
+    worker.engine.take_pose(3, "fist", 5)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
     np.testing.assert_allclose(pose.values[:6], before.values[:6])
     assert pose.values[session_index(listener, "index_pip_flex")] > 1.0
@@ -374,8 +368,8 @@ def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_
         document = worker.document
         assert document is not None
         document.run = replace(document.run, first=None)
-        worker.send(commands.SetPose(5, _pose(listener, index_mcp_flex=0.3), 1))
-        worker.send(commands.Track(0, FRAMES, 5, anew=True))
+        worker.engine.set_pose(5, _pose(listener, index_mcp_flex=0.3), 1)
+        worker.engine.track(0, FRAMES, 5, anew=True)
         told = listener.wait(
             snapshots.ProgressSnapshot, lambda p: "5 of 10 frames tracked" in p.text
         )
@@ -390,10 +384,10 @@ def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_
 def test_a_pose_that_does_not_fit_is_asked_about_before_it_is_the_first(tmp_path: Path) -> None:
     beside = Reason("beside", camera="front", number=900.0, other=0.76)
     for worker, listener in _desk(tmp_path, doubt=beside):
-        worker.send(commands.SavePose())
+        worker.engine.save_pose()
         listener.wait(snapshots.Notice, lambda n: n.level == "warning" and "900" in n.text)
         assert not (tmp_path / "init.json").exists()
-        worker.send(commands.SavePose())
+        worker.engine.save_pose()
         listener.wait(snapshots.Notice, lambda n: n.title == "First-frame pose saved")
         assert (tmp_path / "init.json").exists()
 
@@ -401,9 +395,9 @@ def test_a_pose_that_does_not_fit_is_asked_about_before_it_is_the_first(tmp_path
 def test_cancelling_the_size_does_not_wait_for_it(tmp_path: Path) -> None:
     go_on = threading.Event()
     for worker, listener in _desk(tmp_path, size_pending=True, sizing=lambda: go_on.wait(60.0)):
-        worker.send(commands.Track(0, FRAMES, 3))
+        worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "preparing")
-        worker.send(commands.Cancel())
+        worker.engine.cancel()
         listener.wait(snapshots.Notice, lambda n: n.title == "Cancelled")
         assert not go_on.is_set(), "it waited until the size was fitted"
         go_on.set()

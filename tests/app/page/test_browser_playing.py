@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handtrack_app.protocol import commands
+from handtrack_app.protocol.calls import Call
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.page.test_browser import browsing
@@ -36,7 +36,7 @@ SAMPLE = """() => {
 def test_a_slow_page_shows_all_of_one_frame(tmp_path: Path) -> None:
     bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.0))
     with browsing(bench, size=(1280, 800)) as view:
-        bench.send(commands.Track(0, FRAMES, 3))
+        bench.engine.track(0, FRAMES, 3)
         eventually(lambda: np.all(bench.layout.timeline.strip.status >= 0), "tracked")
         bench.page.go_to(5)
         eventually(lambda: bench.stage.pose.frame == 5, "another frame")
@@ -67,10 +67,10 @@ def test_no_more_than_two_frames_are_on_their_way(tmp_path: Path) -> None:
             eventually(lambda: bench.state.editor is not None, "it edits")
             asked, send = list[int](), bench.worker.send
 
-            def sent(command: commands.Command) -> None:
-                if isinstance(command, commands.ShowFrame):
-                    asked.append(command.frame)
-                send(command)
+            def sent(call: Call) -> None:
+                if call.name == "show_frame":
+                    asked.append(call.arguments["frame"])
+                send(call)
 
             bench.worker.send = sent
             bench.page.play(True)

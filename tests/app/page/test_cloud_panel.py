@@ -10,7 +10,6 @@ from handtrack.errors import HandtrackError
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
@@ -25,10 +24,14 @@ def test_pictures_are_offered_where_there_are_some(page: Workbench) -> None:
     picture = panel.widgets["picture"]
     assert picture.options == ("cameras and points", "stereo match", "none")
     document.saved_clouds = None
-    page.send(commands.RestoreClouds())
+    page.engine.restore_clouds()
     eventually(lambda: picture.options == ("stereo match", "none"), "no points to show")
     eventually(lambda: picture.value == "none", "nothing is shown")
-    page.send(commands.SetClouds((("stereo", (("cam0", "cam1"),)),)))
+    page.engine.set_clouds(
+        {
+            "stereo": (("cam0", "cam1"),),
+        }
+    )
     eventually(lambda: picture.value == "cameras and points", "as it was")
 
 
@@ -71,7 +74,7 @@ def test_nothing_stands_before_the_image_while_a_box_is_dragged(page: Workbench)
         eventually(
             lambda: not wide.value and not page.state.display.cloud_wide, "no picture either"
         )
-        page.send(commands.ShowFrame(1))
+        page.engine.show_frame(1)
         eventually(lambda: page.state.frame == 1, "another frame")
         assert shown() == {False}
         client.set_value(page.layout.session.view, "Hand")

@@ -31,7 +31,7 @@ from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud_filters import CROP, STEREO, THIN
 from handtrack_app.page.scene.camera_view import pixel_box
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import FilterCount
 from handtrack_app.workbench import Workbench
@@ -62,9 +62,9 @@ def count(cloud: snapshots.CloudSnapshot, name: str) -> FilterCount:
 
 def test_nothing_is_made_that_nobody_wants(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.ShowFrame(1))
+    worker.engine.show_frame(1)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 1)
-    worker.send(commands.WantSurface(True))
+    worker.engine.want_surface(True)
     listener.wait(snapshots.SurfaceSnapshot)
     kinds = {type(s) for s in listener.seen}
     assert not kinds & {snapshots.CloudSnapshot, snapshots.CloudPicture}
@@ -72,7 +72,7 @@ def test_nothing_is_made_that_nobody_wants(desk: Desk) -> None:
 
 def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.WantCloud(points=True, dropped=True))
+    worker.engine.want_cloud(points=True, dropped=True)
     cloud = listener.wait(snapshots.CloudSnapshot)
     document = worker.document
     assert document is not None
@@ -90,21 +90,26 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk: De
 
 def test_the_distance_follows_the_pose(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.WantCloud(points=True))
+    worker.engine.want_cloud(points=True)
     listener.wait(snapshots.CloudSnapshot)
     pose = listener.wait(snapshots.PoseSnapshot)
     values = pose.values.copy()
     values[2] += 0.004
-    worker.send(commands.SetPose(0, tuple(values.tolist()), 1))
+    worker.engine.set_pose(0, tuple(values.tolist()), 1)
     moved = listener.wait(snapshots.CloudSnapshot, lambda c: np.abs(c.residual_mm).max() > 3.0)
     assert 3.5 < np.quantile(np.abs(moved.residual_mm), 0.95) < 4.5
 
 
 def test_filters_are_live_with_counts(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.WantCloud(points=True))
+    worker.engine.want_cloud(points=True)
     first = listener.wait(snapshots.CloudSnapshot)
-    worker.send(commands.SetClouds((("crop_m", False), ("voxel_m", 0.008))))
+    worker.engine.set_clouds(
+        {
+            "crop_m": False,
+            "voxel_m": 0.008,
+        }
+    )
     second = listener.wait(
         snapshots.CloudSnapshot, lambda c: count(c, "voxel").text.endswith("8 mm")
     )
@@ -137,7 +142,12 @@ def test_a_setting_that_cannot_be_changes_nothing(values: dict[str, Any], words:
 
 def test_settings_come_back_and_are_saved_with_the_file_kept(desk: Desk) -> None:
     worker, listener, folder = desk
-    worker.send(commands.SetClouds((("crop_m", 0.05), ("outlier_neighbours", False))))
+    worker.engine.set_clouds(
+        {
+            "crop_m": 0.05,
+            "outlier_neighbours": False,
+        }
+    )
     listener.wait(snapshots.CloudCard, lambda c: c.unsaved)
     worker.stop()
     assert (folder / "session.toml").read_text() == SETTINGS
@@ -147,7 +157,7 @@ def test_settings_come_back_and_are_saved_with_the_file_kept(desk: Desk) -> None
     worker.start()
     card = again.wait(snapshots.CloudCard)
     assert (card.values["crop_m"], card.values["outlier_neighbours"]) == (0.05, None)
-    worker.send(commands.SaveClouds())
+    worker.engine.save_clouds()
     said = again.wait(snapshots.Notice, lambda n: n.title == "Clouds' settings saved")
     assert "crop_m, outlier_neighbours" in said.text
     text = (folder / "session.toml").read_text()
@@ -155,9 +165,13 @@ def test_settings_come_back_and_are_saved_with_the_file_kept(desk: Desk) -> None
     assert tomllib.loads(text)["clouds"]["voxel_m"] == 0.003
     (kept,) = (folder / "versions").iterdir()
     assert kept.read_text() == SETTINGS
-    worker.send(commands.SetClouds((("crop_m", 0.2),)))
+    worker.engine.set_clouds(
+        {
+            "crop_m": 0.2,
+        }
+    )
     again.wait(snapshots.CloudCard, lambda c: c.unsaved == ("crop_m",))
-    worker.send(commands.RestoreClouds())
+    worker.engine.restore_clouds()
     again.wait(snapshots.CloudCard, lambda c: not c.unsaved and c.values["crop_m"] == 0.05)
     worker.stop()
     assert not open_document(folder, {}).unsaved_clouds
@@ -165,25 +179,29 @@ def test_settings_come_back_and_are_saved_with_the_file_kept(desk: Desk) -> None
 
 def test_the_skins_colour_is_taken_from_a_box(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.SetClouds((("crop_m", False),)))
-    worker.send(commands.WantCloud(points=True))
-    worker.send(commands.SampleSkin(0, "cam0", BOX, 3.0))
+    worker.engine.set_clouds(
+        {
+            "crop_m": False,
+        }
+    )
+    worker.engine.want_cloud(points=True)
+    worker.engine.sample_skin(0, "cam0", BOX, 3.0)
     cloud = listener.wait(
         snapshots.CloudSnapshot, lambda c: any(f.name == "skin" for f in c.counts)
     )
     assert count(cloud, "skin").after == HAND  # the wall is of another colour
-    worker.send(commands.SampleSkin(0, "cam0", (0, 0, 2, 2), 3.0))
+    worker.engine.sample_skin(0, "cam0", (0, 0, 2, 2), 3.0)
     notice = listener.wait(snapshots.Notice, lambda n: n.level == "error")
     assert "at least 20 sampled pixels" in notice.text
 
 
 def test_pictures_of_cameras_and_of_a_pair(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.WantCloud(picture="images"))
+    worker.engine.want_cloud(picture="images")
     plain = listener.wait(snapshots.CloudPicture)
     assert plain.image.shape[1:] == (620, 3)
     assert (plain.image == np.uint8([240, 228, 66])).all(axis=2).sum() > 300  # points that stay
-    worker.send(commands.WantCloud(picture="stereo", wide=True))
+    worker.engine.want_cloud(picture="stereo", wide=True)
     large = listener.wait(snapshots.CloudPicture, lambda p: p.wide)
     assert large.image.shape[1:] == (1240, 3)
     assert "pixels matched" in large.words
@@ -192,7 +210,7 @@ def test_pictures_of_cameras_and_of_a_pair(desk: Desk) -> None:
 
 def test_the_surface_is_the_solvers(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.WantSurface(True))
+    worker.engine.want_surface(True)
     mesh = listener.wait(snapshots.SurfaceSnapshot)
     model = load_model("hand26")
     off = MetaballSurface.of(model).distance(model.bones(start()), mesh.vertices.astype(float))
@@ -202,7 +220,7 @@ def test_the_surface_is_the_solvers(desk: Desk) -> None:
 
 def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None:
     worker, listener, folder = desk
-    worker.send(commands.Track(0, 2, 0))
+    worker.engine.track(0, 2, 0)
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished", 60.0)
     strip = [s for s in listener.seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
     assert {"cloud→model", "model→cloud", "priors"} <= set(strip.terms)
@@ -219,7 +237,7 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk: Desk) -> None
 
 def test_a_simpler_hand_is_said(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.send(commands.Track(0, 2, 0))
+    worker.engine.track(0, 2, 0)
     listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished", 60.0)
     document = worker.document
     assert document is not None
@@ -227,7 +245,7 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     reason = Reason("poor cloud", part="glove9", number=0.4, other=0.7)
     held = replace(whole, status=Status.DOUBTFUL, reason=reason)
     show_results(document, [held])
-    worker.send(commands.ShowFrame(1))
+    worker.engine.show_frame(1)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 1 and p.note)
     assert pose.note.startswith("Fingers held. Poor cloud: 40 % of the hand in view was measured")
     assert "1 with the fingers held" in summary(
@@ -267,10 +285,14 @@ def test_a_cloud_that_is_no_more_is_gone(page: Workbench) -> None:
     document, view = page.worker.document, page.stage.cloud
     assert document is not None
     document.saved_clouds = None
-    page.send(commands.RestoreClouds())
+    page.engine.restore_clouds()
     scene = page.layout.cloud.scene
     eventually(lambda: not view.points.visible and not scene.visible, "hidden")
-    page.send(commands.SetClouds((("stereo", (("cam0", "cam1"),)),)))
+    page.engine.set_clouds(
+        {
+            "stereo": (("cam0", "cam1"),),
+        }
+    )
     eventually(lambda: bool(scene.visible), "clouds of the pair")
     assert page.layout.cloud.card is not None
     assert page.layout.cloud.card.source == "stereo"
@@ -297,7 +319,7 @@ def test_the_hand_follows_a_slider_with_cloud_and_surface(page: Workbench) -> No
 def test_another_model_takes_the_hands_place(page: Workbench) -> None:
     with WireClient(page.url) as client:
         for place, (name, bones) in enumerate((("glove9", 3), ("ball6", 1), ("hand26", 25))):
-            page.send(commands.SetSetting("model.name", name))
+            page.engine.set_setting("model.name", name)
             eventually(
                 lambda bones=bones: (
                     page.stage.hand is not None and len(page.stage.hand.bone_length) == bones

@@ -9,7 +9,7 @@ import pytest
 
 from handtrack_app.engine.review.live_score import LiveScore
 from handtrack_app.engine.tuning import refit
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_through import Browser
@@ -97,7 +97,7 @@ def test_space_flips_and_all_of_the_page_says_so(bench: Workbench) -> None:
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
         before, panel = _pose(bench), bench.layout.pose
-        bench.send(commands.TakePose(3, "fist", bench.state.begin_edit()))
+        bench.engine.take_pose(3, "fist", bench.state.begin_edit())
         eventually(lambda: _pose(bench).origin == "set" and panel.sliders["index_pip_flex"].value > 90, "a fist")  # fmt: skip
         fist = _pose(bench)
         page.press("Flip: the pose before the last step, and as it is")
@@ -117,7 +117,7 @@ def test_space_flips_and_all_of_the_page_says_so(bench: Workbench) -> None:
 def test_a_pose_is_copied_pasted_and_mirrored_by_keys(bench: Workbench) -> None:
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
-        bench.send(commands.TakePose(3, "point", bench.state.begin_edit()))
+        bench.engine.take_pose(3, "point", bench.state.begin_edit())
         panel = bench.layout.pose  # what it shows is copied
         eventually(lambda: panel.pose is not None and panel.pose.origin == "set", "pointing")
         point = _pose(bench)
@@ -125,7 +125,7 @@ def test_a_pose_is_copied_pasted_and_mirrored_by_keys(bench: Workbench) -> None:
         eventually(lambda: "frame 3" in panel.copies.line.content, "told")
         bench.go_to(9)
         eventually(lambda: _pose(bench).frame == 9, "another frame")
-        bench.send(commands.TakePose(9, "fist", bench.state.begin_edit()))
+        bench.engine.take_pose(9, "fist", bench.state.begin_edit())
         eventually(lambda: _pose(bench).frame == 9 and _pose(bench).origin == "set", "a fist there")
         page.press("Paste the pose that was copied")
         eventually(lambda: np.allclose(_pose(bench).values, point.values, atol=1e-9), "pasted")
@@ -148,7 +148,7 @@ def test_the_switch_refits_the_frame_that_is_shown(
         page.press("Refit while tuning: on, off")
         boxes = bench.layout.settings.refits.boxes
         eventually(lambda: [box.value for box in boxes] == [True, True], "both tabs show it")
-        bench.send(commands.SetSetting("cloud.balance", 0.8))
+        bench.engine.set_setting("cloud.balance", 0.8)
         eventually(lambda: _pose(bench).origin == "refitted", "refitted")
         eventually(lambda: "refitted" in bench.layout.pose.card.content, "and the card says so")
 
@@ -173,5 +173,5 @@ def test_overlap_stands_beside_a_camera_of_the_pose_shown_alone(
             return wall is not None and wall.labels["front"].text == "front  0.87"
 
         eventually(named, "there, too")
-        bench.send(commands.TakePose(3, "fist", bench.state.begin_edit()))
+        bench.engine.take_pose(3, "fist", bench.state.begin_edit())
         eventually(lambda: labels["front"].text == "front", "of another pose nothing is told")

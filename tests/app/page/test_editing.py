@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -122,9 +121,7 @@ def test_each_page_looks_through_a_camera_of_its_own(bench: Workbench) -> None:
 
 
 def wished(bench: Workbench) -> tuple[tuple[str, str], ...]:
-    wish = bench._wished[commands.WantPictures]
-    assert isinstance(wish, commands.WantPictures)
-    return wish.screens
+    return bench.stage.looking.pictures(None)
 
 
 def _shown(client: WireClient, node: str) -> bool | None:

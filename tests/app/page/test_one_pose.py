@@ -18,7 +18,7 @@ from handtrack_app.page.panels.pose import unit_of
 from handtrack_app.page.scene import moments
 from handtrack_app.page.scene.moments import Moments
 from handtrack_app.page.time.lanes import cursor_picture
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.page.test_through import Browser
@@ -154,7 +154,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
     bench.stage.looking.set_paint(page.number, "plain")
     page.press("Look through front")
     eventually(lambda: bench.stage.looking.anyone, "it looks through a camera")
-    bench.send(commands.Track(0, FRAMES, 3))
+    bench.engine.track(0, FRAMES, 3)
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     for turn in range(30):
         if turn % 10 == 0:
@@ -166,7 +166,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
             bench.page.go_to(turn % FRAMES)
         time.sleep(0.03)
     bench.page.play(False)
-    bench.send(commands.Cancel())
+    bench.engine.cancel()
     eventually(lambda: bench.layout.tracking.progress.state == "idle", "it rests")
     bench.page.go_to(4)
     eventually(lambda: bench.stage.pose is not None and bench.stage.pose.frame == 4, "frame 4")

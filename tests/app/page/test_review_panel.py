@@ -6,7 +6,6 @@ import numpy as np
 
 from handtrack_app.page.panels.pose_card import pose_card
 from handtrack_app.page.time.review import here_words, row_words, undoubted
-from handtrack_app.protocol import commands
 from handtrack_app.protocol.timeline import StretchCard, TimelineSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
@@ -15,7 +14,7 @@ from tests.app.wire import WireClient
 
 
 def _tracked(bench: Workbench) -> None:
-    bench.send(commands.Track(0, FRAMES, 3))
+    bench.engine.track(0, FRAMES, 3)
     eventually(lambda: len(bench.layout.review.stretches) == 1, "frame 7 is doubtful")
     eventually(lambda: bench.layout.progress.state == "idle", "all are tracked")
 

@@ -9,7 +9,6 @@ import pytest
 from handtrack_app.engine.store import persistence
 from handtrack_app.page.panels.session import head
 from handtrack_app.page.time.takes import takes_table
-from handtrack_app.protocol import commands
 from handtrack_app.protocol.snapshots import ProgressSnapshot, TakeCard, WorkSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
@@ -19,7 +18,7 @@ from tests.app.wire import WireClient
 
 def track(bench: Workbench, first: int, number: int, count: int) -> Any:
     """Track from a frame on; return frame 6."""
-    bench.send(commands.Track(first, FRAMES, first))
+    bench.engine.track(first, FRAMES, first)
     takes = bench.layout.takes
     eventually(
         lambda: (
@@ -41,7 +40,7 @@ def test_an_earlier_take_is_brought_back_on_the_page_and_that_is_undone(bench: W
     assert panel.folder is None, "nothing was tracked"
     first = track(bench, 0, 1, FRAMES)
     posed = tuple(value + 0.05 for value in document.start)
-    bench.send(commands.SetPose(4, posed, 100))
+    bench.engine.set_pose(4, posed, 100)
     second = track(bench, 4, 2, FRAMES - 5)  # the keyframe stays
     assert first != second
     with WireClient(bench.url) as client:

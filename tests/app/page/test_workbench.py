@@ -15,9 +15,10 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion
 from handtrack_app.engine.document_snapshots import pose_snapshot
+from handtrack_app.page.panels.tracking import Order
 from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.page.state import Display
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -135,7 +136,7 @@ def test_frames_and_ranges_from_clients_are_checked(
         client.set_value(bench.layout.limits.ranges["index_mcp_flex"], [5])
         client.set_value(timeline.slider, 2)
         eventually(lambda: bench.state.frame == 2, "the page lives on")
-    assert tracking.order("range") == commands.Track(0, FRAMES, 2)
+    assert tracking.order("range") == Order(0, FRAMES, 2)
 
 
 def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench: Workbench) -> None:
@@ -222,7 +223,7 @@ def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
     opener = lambda f, o: fake_document(f, o, stuck=lambda frame: frame == 4)  # noqa: E731
     bench = Workbench(tmp_path, port=0, opener=opener).start()
     assert bench.wait_ready()
-    bench.send(commands.Track(0, FRAMES, 0))
+    bench.engine.track(0, FRAMES, 0)
     eventually(lambda: bench.layout.tracking.progress.state == "tracking", "it is tracked")
     follows_the_slider(bench, 10)
     assert bench.layout.tracking.progress.state == "tracking"

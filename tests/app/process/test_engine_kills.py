@@ -17,7 +17,6 @@ from typing import Any
 import pytest
 
 from handtrack_app.process import engine_process
-from handtrack_app.protocol import commands
 from tests.app.fake_run import FRAMES
 from tests.app.process.test_engine_process import Page, state_on_disk, values_with
 from tests.app.waiting import eventually
@@ -37,8 +36,8 @@ class Editor:
         self.sent = self.acknowledged = self.acknowledgements = 0
         self.accepted: set[int] = set()
 
-    def _send(self, command: commands.Command) -> None:
-        self.page.engine.send(command)
+    def _send(self, name: str, *given: Any, **named: Any) -> None:
+        getattr(self.page.engine.engine, name)(*given, **named)
         self.sent += 1
 
     def _expect(self, key: str, value: Any) -> None:
@@ -51,27 +50,25 @@ class Editor:
 
     def _pose(self) -> None:
         frame, bend = rng_frame(self.rng), round(self.rng.uniform(0.1, 1.0), 4)
-        self._send(commands.SetPose(frame, values_with(bend), self.sent + 1))
+        self._send("set_pose", frame, values_with(bend), self.sent + 1)
         self._expect(f"pose/{frame}", bend)
 
     def _pin(self) -> None:
         frame = self.rng.randrange(6, FRAMES)  # a pin moves its frame's pose
         row = float(self.rng.randrange(20, 40))
-        self._send(commands.DropPins(frame, None, self.sent + 1))
-        self._send(
-            commands.SetPin(frame, "front", (40.0, row), self.sent + 1, joint="index_tip", tag=str(self.sent))
-        )  # fmt: skip
+        self._send("drop_pins", frame, None, self.sent + 1)
+        self._send("set_pin", frame, "front", (40.0, row), self.sent + 1, joint="index_tip", tag=str(self.sent))  # fmt: skip
         self._expect(f"pins/{frame}", row)
 
     def _setting(self) -> None:
         name = self.rng.choice(("cloud.weight", "silhouettes.weight"))
         value = round(self.rng.uniform(2.0, 9.0), 3)
-        self._send(commands.SetSetting(name, value))
+        self._send("set_setting", name, value)
         self._expect(f"setting/{name}", value)
 
     def _limits(self) -> None:
         interval = (-0.5, round(self.rng.uniform(1.2, 1.7), 3))
-        self._send(commands.SetLimits("ring_pip_flex", interval))
+        self._send("set_limits", "ring_pip_flex", interval)
         self._expect("limits/ring_pip_flex", [*interval])
 
     def _accept(self) -> None:
@@ -81,9 +78,9 @@ class Editor:
         pose = frame in {int(k.split("/")[1]) for k in self.expected if k.startswith("pose/")}
         if not pose:
             return
-        self._send(commands.Accept(((frame, frame),), on))
+        self._send("accept", ((frame, frame),), on)
         if self.rng.random() < 0.5:
-            self._send(commands.Undo(self.sent + 1))
+            self._send("undo", self.sent + 1)
         else:
             (self.accepted.add if on else self.accepted.discard)(frame)
         self._expect("accepted", frozenset(self.accepted))

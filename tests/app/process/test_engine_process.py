@@ -25,7 +25,7 @@ from handtrack_app.process import engine_process
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.process.memory import GB, memory_limit
 from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.command_line import PROGRAM
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -99,12 +99,12 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(
     page = start(tmp_path, partial(fake_document, stuck=partial(operator.le, 8)))
     engine = page.engine
     first = engine.pid
-    engine.send(commands.WantPictures(True, "plain", (("front", "plain"),)))
-    engine.send(commands.SetPose(9, values_with(0.75), 1))
+    engine.engine.want_pictures(True, "plain", (("front", "plain"),))
+    engine.engine.set_pose(9, values_with(0.75), 1)
     page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (9,))
-    engine.send(commands.Track(3, FRAMES, 3))
+    engine.engine.track(3, FRAMES, 3)
     page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking" and p.frame == 7)
-    engine.send(commands.SetPose(10, values_with(0.6), 2))  # perhaps not on disk yet
+    engine.engine.set_pose(10, values_with(0.6), 2)  # perhaps not on disk yet
     page.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
     said = page.kill()
     notice = page.wait(snapshots.Notice, after=said)
@@ -126,7 +126,7 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(
     )
     states = {s.state for s in page.seen[said:] if isinstance(s, snapshots.ProgressSnapshot)}
     assert "tracking" not in states, "it does not track on by itself"
-    engine.send(commands.Track(7, FRAMES, 7))
+    engine.engine.track(7, FRAMES, 7)
     page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking", said)
 
 
@@ -143,21 +143,21 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     page = start(tmp_path)
     engine, tracks = page.engine, tmp_path / "tracks"
     assert holder_of(tracks).pid == engine.pid
-    engine.send(commands.SetPose(2, values_with(0.3), 1))
-    engine.send(commands.SetPose(4, values_with(0.4), 2))
+    engine.engine.set_pose(2, values_with(0.3), 1)
+    engine.engine.set_pose(4, values_with(0.4), 2)
     eventually(lambda: page.saved == "saved" and not engine._outbox.edits, "on disk")
     assert engine.pid is not None
     os.kill(engine.pid, signal.SIGSTOP)
-    engine.send(commands.Undo(3))  # of frame 4
-    engine.send(commands.SetPose(5, values_with(0.5), 4))
-    engine.send(commands.Accept(((5, 5),)))
-    engine.send(commands.SetPin(5, "front", (40.0, 30.0), 5, joint="index_tip", tag="drag"))
-    engine.send(commands.SetSetting("cloud.weight", 7.0))
+    engine.engine.undo(3)  # of frame 4
+    engine.engine.set_pose(5, values_with(0.5), 4)
+    engine.engine.accept(((5, 5),))
+    engine.engine.set_pin(5, "front", (40.0, 30.0), 5, joint="index_tip", tag="drag")
+    engine.engine.set_setting("cloud.weight", 7.0)
     assert page.saved == "saving"
     said = page.kill()
     notice = page.wait(snapshots.Notice, after=said)
     assert "frame 5" in notice.text and "cloud.weight" in notice.text
-    engine.send(commands.SetPose(7, values_with(0.7), 6))
+    engine.engine.set_pose(7, values_with(0.7), 6)
     told = page.seen[said : page.seen.index(notice)]
     assert not [s for s in told if isinstance(s, snapshots.WorkSnapshot) and s.saved == "saved"]
     eventually(lambda: page.saved == "saved", "done again")
@@ -183,14 +183,14 @@ def test_c40_what_is_on_disk_already_is_not_done_twice(
     page = start(tmp_path)
     engine = page.engine
     for frame in range(1, 5):
-        engine.send(commands.SetPose(frame, values_with(0.1 * frame), frame))
-        engine.send(commands.Accept(((frame, frame),)))
+        engine.engine.set_pose(frame, values_with(0.1 * frame), frame)
+        engine.engine.accept(((frame, frame),))
     eventually(lambda: page.saved == "saved", "on disk")
     see, engine._outbox.see = engine._outbox.see, lambda _snapshot: None  # type: ignore[method-assign]
     before = Store(tmp_path / "tracks").history().last_id
-    engine.send(commands.Undo(9))
+    engine.engine.undo(9)
     eventually(lambda: Store(tmp_path / "tracks").history().last_id > before, "the undo is on disk")
-    assert [*map(type, engine._outbox.edits)] == [commands.Undo]
+    assert [c.name for c in engine._outbox.edits] == ["undo"]
     engine._outbox.see = see  # type: ignore[method-assign]
     page.kill()
     eventually(lambda: page.saved == "saved" and not engine._outbox.edits, "again")
@@ -215,9 +215,9 @@ def test_c40_an_edit_that_ends_every_engine_is_given_up_by_name_and_no_other(
     tmp_path: Path, start: Callable[..., Page]
 ) -> None:
     page = start(tmp_path, deadly_document)
-    page.engine.send(commands.SetPose(3, values_with(0.3), 1))
-    page.engine.send(commands.SetSetting("cloud.weight", 7.0))
-    page.engine.send(commands.SetPose(6, values_with(0.6), 2))
+    page.engine.engine.set_pose(3, values_with(0.3), 1)
+    page.engine.engine.set_setting("cloud.weight", 7.0)
+    page.engine.engine.set_pose(6, values_with(0.6), 2)
     page.wait(snapshots.Notice, lambda n: "Given up: the setting cloud.weight." in n.text)
     eventually(lambda: page.saved == "saved", "all else")
     assert {"pose/3", "pose/6"} <= state_on_disk(tmp_path).keys()
@@ -229,7 +229,7 @@ def test_c40_what_an_ended_program_could_not_save_is_named(tmp_path: Path) -> No
     assert page.engine.wait_opened(60.0) is None
     assert page.engine.pid is not None
     os.kill(page.engine.pid, signal.SIGSTOP)
-    page.engine.send(commands.SetPose(3, values_with(0.3), 1))
+    page.engine.engine.set_pose(3, values_with(0.3), 1)
     page.engine.stop(0.5)
     assert "frame 3" in " ".join(page.engine.last_words)
 
@@ -252,18 +252,18 @@ def test_c40_what_ends_again_and_again_stays_ended_until_it_is_asked_for(
     last = page.wait(snapshots.Notice, lambda n: n.title == "The engine stays ended", said)
     assert "SIGSEGV" in last.text and "2 times within a minute" in last.text
     assert page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "failed", said)
-    page.engine.send(commands.ShowFrame(8))
+    page.engine.engine.show_frame(8)
     assert page.engine.pid is None
-    page.engine.send(commands.SetPose(6, values_with(0.4), 1))
+    page.engine.engine.set_pose(6, values_with(0.4), 1)
     assert page.saved == "unsaved"
     asked = len(page.seen)
-    page.engine.send(commands.Track(3, FRAMES, 3))
+    page.engine.engine.track(3, FRAMES, 3)
     assert "tracking" in page.wait(snapshots.Notice, after=asked).text, (
         "nobody is there to serve it"
     )
     (tmp_path / "crash").unlink()
     said = len(page.seen)
-    page.engine.send(commands.StartAgain())
+    page.engine.start_again()
     page.idle(said)
     page.wait(snapshots.TimelineSnapshot, lambda t: t.by_hand == (6,), said)
     eventually(lambda: page.saved == "saved", "kept while nobody was there")
@@ -293,7 +293,7 @@ def test_running_cameras_are_opened_over_there(tmp_path: Path, start: Callable[.
     page = start(desk, None, live=LiveOptions(devices, 10.0))
     assert page.wait(snapshots.SessionSnapshot).live
     folder = tmp_path / "recorded"
-    page.engine.send(commands.Record(True, str(folder)))
+    page.engine.engine.record(True, str(folder))
     page.wait(snapshots.LiveSnapshot, lambda told: told.recording == str(folder))
     said = page.kill()
     assert f"The recording in {folder} was cut off" in page.wait(snapshots.Notice, after=said).text
@@ -318,14 +318,14 @@ def test_c40_too_much_memory_is_told_in_words_and_the_engine_goes_on(
 ) -> None:
     page = start(tmp_path, hungry_document, memory=2 * GB)
     first = page.engine.pid
-    page.engine.send(commands.Track(3, FRAMES, 3))
+    page.engine.engine.track(3, FRAMES, 3)
     notice = page.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped")
     assert notice.text.startswith(
         "Tracking needs more memory than the 2.0 GB that handtrack may use here (Unable to allocate "
     )
     assert "--memory GB" in notice.text
     said = len(page.seen)
-    page.engine.send(commands.ShowFrame(8))
+    page.engine.engine.show_frame(8)
     page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)
     assert page.engine.pid == first
 
@@ -359,13 +359,12 @@ from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process import engine_process
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol import commands
 from tests.app.process.test_engine_process import slow_document
 
 engine = EngineProcess(EnginePlan(Path(sys.argv[1]), opener=slow_document), lambda _: None)
 engine.start()
 assert engine.wait_opened(60.0) is None
-engine.send(commands.Track(3, 12, 3))
+engine.engine.track(3, 12, 3)
 print(engine.pid, flush=True)
 time.sleep(60)
 """
@@ -400,9 +399,9 @@ def test_c40_stopping_gives_the_session_back(tmp_path: Path) -> None:
     page.engine.start()
     assert page.engine.wait_opened(60.0) is None
     pid = page.engine.pid
-    page.engine.send(commands.SetPose(5, values_with(0.5), 1))
+    page.engine.engine.set_pose(5, values_with(0.5), 1)
     page.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
-    page.engine.send(commands.Track(3, FRAMES, 3))
+    page.engine.engine.track(3, FRAMES, 3)
     page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking")
     page.engine.stop()
     assert pid is not None and not _works(pid)

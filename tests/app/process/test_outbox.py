@@ -1,153 +1,177 @@
-"""What the page keeps until it is on disk, and says again to the next engine."""
+"""What the page keeps until it is on disk, and repeats to the next engine."""
 
 from __future__ import annotations
 
+from typing import Any
+
+import pytest
+
+from handtrack_app.engine.worker import RULES
 from handtrack_app.process.outbox import Outbox, named
-from handtrack_app.protocol import commands
+from handtrack_app.protocol.calls import Call
 from handtrack_app.protocol.snapshots import WorkSnapshot
+from tests.app.calls import call
 
 
-def pose(frame: int, version: int, tag: str = "") -> commands.SetPose:
-    return commands.SetPose(frame, (0.1 * version,), version, tag)
+class Pipe:
+    """An outbox, and what came out of it."""
+
+    def __init__(self, is_listening: bool = True) -> None:
+        self.sent: list[Call] = []
+        self.outbox = Outbox(self.sent.append, rules=RULES)
+        if is_listening:
+            self.outbox.listen(is_anew=False)
+
+    def put(self, name: str, *given: Any, **named_: Any) -> bool:
+        return self.outbox.put(name, given, named_) is None
+
+    def pose(self, frame: int, version: int, tag: str = "") -> bool:
+        return self.put("set_pose", frame, (0.1 * version,), version, tag)
+
+    def written(self, number: int) -> str | None:
+        told = self.outbox.see(WorkSnapshot("saved", (), number, number))
+        return None if told is None else told.saved  # type: ignore[union-attr]
+
+    def begins_again(self) -> list[Call]:
+        """Another engine listens, serves all that it is sent, and writes nothing; return that."""
+        given_up, self.sent[:] = self.outbox.ended(), []
+        self.outbox.listen(is_anew=True)
+        done = 0
+        while len(self.sent) > done:
+            done = len(self.sent)
+            self.outbox.see(WorkSnapshot("saving", (), 0, self.sent[-1].number))
+        return given_up
+
+    @property
+    def names(self) -> list[str]:
+        return [one.name for one in self.sent]
 
 
-def sent(outbox: Outbox) -> list[commands.Command]:
-    """Send all that waits."""
-    found = []
-    while (taken := outbox.take(0.0)) is not None:
-        found.append(taken.command if isinstance(taken, commands.Numbered) else taken)
-    return found
+def test_all_above_what_is_on_disk_is_repeated_in_order() -> None:
+    pipe = Pipe()
+    pipe.put("want_pictures", True, "plain")
+    pipe.pose(3, 1)
+    pipe.put("undo", 2)
+    pipe.put("accept", ((1, 2),))
+    pipe.pose(3, 3)
+    pipe.put("set_setting", "a", 1)
+    assert pipe.names == ["want_pictures", "set_pose", "undo", "accept", "set_pose", "set_setting"]
+    assert pipe.written(2) == "saving"
+    assert pipe.begins_again() == []
+    assert pipe.names == ["want_pictures", "accept", "set_pose", "set_setting"]
+    assert pipe.written(5) == "saved"
+    assert not pipe.outbox.edits
 
 
-def sent_one_by_one(outbox: Outbox) -> list[commands.Command]:
-    """Send all that waits, to an engine that does each at once, and writes nothing."""
-    found = []
-    while (taken := outbox.take(0.0)) is not None:
-        found.append(taken.command if isinstance(taken, commands.Numbered) else taken)
-        if isinstance(taken, commands.Numbered):
-            outbox.see(WorkSnapshot("saving", (), 0, taken.number))
-    return found
+def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one() -> None:
+    pipe = Pipe()
+    for frame in range(3):
+        pipe.pose(frame, frame)
+    pipe.outbox.ended()
+    pipe.sent.clear()
+    pipe.outbox.listen(is_anew=False)
+    assert len(pipe.sent) == 1
 
 
-def written(outbox: Outbox, number: int, saved: str = "saved") -> str | None:
-    told = outbox.see(WorkSnapshot(saved, (), number, number))
-    return None if told is None else told.saved  # type: ignore[union-attr]
-
-
-def test_all_above_what_is_on_disk_is_said_again_in_order() -> None:
-    outbox = Outbox()
-    wish = commands.WantPictures(True, "plain")
-    said = [
-        pose(3, 1),
-        commands.Undo(2),
-        commands.Accept(((1, 2),)),
-        pose(3, 3),
-        commands.SetSetting("a", 1),
-    ]
-    for command in (wish, *said):
-        assert outbox.put(command)
-    assert sent(outbox) == [wish, *said]
-    assert written(outbox, 3) == "saving", "1 is the wish, 3 the undo"
-    assert outbox.edits == said[2:]
-    assert outbox.ended() == []
-    assert outbox.again() == [wish]
-    assert len(sent(outbox)) == 1, "one of them may have ended it"
-    outbox.ended()
-    again = sent_one_by_one(outbox)
-    assert [type(one) for one in again] == [commands.Accept, commands.SetPose, commands.SetSetting]
-    assert written(outbox, 6) == "saved"
-    assert not outbox.edits
-
-
-def test_a_pose_said_again_is_no_older_than_what_the_engine_is_told() -> None:
-    outbox = Outbox()
-    outbox.put(pose(7, 1))
-    outbox.put(commands.TakePose(6, "start", 5))
-    outbox.take(0.0)  # the other waits yet
-    outbox.ended()
-    outbox.put(pose(8, 6))
-    assert [one.version for one in sent_one_by_one(outbox)] == [5, 5, 6]  # type: ignore[union-attr]
-    assert outbox.version == 5
+def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told() -> None:
+    pipe = Pipe()
+    pipe.pose(7, 1)
+    pipe.put("take_pose", 6, "start", 5)
+    pipe.begins_again()
+    pipe.pose(8, 6)
+    assert [one.arguments["version"] for one in pipe.sent] == [5, 5, 6]
+    assert pipe.outbox.version == 5
 
 
 def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step() -> None:
-    outbox = Outbox()
+    pipe = Pipe()
     for version in range(1, 9):
-        outbox.put(pose(3, version, "slider"))
-        sent(outbox)
-    assert [one.version for one in outbox.edits] == [8]  # type: ignore[attr-defined]
-    outbox.put(commands.SavePose())
-    outbox.put(pose(3, 9, "slider"))
-    outbox.put(pose(3, 10, "slider"))
-    assert [type(one) for one in outbox.edits] == [
-        commands.SetPose,
-        commands.SavePose,
-        commands.SetPose,
-    ]
-    first, second = (commands.PullPlace(3, (0.0, 0.0, 0.0), 11, joint, tag=joint) for joint in "ab")
-    outbox.put(first)
-    outbox.put(second)
-    assert outbox.edits[-2:] == [first, second], "another finger's is another edit"
+        pipe.pose(3, version, "slider")
+    assert [one.arguments["version"] for one in pipe.outbox.edits] == [8]
+    pipe.put("save_pose")
+    pipe.pose(3, 9, "slider")
+    pipe.pose(3, 10, "slider")
+    assert [one.name for one in pipe.outbox.edits] == ["set_pose", "save_pose", "set_pose"]
+    for joint in "ab":
+        pipe.put("pull_place", 3, (0.0, 0.0, 0.0), 11, joint, tag=joint)
+    pulls = [one.arguments["joint"] for one in pipe.outbox.edits[-2:]]
+    assert pulls == ["a", "b"], "another finger's is another edit"
 
 
 def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not() -> None:
-    outbox, track = Outbox(), commands.Track(0, 5, 0)
-    outbox.put(track)
-    sent(outbox)
-    outbox.put(commands.Refine())
-    assert outbox.ended() == [track]
-    assert sent(outbox) == [commands.Refine()]
-    assert "0–4" in named([track])
+    pipe = Pipe()
+    pipe.put("track", 0, 5, 0)
+    given_up = pipe.outbox.ended()
+    pipe.put("refine")
+    assert [one.name for one in given_up] == ["track"]
+    assert "tracking" in named(given_up)
+    pipe.outbox.listen(is_anew=False)
+    assert pipe.names == ["track", "refine"]
 
 
 def test_what_ends_every_engine_is_given_up_and_not_what_comes_before_it() -> None:
-    outbox, deadly = Outbox(), commands.SetSetting("deadly", 1)
-    for command in (pose(3, 1), deadly, pose(5, 2)):
-        outbox.put(command)
-    sent(outbox)
-    given_up = [outbox.ended()]
-    while not given_up[-1]:
-        for _ in range(2):  # the pose is done, the setting ends it
-            taken = outbox.take(0.0)
-            assert isinstance(taken, commands.Numbered)
-            if taken.command != deadly:
-                outbox.see(WorkSnapshot("saving", (), 0, taken.number))
-        given_up.append(outbox.ended())
-        assert len(given_up) < 9
-    assert given_up[-1] == [deadly]
-    assert [one.frame for one in outbox.edits] == [3, 5]  # type: ignore[attr-defined]
+    pipe = Pipe()
+    pipe.pose(3, 1)
+    pipe.put("set_setting", "deadly", 1)
+    pipe.pose(5, 2)
+    given_up: list[Call] = []
+    for _ in range(9):
+        given_up = pipe.outbox.ended()
+        if given_up:
+            break
+        pipe.sent.clear()
+        pipe.outbox.listen(is_anew=False)
+        while (
+            pipe.sent and pipe.sent[-1].name != "set_setting"
+        ):  # the pose is done, the setting ends it
+            pipe.outbox.see(WorkSnapshot("saving", (), 0, pipe.sent[-1].number))
+    assert [one.arguments.get("name") for one in given_up] == ["deadly"]
+    assert [one.arguments["frame"] for one in pipe.outbox.edits] == [3, 5]
 
 
-def test_saved_is_all_that_was_sent_whatever_else_is_looked_at() -> None:
-    outbox = Outbox()
-    assert written(outbox, 0) == "saved"
-    outbox.put(commands.ShowFrame(4))
-    assert outbox.work() is None, "that is no edit"
-    outbox.put(pose(4, 1))
-    told = outbox.work()
+def test_saved_is_all_that_was_called_whatever_else_is_looked_at() -> None:
+    pipe = Pipe()
+    assert pipe.written(0) == "saved"
+    pipe.put("show_frame", 4)
+    assert pipe.outbox.work() is None, "that is no edit"
+    pipe.pose(4, 1)
+    told = pipe.outbox.work()
     assert told is not None and told.saved == "saving"
-    sent(outbox)
-    assert written(outbox, 1) is None and outbox.edits
-    assert written(outbox, 2) == "saved"
-    outbox.put(pose(4, 2))
-    down = outbox.work(is_down=True)
+    assert pipe.written(1) is None and pipe.outbox.edits
+    assert pipe.written(2) == "saved"
+    pipe.pose(4, 2)
+    down = pipe.outbox.work(is_down=True)
     assert down is not None and down.saved == "unsaved"
 
 
 def test_too_much_is_refused_and_not_dropped() -> None:
-    outbox = Outbox()
-    taken = [outbox.put(commands.Accept(((frame, frame),))) for frame in range(1100)]
-    assert sum(taken) == len(outbox.edits) == 1000 and not taken[-1]
+    pipe = Pipe(is_listening=False)
+    taken = [pipe.put("accept", ((frame, frame),)) for frame in range(1100)]
+    assert sum(taken) == len(pipe.outbox.edits) == 1000 and not taken[-1]
+
+
+def test_what_is_called_before_the_engine_told_its_commands_is_served() -> None:
+    sent: list[Call] = []
+    outbox = Outbox(sent.append)
+    outbox.put("want_pictures", (True, "plain"), {})
+    outbox.put("show_frame", (4,), {})
+    outbox.know(RULES)
+    outbox.listen(is_anew=False)
+    assert [one.name for one in sent] == ["want_pictures", "show_frame"]
 
 
 def test_the_frame_that_edits_went_on_from_is_shown_first() -> None:
     """What is saved as first pose is the one that is shown."""
-    outbox = Outbox()
-    for command in (commands.ShowFrame(4), commands.SavePose(), commands.ShowFrame(9)):
-        outbox.put(command)
-    sent(outbox)
-    written(outbox, 1)
-    outbox.ended()
-    assert [*outbox.again(), *sent_one_by_one(outbox)] == [
-        commands.ShowFrame(4), commands.SavePose(), commands.ShowFrame(9),
+    pipe = Pipe()
+    for name, *given in (("show_frame", 4), ("save_pose",), ("show_frame", 9)):
+        pipe.put(name, *given)
+    pipe.written(1)
+    pipe.begins_again()
+    assert [(one.name, *one.arguments.values()) for one in pipe.sent] == [
+        ("show_frame", 4), ("save_pose",), ("show_frame", 9),
     ]  # fmt: skip
+
+
+def test_a_call_that_the_engine_lacks_is_a_mistake() -> None:
+    with pytest.raises(TypeError, match="set_posse"):
+        call("set_posse", 1)

@@ -27,7 +27,7 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 
 _FPS = 30.0
 _STILL_S = 10.0  # the first pose is held, while the program opens and begins to track
@@ -58,8 +58,8 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     worker.start()
     opened.wait(120.0)
     began_s = time.process_time()
-    worker.send(commands.WantPictures(True, "outline"))  # as the page asks for
-    worker.send(commands.TrackLive())
+    worker.engine.want_pictures(True, "outline")  # as the page asks for
+    worker.engine.track_live()
     idle.wait(600.0)  # the files' end ends tracking
     spent_s = time.process_time() - began_s
     feed = worker.document.run.session.live

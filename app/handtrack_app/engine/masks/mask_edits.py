@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 
 import numpy as np
@@ -19,7 +19,7 @@ from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.mask_state import choice_value, correction_value, usual_values
 from handtrack_app.engine.run import CameraSource
 from handtrack_app.engine.store import keys
-from handtrack_app.protocol.mask_commands import FILES, NO_MASKS, MarkMaskBox, PaintMask, SetMasks
+from handtrack_app.protocol.masks import FILES, NO_MASKS
 
 Values = dict[str, Value]
 
@@ -28,16 +28,16 @@ _MOST_POINTS, _LARGEST_PX = 4096, 500.0  # of a stroke; no page sends more
 _DEPTHS_M = {"near_m": 0.2, "far_m": 0.8}  # of a hand before a camera on a desk, to begin with
 
 
-def masks(document: Document, order: SetMasks) -> Values:
+def masks(document: Document, camera: str, values: Mapping[str, object]) -> Values:
     """Change method, thresholds or box of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
     views = {view.name: view for view in document.run.session.views}
-    if order.camera and order.camera not in views:
-        raise unknown_name("camera", order.camera, tuple(views))
-    wanted = [views[order.camera]] if order.camera else list(views.values())
+    if camera and camera not in views:
+        raise unknown_name("camera", camera, tuple(views))
+    wanted = [views[camera]] if camera else list(views.values())
     found, why = dict[str, Value](), ""
     for view in wanted:
         try:
-            found[keys.masks(view.name)] = _changed(document, view, dict(order.values))
+            found[keys.masks(view.name)] = _changed(document, view, dict(values))
         except HandtrackError as error:
             why = str(error)
     if not found:
@@ -97,33 +97,41 @@ def possible_methods(document: Document, view: CameraSource) -> tuple[str, ...]:
     return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
 
 
-def marked_box(document: Document, order: MarkMaskBox) -> Values:
+def marked_box(
+    document: Document, camera: str, what: str, box: tuple[int, int, int, int], frame: int
+) -> Values:
     """Take a box dragged over a camera's undistorted image as its region of interest, or as the sample of skin."""
-    view = document.run.session.view(order.camera)
-    x, y, width, height = order.box
+    view = document.run.session.view(camera)
+    x, y, width, height = box
     edges = [(x + s * width, y + t * height) for s in (0, 0.5, 1) for t in (0, 0.5, 1)]
     places = _as_taken(view, edges)
     size = np.array(view.camera.size)
     low = np.clip(np.round(places.min(axis=0)), 0, size - 2).astype(int)
     high = np.clip(np.round(places.max(axis=0)), low + 2, size).astype(int)
-    box = tuple(int(v) for v in (*low, *(high - low)))
-    values: tuple[tuple[str, object], ...] = ((order.what, box),)
-    if order.what == "sample":
-        values += (("reference", document.clamped(order.frame)),)
-    return masks(document, SetMasks(order.camera, values))
+    values: dict[str, object] = {what: tuple(int(v) for v in (*low, *(high - low)))}
+    if what == "sample":
+        values["reference"] = document.clamped(frame)
+    return masks(document, camera, values)
 
 
-def painting(document: Document, order: PaintMask) -> Values:
+def painting(
+    document: Document,
+    frame: int,
+    camera: str,
+    brush: str,
+    points: Sequence[tuple[float, float]],
+    radius_px: float,
+) -> Values:
     """Paint a stroke over a camera's mask. Raises HandtrackError where there is nothing to paint on."""
-    view, own = _place(document, order.camera, order.frame)
-    points = np.asarray(order.points[:_MOST_POINTS], dtype=float).reshape(-1, 2)
-    points = points[np.isfinite(points).all(axis=1)]
-    if not len(points) or order.brush not in BRUSHES or not np.isfinite(order.radius_px):
+    view, own = _place(document, camera, frame)
+    stroke = np.asarray(points[:_MOST_POINTS], dtype=float).reshape(-1, 2)
+    stroke = stroke[np.isfinite(stroke).all(axis=1)]
+    if not len(stroke) or brush not in BRUSHES or not np.isfinite(radius_px):
         return {}
     layer = view.corrections.layer(own)
     layer = empty_layer(view.camera.size) if layer is None else layer
-    radius = min(max(float(order.radius_px), 0.5), _LARGEST_PX)
-    after = painted(layer, _as_taken(view, points.tolist()), radius, BRUSHES[order.brush])
+    radius = min(max(float(radius_px), 0.5), _LARGEST_PX)
+    after = painted(layer, _as_taken(view, stroke.tolist()), radius, BRUSHES[brush])
     return {keys.correction(view.name, own): correction_value(encoded(after))}
 
 

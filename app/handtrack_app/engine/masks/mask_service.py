@@ -14,20 +14,10 @@ from handtrack_app.engine.masks.mask_renderer import MaskMoment, MaskRenderer
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store import edits, keys, saving
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.protocol import commands
-from handtrack_app.protocol.mask_commands import FILES, NO_MASKS
-from handtrack_app.protocol.masks import MaskCameraCard, MaskCard, MaskPicture
+from handtrack_app.protocol.calls import command
+from handtrack_app.protocol.masks import FILES, NO_MASKS, MaskCameraCard, MaskCard, MaskPicture
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
-MaskChange = (
-    commands.SetMasks
-    | commands.MarkMaskBox
-    | commands.SaveMasks
-    | commands.RestoreMasks
-    | commands.PaintMask
-    | commands.DropCorrection
-    | commands.CarryMasks
-)
 _HURRIED_S = 0.6  # while tracking runs, masks are shown at most this often
 _MOST_CARRIED = 50  # frames each way; what is carried drifts
 _NO_IMAGES = "No camera of this recording has images: its masks cannot be computed, nor seen against anything."
@@ -44,23 +34,28 @@ class MaskService:
         jobs: JobControl,
         render_thread: RenderThread,
         publish: Callable[[Snapshot], None],
+        followed: Callable[[Callable[[], None]], None],
     ) -> None:
+        """followed: makes a change of what is tracked by, and lets the frame shown follow."""
         self._document, self._store, self._jobs = document, store, jobs
         self._render_thread, self._publish = render_thread, publish
         self._maker = MaskRenderer(document.run.session)
         self._on_all, self._screens = False, tuple[str, ...]()
-        self._shown_at = 0.0
+        self._shown_at, self._followed = 0.0, followed
 
     # ---- showing
 
-    def want(self, wish: commands.WantMasks | commands.WantPictures) -> None:
-        """Show something else from now on."""
-        if isinstance(wish, commands.WantMasks):
-            self._on_all = wish.on
-        else:
-            names = self._document.run.session.rig.names
-            wanted = (name for name, paint in wish.screens if paint == "mask")
-            self._screens = tuple(name for name in wanted if name in names)
+    @command(view=True, latest=())
+    def want_masks(self, on: bool) -> None:
+        """Show masks over all cameras' images or not."""
+        self._on_all = on
+        self.show()
+
+    def want_screens(self, screens: tuple[tuple[str, str], ...]) -> None:
+        """Show the masks of these cameras whose large pictures are looked at."""
+        names = self._document.run.session.rig.names
+        wanted = (name for name, paint in screens if paint == "mask")
+        self._screens = tuple(name for name in wanted if name in names)
         self.show()
 
     def show(self, hurried: bool = False) -> None:
@@ -112,61 +107,111 @@ class MaskService:
 
     # ---- changing
 
-    def serve(self, change: MaskChange) -> None:
-        """Do what is asked. Raises HandtrackError for what cannot be done."""
-        document, store = self._document, self._store
-        try:
-            self._jobs.require_idle()
-            match change:
-                case commands.SetMasks():
-                    names = ", ".join(name for name, _ in change.values)
-                    values = mask_edits.masks(document, change)
-                    slid = edits.is_slid(*(value for _, value in change.values))
-                    store.do(
-                        f"Masks: {names}", values, tag=f"{change.camera} {names}", is_stroke=slid
-                    )
-                case commands.MarkMaskBox():
-                    store.do("Masks: box", mask_edits.marked_box(document, change))
-                case commands.RestoreMasks():
-                    back = {keys.masks(name): None for name in document.unsaved_masks}
-                    store.do("Masks of session.toml", back)
-                case commands.SaveMasks():
-                    said = saving.save_masks(store)
-                    self._publish(Notice("done", "Masks' settings saved", said))
-                case _:
-                    store.check()  # what is painted becomes a file
-                    self._correct(change)
-            self.show()
-        finally:
-            self.tell()  # the page shows what holds
+    @command(edits=True, latest=("camera", "values"), words="settings of masks")
+    def set_masks(self, camera: str, values: dict[str, object]) -> None:
+        """Change where the masks of a camera come from (`method`), settings of the method, or the region of interest (`roi`). camera:
+        empty for all that have what it takes.
+        """
+        names, slid = ", ".join(values), edits.is_slid(*values.values())
 
-    def _correct(
-        self, change: commands.PaintMask | commands.DropCorrection | commands.CarryMasks
+        def change() -> None:
+            changed = mask_edits.masks(self._document, camera, values)
+            self._store.do(f"Masks: {names}", changed, tag=f"{camera} {names}", is_stroke=slid)
+
+        self._change(change)
+
+    @command(edits=True, words="a box for masks")
+    def mark_mask_box(
+        self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
     ) -> None:
+        """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
+        self._change(
+            lambda: self._store.do(
+                "Masks: box", mask_edits.marked_box(self._document, camera, what, box, frame)
+            )
+        )
+
+    @command(edits=True, words="settings of masks")
+    def restore_masks(self) -> None:
+        """Go back to the masks as session.toml has them."""
+        back = {keys.masks(name): None for name in self._document.unsaved_masks}
+        self._change(lambda: self._store.do("Masks of session.toml", back))
+
+    @command(edits=True, files=True, words="saving settings of masks")
+    def save_masks(self) -> None:
+        """Write where masks come from into session.toml."""
+
+        def change() -> None:
+            said = saving.save_masks(self._store)
+            self._publish(Notice("done", "Masks' settings saved", said))
+
+        self._change(change)
+
+    @command(edits=True, files=True, words="the mask of {camera}, frame {frame}")
+    def paint_mask(
+        self,
+        frame: int,
+        camera: str,
+        brush: str,
+        points: tuple[tuple[float, float], ...],
+        radius_px: float,
+        tag: str = "",
+    ) -> None:
+        """Paint a stroke over a camera's mask in a frame.
+
+        brush: `hand`, `not hand`, `unknown`, or `as it is` (not corrected). points: columns and rows [px] of the undistorted image.
+        tag: of the drag; what follows soon with the same is one step of undo.
+        """
+        words = f"Mask of {camera}, frame {frame}"
+
+        def change() -> None:
+            self._store.check()  # what is painted becomes a file
+            values = mask_edits.painting(self._document, frame, camera, brush, points, radius_px)
+            self._store.do(words, values, f"{words} {tag}", waits=True, is_stroke=True)
+
+        self._change(change)
+
+    @command(edits=True, files=True, words="the mask of {camera}, frame {frame}")
+    def drop_correction(self, frame: int, camera: str) -> None:
+        """Forget what was painted over a camera's mask in a frame."""
+
+        def change() -> None:
+            self._store.check()
+            values = mask_edits.dropped(self._document, camera, frame)
+            self._store.do(f"Correction of {camera} dropped, frame {frame}", values)
+
+        self._change(change)
+
+    @command(job=True, files=True, words="carrying masks on")
+    def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
+        """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
         document, store = self._document, self._store
-        match change:
-            case commands.PaintMask():
-                values = mask_edits.painting(document, change)
-                words = f"Mask of {change.camera}, frame {change.frame}"
-                store.do(words, values, f"{words} {change.tag}", waits=True, is_stroke=True)
-            case commands.DropCorrection():
-                values = mask_edits.dropped(document, change.camera, change.frame)
-                store.do(f"Correction of {change.camera} dropped, frame {change.frame}", values)
-            case commands.CarryMasks():
-                store.write_what_rests(at_once=True)
-                views = [
-                    view for view in document.run.session.views if change.camera in ("", view.name)
-                ]
-                before, behind = (
-                    min(max(n, 0), _MOST_CARRIED) for n in (change.before, change.behind)
+
+        def change() -> None:
+            store.check()
+            store.write_what_rests(at_once=True)
+            views = [view for view in document.run.session.views if camera in ("", view.name)]
+            low, high = (min(max(n, 0), _MOST_CARRIED) for n in (before, behind))
+            at = document.clamped(frame)
+            frames = range(document.clamped(at - low), document.clamped(at + high) + 1)
+            self._jobs.begin(
+                lambda number, post: CarryingJob(
+                    number, views, at, frames,
+                    lambda name, own: mask_edits.is_painted(document, name, own), post,
                 )
-                frame = document.clamped(change.frame)
-                frames = range(
-                    document.clamped(frame - before), document.clamped(frame + behind) + 1
-                )
-                self._jobs.begin(
-                    lambda number, post: CarryingJob(
-                        number, views, frame, frames,
-                        lambda name, own: mask_edits.is_painted(document, name, own), post,
-                    )
-                )  # fmt: skip
+            )  # fmt: skip
+
+        self._change(change)
+
+    def _change(self, change: Callable[[], object]) -> None:
+        """Change, save or restore masks. Raises HandtrackError for what cannot be done."""
+
+        def changed() -> None:
+            try:
+                self._jobs.require_idle()
+                change()
+                self.show()
+            finally:
+                self.tell()  # the page shows what holds
+
+        self._followed(changed)

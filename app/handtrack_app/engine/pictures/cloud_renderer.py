@@ -34,9 +34,9 @@ from handtrack_app.engine.pictures.cloud_pictures import (
     stereo_words,
 )
 from handtrack_app.engine.run import RunSession
-from handtrack_app.protocol.commands import WantCloud
 from handtrack_app.protocol.snapshots import (
     CloudPicture,
+    CloudSelection,
     CloudSnapshot,
     FilterCount,
     SurfaceSnapshot,
@@ -61,7 +61,7 @@ class RenderInput:
     previous: BonePoses | None
     """the hand that the cloud is cropped to; None before the hand has a place"""
     filters: CloudFilters
-    wanted: WantCloud
+    wanted: CloudSelection
     fitted: CloudTermSettings
     """which surface the solver fits to clouds"""
 

@@ -17,13 +17,8 @@ from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.protocol import commands
-from handtrack_app.protocol.commands import SampleSkin, WantCloud, WantSurface
-from handtrack_app.protocol.snapshots import CloudCard, Notice, Snapshot
-
-CloudChange = (
-    commands.SetClouds | commands.SampleSkin | commands.RestoreClouds | commands.SaveClouds
-)
+from handtrack_app.protocol.calls import command
+from handtrack_app.protocol.snapshots import CloudCard, CloudSelection, Notice, Snapshot
 
 _HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
 _PAIRS = 12  # offered for stereo
@@ -39,22 +34,28 @@ class CloudService:
         jobs: JobControl,
         render_thread: RenderThread,
         publish: Callable[[Snapshot], None],
+        followed: Callable[[Callable[[], None]], None],
     ) -> None:
+        """followed: makes a change of what is tracked by, and lets the frame shown follow."""
         self._document, self._render_thread = document, render_thread
         self._store, self._jobs, self._publish = store, jobs, publish
-        self._wanted = WantCloud()
+        self._wanted, self._followed = CloudSelection(), followed
         self._surface = False
         self._shown_at = 0.0
         self._maker = CloudRenderer()
 
     # ---- showing
 
-    def want(self, wish: WantCloud | WantSurface) -> None:
-        """Show something else from now on."""
-        if isinstance(wish, WantSurface):
-            self._surface = wish.on
-        else:
-            self._wanted = wish
+    @command(view=True, latest=())
+    def want_surface(self, on: bool) -> None:
+        """Show the solver's surface or not."""
+        self._surface = on
+        self.show()
+
+    @command(view=True, latest=())
+    def want_cloud(self, view: CloudSelection) -> None:
+        """Show this of clouds from now on."""
+        self._wanted = view
         self.show()
 
     def show(self, hurried: bool = False) -> None:
@@ -102,31 +103,60 @@ class CloudService:
         """Say where clouds come from."""
         self._publish(self.card())
 
-    def serve(self, change: CloudChange) -> None:
+    @command(edits=True, latest=("values",), words="settings of clouds")
+    def set_clouds(self, values: dict[str, object]) -> None:
+        """Change settings of [clouds] by name; None: as it is usual, False: off."""
+        names, slid = ", ".join(values), edits.is_slid(*values.values())
+        self._change(
+            lambda: self._store.do(
+                f"Clouds: {names}",
+                edits.clouds(self.with_values(values)),
+                tag=names,
+                is_stroke=slid,
+            )
+        )
+
+    @command(edits=True, latest=(), words="the colour of skin")
+    def sample_skin(
+        self, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
+    ) -> None:
+        """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
+
+        def change() -> None:
+            settings, words = skin_in_force(self._document, frame, camera, box, size)
+            self._store.do("Colour of skin", edits.clouds(settings), tag="skin")
+            self._publish(Notice("done", "The skin's colour is taken", words))
+
+        self._change(change)
+
+    @command(edits=True, words="settings of clouds")
+    def restore_clouds(self) -> None:
+        """Go back to the settings of [clouds] as session.toml has them."""
+        own = edits.clouds(self._document.saved_clouds)
+        self._change(lambda: self._store.do("Filters of session.toml", own))
+
+    @command(edits=True, files=True, words="saving settings of clouds")
+    def save_clouds(self) -> None:
+        """Write the settings of [clouds] into session.toml."""
+
+        def change() -> None:
+            said = saving.save_clouds(self._store)
+            self._publish(Notice("done", "Clouds' settings saved", said))
+
+        self._change(change)
+
+    def _change(self, change: Callable[[], object]) -> None:
         """Change, save or restore the settings of [clouds]. Raises HandtrackError."""
-        store = self._store
-        try:
-            self._jobs.require_idle()
-            match change:
-                case commands.SetClouds():
-                    names = ", ".join(name for name, _ in change.values)
-                    settings = self.with_values(dict(change.values))
-                    slid = edits.is_slid(*(value for _, value in change.values))
-                    clouds = edits.clouds(settings)
-                    store.do(f"Clouds: {names}", clouds, tag=names, is_stroke=slid)
-                case commands.SampleSkin():
-                    settings, words = skin_in_force(self._document, change)
-                    store.do("Colour of skin", edits.clouds(settings), tag="skin")
-                    self._publish(Notice("done", "The skin's colour is taken", words))
-                case commands.RestoreClouds():
-                    own = edits.clouds(self._document.saved_clouds)
-                    store.do("Filters of session.toml", own)
-                case commands.SaveClouds():
-                    said = saving.save_clouds(store)
-                    self._publish(Notice("done", "Clouds' settings saved", said))
-            self.show()
-        finally:
-            self.tell()  # the page shows what holds
+
+        def changed() -> None:
+            try:
+                self._jobs.require_idle()
+                change()
+                self.show()
+            finally:
+                self.tell()  # the page shows what holds
+
+        self._followed(changed)
 
     @property
     def settings(self) -> CloudSettings | None:
@@ -163,24 +193,26 @@ class CloudService:
         )
 
 
-def skin_in_force(document: Document, order: SampleSkin) -> tuple[CloudSettings, str]:
+def skin_in_force(
+    document: Document, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
+) -> tuple[CloudSettings, str]:
     """Return the settings of [clouds] with the skin's colour from a box of a frame's image or from painted masks, and a sentence
     about it. Raises HandtrackError.
     """
-    session, frame, size = document.run.session, order.frame, max(float(order.size), 0.1)
-    if order.box is None:
+    session, size = document.run.session, max(float(size), 0.1)
+    if box is None:
         patches = painted_skin(session)
         source = "1 painted image" if len(patches) == 1 else f"{len(patches)} painted images"
     else:
-        if order.camera not in session.rig.names:
-            raise HandtrackError(f"no camera '{order.camera}' in this session.")
-        image = session.image(order.camera, frame)
+        if camera not in session.rig.names:
+            raise HandtrackError(f"no camera '{camera}' in this session.")
+        image = session.image(camera, frame)
         if image is None:
             raise HandtrackError(
-                f"camera '{order.camera}' has no image of frame {frame} to take the skin's colour from."
+                f"camera '{camera}' has no image of frame {frame} to take the skin's colour from."
             )
-        x, y, width, height = (max(int(v), 0) for v in order.box)
-        patches, source = [image[y : y + height, x : x + width, ::-1]], order.camera
+        x, y, width, height = (max(int(v), 0) for v in box)
+        patches, source = [image[y : y + height, x : x + width, ::-1]], camera
     skin = fit_skin_ellipse(*patches, size=size)
     red, green = skin.mean
     words = (

@@ -13,7 +13,6 @@ from handtrack.model.kinematics import BonePoses
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.posing.page_values import params_of
-from handtrack_app.protocol.commands import WantPictures
 from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
 
 _PAINT_EVERY_S = 0.08  # at most this often: the hand itself comes first
@@ -31,16 +30,18 @@ class Painter:
         """waiting: the commands that wait; painting gives way to them."""
         self._document, self._publish, self._waiting = document, publish, waiting
         self._maker = CameraPictures(document.run.session)
-        self._wanted = WantPictures(True, "plain")
+        self._thumbnails, self._paint = True, "plain"
+        self._screens: tuple[tuple[str, str], ...] = ()
         self._painted = 0.0
         self.is_stale = False
         """there is something to paint"""
         self.hurried = False
         """tracking runs"""
 
-    def want(self, wanted: WantPictures) -> None:
-        """Take which pictures the page shows from now on."""
-        self._wanted, self.is_stale = wanted, True
+    def want(self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...]) -> None:
+        """Paint these pictures from now on."""
+        self._thumbnails, self._paint, self._screens = thumbnails, paint, screens
+        self.is_stale = True
 
     @property
     def rest_s(self) -> float:
@@ -70,14 +71,14 @@ class Painter:
 
     def _pictures(self) -> Iterator[PictureSnapshot | None]:
         """Yield the large pictures, and all of them at last; None in between, where painting may end."""
-        document, maker, wanted = self._document, self._maker, self._wanted
+        document, maker = self._document, self._maker
         session, frame = document.run.session, document.frame
         bones = document.model.bones(params_of(document.model, document.seen))
         flesh = document.model.flesh["fine"].posed(bones)
         skeleton = document.model.skeleton
         aside = skeleton.bone("forearm") if document.model.has_forearm else None
         large = {}
-        for camera, paint in wanted.screens:
+        for camera, paint in self._screens:
             if camera not in session.rig.names or paint == "mask":
                 continue  # masks may take long: they are made on the render thread
             silhouette, joints = None, None
@@ -90,9 +91,9 @@ class Painter:
         if large:
             yield PictureSnapshot(frame, screens=large, version=document.version)
         small = {}
-        for name in session.rig.names if wanted.thumbnails else ():
+        for name in session.rig.names if self._thumbnails else ():
             yield None
-            small[name] = maker.thumbnail(name, frame, wanted.paint, flesh)
+            small[name] = maker.thumbnail(name, frame, self._paint, flesh)
         if small:
             sheet = contact_sheet({f"{name}  {frame}": image for name, image in small.items()})
             yield PictureSnapshot(frame, small, sheet, large, document.version)

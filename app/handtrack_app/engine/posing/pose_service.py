@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from handtrack.observation.pins import Pin
 from handtrack.store.history import History
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.pictures.pose_pictures import pose_picture, pose_titles
 from handtrack_app.engine.posing.before import pose_before
 from handtrack_app.engine.posing.pin_cards import words_of
-from handtrack_app.engine.posing.pin_service import PinService
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.edits import Values
-from handtrack_app.protocol import posing
+from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.library import LibrarySnapshot, PosePicture
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
-Request = (
-    posing.SetPose | posing.TakePose | posing.PullPlace | posing.ForgetPose | posing.LookBefore
-    | posing.WantLibrary    | posing.SetPin | posing.DropPins | posing.CopyPins
-)  # fmt: skip
 Edit = Callable[[int, Values, str, str, bool], None]
 """changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
 _SOURCES = {"previous": "Pose of the frame before", "start": "First-frame pose"}
@@ -38,52 +35,78 @@ class PoseService:
     show: Callable[[], None]
     """shows the pose again"""
 
-    def __post_init__(self) -> None:
-        self._pins = PinService(self.document, self.edit)
+    @command(edits=True, latest=("frame",), words="the pose of frame {frame}", at_once=drags)
+    def set_pose(
+        self,
+        frame: int,
+        values: tuple[float, ...],
+        version: int,
+        tag: str = "",
+        is_stroke: bool = False,
+        words: str = "Pose",
+    ) -> None:
+        """Set the whole pose of a frame by hand.
 
-    def serve(self, request: Request) -> None:
-        """Do what is asked. Raises HandtrackError."""
-        document = self.document
-        match request:
-            case posing.SetPose():
-                if request.version >= document.version:
-                    document.version = request.version
-                    pose = edits.pose(document, request.frame, request.values)
-                    self.edit(request.frame, pose, request.words, request.tag, request.is_stroke)
-            case posing.TakePose():
-                taken = edits.taken_pose(document, request.frame, request.source)
-                self.edit(
-                    request.frame,
-                    taken,
-                    _SOURCES.get(request.source, f"Pose {request.source!r}"),
-                    "",
-                    False,
-                )
-            case posing.PullPlace():
-                pulled = edits.pulled_place(document, request)
-                what = f"Pull of {words_of(request.joint or request.bone)}"
-                self.edit(request.frame, pulled, what, request.tag, True)
-            case posing.ForgetPose():
-                known = document.clamped(request.frame) in document.by_hand
-                forgotten = edits.forgotten_pose(request.frame) if known else {}
-                self.edit(request.frame, forgotten, "Pose dropped", "", False)
-            case posing.LookBefore():
-                self._look(request.on)
-            case posing.WantLibrary():
-                drawn = (
-                    PosePicture(
-                        one.name, one.short, one.group, pose_picture(document.model, one.name)
-                    )
-                    for one in pose_titles(document.model)
-                )
-                self.publish(LibrarySnapshot(request.client_id, tuple(drawn)))
-            case _:
-                self._pins.serve(request)
+        values: (S,) joint parameters [m, rad]. version: counts the user's edits; the answering snapshot carries it back. tag: the
+        control that is moved: what follows soon with the same is one step of undo. is_stroke: the tag is of this one drag: one step,
+        however long it takes. words: what is done, for undo.
+        """
+        if version >= self.document.version:
+            self.edit(frame, edits.pose(self.document, frame, values), words, tag, is_stroke)
 
-    def _look(self, at_before: bool) -> None:
+    @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
+    def take_pose(self, frame: int, source: str, version: int) -> None:
+        """Replace a frame's pose by `start` (the first-frame pose), `previous` (the frame before), or a pose of the library, for the
+        fingers.
+        """
+        taken = edits.taken_pose(self.document, frame, source)
+        self.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"), "", False)
+
+    @command(
+        edits=True,
+        latest=("frame", "joint", "bone", "tag"),
+        words="the pose of frame {frame}",
+        at_once=drags,
+    )
+    def pull_place(
+        self,
+        frame: int,
+        target: tuple[float, float, float],
+        version: int,
+        joint: str = "",
+        bone: str = "",
+        point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        tag: str = "",
+    ) -> None:
+        """Bend a finger or limb so that a joint, or a point of a bone [m], comes to a target in world [m]. tag: of the drag."""
+        pulled = edits.pulled_place(
+            self.document, frame, target, Pin("", (0.0, 0.0), joint, bone, point)
+        )
+        self.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
+
+    @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
+    def forget_pose(self, frame: int, version: int) -> None:
+        """Drop what was set by hand at a frame; the tracked pose shows again."""
+        known = self.document.clamped(frame) in self.document.by_hand
+        forgotten = edits.forgotten_pose(frame) if known else {}
+        self.edit(frame, forgotten, "Pose dropped", "", False)
+
+    @command(job=True, words="the pose library")
+    def want_library(self, client_id: int) -> None:
+        """Send one client the pose library in pictures."""
+        model = self.document.model
+        drawn = (
+            PosePicture(one.name, one.short, one.group, pose_picture(model, one.name))
+            for one in pose_titles(model)
+        )
+        self.publish(LibrarySnapshot(client_id, tuple(drawn)))
+
+    @command(at_once=looks_elsewhere)
+    def look_before(self, on: bool) -> None:
+        """Show the frame's pose as it was before the last step that changed it, or as it is; a look, no edit."""
         document = self.document
-        before = pose_before(document, self.history()) if at_before else None
-        if at_before and before is None:
+        before = pose_before(document, self.history()) if on else None
+        if on and before is None:
             self.publish(Notice("info", "Nothing before", _NOTHING_BEFORE))
         document.before = before
         self.show()

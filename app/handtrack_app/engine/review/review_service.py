@@ -13,11 +13,9 @@ from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import pose_snapshot, timeline_snapshot
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.protocol import commands
+from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.comparing import ComparedSnapshot, Curve, CurvesSnapshot
 from handtrack_app.protocol.snapshots import PoseSnapshot, Snapshot, TimelineSnapshot
-
-Request = commands.Accept | commands.CompareTake | commands.WantCurves
 
 
 @dataclass
@@ -32,30 +30,29 @@ class ReviewService:
     names: tuple[str, ...] = ()
     """of the parameters whose course is shown"""
 
-    def serve(self, request: Request) -> None:
-        """Do what is asked. Raises HandtrackError."""
-        match request:
-            case commands.Accept():
-                self._accept(request)
-            case commands.CompareTake():
-                self._compare(request.number)
-            case commands.WantCurves():
-                self.names = request.names
-                self.publish(self._curves())
-
-    def _accept(self, request: commands.Accept) -> None:
-        frames = {f for first, last in request.spans for f in range(first, last + 1)}
-        values = edits.accepted(self.document, frames, request.on)
+    @command(edits=True, words="accepting or letting go frames {spans}")
+    def accept(self, spans: tuple[tuple[int, int], ...], on: bool = True) -> None:
+        """Accept frames, spans of first to last, as they are: neither tracking nor refining changes them; or let them go."""
+        frames = {f for first, last in spans for f in range(first, last + 1)}
+        values = edits.accepted(self.document, frames, on)
         named = f"Frame {min(frames, default=0)}" if len(frames) == 1 else f"{len(frames)} frames"
-        if self.store.do(f"{named} {'accepted' if request.on else 'let go'}", values):
+        if self.store.do(f"{named} {'accepted' if on else 'let go'}", values):
             self.publish(pose_snapshot(self.document))
             self._tell(timeline_snapshot(self.document))
+
+    @command(view=True, latest=())
+    def want_curves(self, names: tuple[str, ...]) -> None:
+        """Show the course of these joint parameters over the recording."""
+        self.names = names
+        self.publish(self._curves())
 
     def _tell(self, snapshot: Snapshot) -> None:
         self.publish(snapshot)
         self.seen(snapshot)
 
-    def _compare(self, number: int | None) -> None:
+    @command(view=True, latest=())
+    def compare_take(self, number: int | None) -> None:
+        """Show how far a take lies from the track; None: none."""
         document = self.document
         take = None if number is None else document.takes.get(number)
         if number is not None and take is None:

@@ -23,7 +23,6 @@ from handtrack_app.engine.pictures.pose_pictures import library_pose
 from handtrack_app.engine.posing.inverse_kinematics import reach
 from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.store import keys
-from handtrack_app.protocol.posing import PullPlace
 
 Values = dict[str, Value]
 
@@ -65,16 +64,17 @@ def taken_pose(document: Document, frame: int, source: str) -> Values:
     return pose(document, frame, taken.tolist())
 
 
-def pulled_place(document: Document, pull: PullPlace) -> Values:
+def pulled_place(
+    document: Document, frame: int, target: tuple[float, float, float], place: Pin
+) -> Values:
     """Bend a finger or limb so that a place of it comes to a point. Raises HandtrackError for what is no such place."""
-    model, target = document.model, np.asarray(pull.target, dtype=float)
-    place = Pin("", (0.0, 0.0), pull.joint, pull.bone, pull.point)
+    model, meant = document.model, np.asarray(target, dtype=float)
     (bone,), (point,) = pinned_places(model, [place])
-    if target.shape != (3,) or not np.isfinite([*target, *point]).all():
-        raise HandtrackError(f"a pull: expected a point in metres, found {pull.target}.")
-    params = params_of(model, document.pose_at(document.clamped(pull.frame)))
-    reached = reach(model, params, int(bone), point, target)
-    return pose(document, pull.frame, model.joint_params(reached).tolist())
+    if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
+        raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
+    params = params_of(model, document.pose_at(document.clamped(frame)))
+    reached = reach(model, params, int(bone), point, meant)
+    return pose(document, frame, model.joint_params(reached).tolist())
 
 
 def forgotten_pose(frame: int) -> Values:

@@ -16,7 +16,6 @@ from handtrack.export.registry import ExportFormat, export_format
 from handtrack.export.table import ResultsTable
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.store.tracks import whole_track
-from handtrack_app.protocol.commands import Export
 from handtrack_app.protocol.snapshots import Download, Notice
 
 FIRST_POSE = "init"
@@ -24,23 +23,27 @@ log = logging.getLogger(__name__)
 
 
 def export_beside(
-    document: Document, request: Export, publish: Callable[[Download | Notice], None]
+    document: Document,
+    kind: str,
+    client_id: int,
+    up: str,
+    publish: Callable[[Download | Notice], None],
 ) -> threading.Thread | None:
     """Send a file to the client that asked: the pose that is shown, or what has been tracked so far, which is taken now and
     written by the thread that is returned. Raises HandtrackError where there is nothing to send.
     """
     stem = file_stem(document)
-    if request.kind == FIRST_POSE:
+    if kind == FIRST_POSE:
         name, data = first_pose_file(document)
-        publish(Download(name, data, request.client_id))
+        publish(Download(name, data, client_id))
         return None
-    chosen = export_format(request.kind)
+    chosen = export_format(kind)
     table = ResultsTable(whole_track(document), "this track", document.run.session.folder)
 
     def work() -> None:
         try:
-            name, data = exported(chosen, table, stem, request.up)
-            publish(Download(name, data, request.client_id))
+            name, data = exported(chosen, table, stem, up)
+            publish(Download(name, data, client_id))
         except HandtrackError as error:
             publish(Notice("error", "Not exported", str(error)))
         except Exception as error:  # the page must go on, and the user must know

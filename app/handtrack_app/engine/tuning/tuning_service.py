@@ -10,16 +10,11 @@ from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.posing.pose_service import Edit
 from handtrack_app.engine.store import edits, saving
+from handtrack_app.engine.store.edits import Values
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.tuning.refit import Refits, Refitted
-from handtrack_app.protocol import commands
+from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import Notice, Snapshot
-
-Request = (
-    commands.SetSetting | commands.SetLimits | commands.SetShape | commands.SaveSettings
-    | commands.RefitWhileTuning | Refitted
-)  # fmt: skip
-_Change = commands.SetSetting | commands.SetLimits | commands.SetShape
 
 
 @dataclass
@@ -39,53 +34,67 @@ class TuningService:
     def __post_init__(self) -> None:
         self._refits = Refits(self.document, self.post)
 
-    def serve(self, request: Request) -> None:
-        """Do what is asked. Raises HandtrackError."""
-        match request:
-            case commands.SaveSettings():
-                self.jobs.require_idle()
-                said = saving.save_settings(self.store)
-                self.publish(Notice("done", "Settings saved", said))
-                self.publish(session_snapshot(self.document))
-            case commands.RefitWhileTuning():
-                self._refits.on = request.on
-            case Refitted():
-                found = None if self.jobs.busy else self._refits.take(request)
-                if found is not None:
-                    frame, values, tag = found
-                    self.edit(frame, values, "Fit", tag, True)
-            case _:
-                self._change(request)
+    @command(edits=True, files=True, words="saving settings")
+    def save_settings(self) -> None:
+        """Write the settings that session.toml does not have into it."""
+        self.jobs.require_idle()
+        said = saving.save_settings(self.store)
+        self.publish(Notice("done", "Settings saved", said))
+        self.publish(session_snapshot(self.document))
 
-    def _change(self, change: _Change) -> None:
-        self.followed(lambda: self._changed(change))
+    @command(view=True)
+    def refit_while_tuning(self, on: bool) -> None:
+        """Whether a changed setting or limit fits the frame shown anew at once."""
+        self._refits.on = on
 
-    def _changed(self, change: _Change) -> None:
+    @command(edits=True, latest=("name",), words="the setting {name}")
+    def set_setting(self, name: str, value: object, tag: str = "") -> None:
+        """Change a setting by its dotted name. tag: several settings changed at one time have one."""
         document = self.document
-        try:
-            self.jobs.require_idle()
-            if isinstance(change, commands.SetLimits):
-                values = edits.limits(document, change.name, change.interval)
-                slid = change.interval is not None
-                words = f"Limits of {change.name}"
-            elif isinstance(change, commands.SetShape):
-                values, slid = edits.shape(document, change.name, change.value), True
-                words = "Shape"
-            else:
-                name, value = change.name, change.value
-                slid = edits.is_slid(value)
-                values = (
-                    edits.method(document, value)
-                    if name == "method"
-                    else edits.setting(name, value)
-                )
-                words = name
-            known, words = document.run.notes, change.tag or words
-            self.store.do(words, values, tag=words, is_stroke=slid)
-            self.say_notes(known)
-        finally:
-            self.publish(session_snapshot(document))  # the page shows what holds
-        self.show()
+        self._change(
+            lambda: (
+                edits.method(document, value) if name == "method" else edits.setting(name, value)
+            ),
+            tag or name,
+            edits.is_slid(value),
+        )
+
+    @command(edits=True, latest=("name",), words="the limits of {name}")
+    def set_limits(self, name: str, interval: tuple[float, float] | None, tag: str = "") -> None:
+        """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
+        self._change(
+            lambda: edits.limits(self.document, name, interval),
+            tag or f"Limits of {name}",
+            interval is not None,
+        )
+
+    @command(edits=True, latest=("name",), words="the shape's {name}")
+    def set_shape(self, name: str, value: float, tag: str = "") -> None:
+        """Set a number of the person's shape [% or mm, as `ShapeNumber` has it]."""
+        self._change(lambda: edits.shape(self.document, name, value), tag or "Shape", True)
+
+    def _change(self, values: Callable[[], Values], words: str, slid: bool) -> None:
+        """Let values hold from now on. slid: by a slider: many changes are one step of undo."""
+        document = self.document
+
+        def changed() -> None:
+            try:
+                self.jobs.require_idle()
+                known = document.run.notes
+                self.store.do(words, values(), tag=words, is_stroke=slid)
+                self.say_notes(known)
+            finally:
+                self.publish(session_snapshot(document))  # the page shows what holds
+            self.show()
+
+        self.followed(changed)
+
+    def refitted(self, done: Refitted) -> None:
+        """Take a frame that was fitted anew."""
+        found = None if self.jobs.busy else self._refits.take(done)
+        if found is not None:
+            frame, values, tag = found
+            self.edit(frame, values, "Fit", tag, True)
 
     def followed(self, change: Callable[[], None]) -> None:
         """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted

@@ -11,7 +11,6 @@ import viser
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.scene.looking import Pixel
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.protocol.commands import CarryMasks, DropCorrection, PaintMask
 
 _BRUSHES = {
     "{kind}": "hand",
@@ -112,14 +111,14 @@ class CorrectingWidgets:
         frame, brush = self.page.state.frame, self.brushes.get(str(self.brush.value))
         if brush is None:
             return
-        self.page.send(PaintMask(frame, camera, brush, points, radius, str(self._stroke)))
+        self.page.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
 
     def _drop(self, event: UserEvent) -> None:
         camera = self.camera(event)
         if camera is not None:
-            self.page.send(DropCorrection(self.page.state.frame, camera))
+            self.page.engine.drop_correction(self.page.state.frame, camera)
 
     def _carry(self, _: UserEvent) -> None:
         before, behind = (number(s.value, 0, _MOST) or 0 for s in (self.before, self.behind))
         frame = self.page.state.frame
-        self.page.send(CarryMasks(frame, self.named(), round(before), round(behind)))
+        self.page.engine.carry_masks(frame, self.named(), round(before), round(behind))

@@ -13,7 +13,6 @@ from handtrack_app.page.masks.method_widgets import METHOD_WORDS, MethodWidgets
 from handtrack_app.page.page import Page, UserEvent, put
 from handtrack_app.page.panels.constraints import clean_interval
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.protocol.commands import MarkMaskBox, RestoreMasks, SaveMasks, SetMasks
 from handtrack_app.protocol.masks import MaskCameraCard, MaskCard, MaskPicture
 
 ALL = "all cameras"
@@ -85,8 +84,8 @@ class MaskPanel:
         page.on(self.on, lambda event: self._show_masks(bool(event.target.value)))
         page.on(self.camera, lambda _: self._show_chosen())
         page.on(self.method, lambda event: self._choose(str(event.target.value)))
-        page.on(self.save, lambda _: page.send(SaveMasks()))
-        page.on(self.back, lambda _: page.send(RestoreMasks()))
+        page.on(self.save, lambda _: page.engine.save_masks())
+        page.on(self.back, lambda _: page.engine.restore_masks())
 
     def _build_box(self, card: MaskCard) -> None:
         page, gui = self.page, self.page.gui
@@ -155,7 +154,7 @@ class MaskPanel:
     def _set(self, name: str, value: object, one: bool = False) -> None:
         camera = self._shown_camera().name if one else self._named()
         self._show_masks(True)
-        self.page.send(SetMasks(camera, ((name, value),)))
+        self.page.engine.set_masks(camera, {name: value})
 
     def _choose(self, words: str) -> None:
         method = next((name for name, known in METHOD_WORDS.items() if known == words), None)
@@ -175,7 +174,7 @@ class MaskPanel:
 
         def marked(box: tuple[int, int, int, int]) -> None:
             self._show_masks(True)
-            self.page.send(MarkMaskBox(camera, what, box, self.page.state.frame))
+            self.page.engine.mark_mask_box(camera, what, box, self.page.state.frame)
 
         self.stage.mark_box(camera, event.client, marked)
         over = "skin, away from its edges" if what == "sample" else "all that is to count"

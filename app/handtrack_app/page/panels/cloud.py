@@ -13,11 +13,6 @@ import viser
 from handtrack_app.page.page import Page, number, put
 from handtrack_app.page.panels.cloud_filters import FilterControls, StereoControls
 from handtrack_app.page.panels.skin import SkinControls
-from handtrack_app.protocol.commands import (
-    RestoreClouds,
-    SaveClouds,
-    SetClouds,
-)
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, FilterCount
 
@@ -107,8 +102,8 @@ class CloudPanel:
         page.on(colour, lambda e: self._show("cloud_colour", _COLOURS.get(e.target.value)))
         page.on(dropped, lambda e: self._show("cloud_dropped", bool(e.target.value)))
         page.on(size, lambda e: self._show("cloud_size_mm", number(e.target.value, 0.4, 6.0)))
-        page.on(save, lambda _: page.send(SaveClouds()))
-        page.on(back, lambda _: page.send(RestoreClouds()))
+        page.on(save, lambda _: page.engine.save_clouds())
+        page.on(back, lambda _: page.engine.restore_clouds())
         self.widgets = {
             "picture": picture, "wide": wide, "on": on, "colour": colour, "size": size, "dropped": dropped,
             "save": save, "back": back,
@@ -116,7 +111,7 @@ class CloudPanel:
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""
-        self.page.send(SetClouds(tuple(values.items())))
+        self.page.engine.set_clouds(values)
 
     def _mark(self, camera: str, client: viser.ClientHandle, marked: Callable[..., None]) -> None:
         """Have a box dragged over a camera's image; the large picture would stand before it."""

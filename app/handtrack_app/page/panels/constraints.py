@@ -19,7 +19,6 @@ from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.controls import CONTROLS, OPEN
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.page.posing.refit_switch import RefitSwitch
-from handtrack_app.protocol.commands import FitSize, SaveSettings, SetLimits, SetSetting, SetShape
 from handtrack_app.protocol.snapshots import (
     CLOUD,
     IMAGES,
@@ -91,7 +90,7 @@ class SettingsPanel:
             "Save to session.toml", color="gray", icon=viser.Icon.DEVICE_FLOPPY, visible=False,
             hint="Only these settings of the table [tracking] change; the file before is kept in versions/.",
         )  # fmt: skip
-        page.on(self.save, lambda _: page.send(SaveSettings()))
+        page.on(self.save, lambda _: page.engine.save_settings())
         self.back = gui.add_button(
             "Back to session.toml", color="gray", icon=viser.Icon.RESTORE, visible=False,
             hint="Undo brings the changes back.",
@@ -137,7 +136,7 @@ class SettingsPanel:
         changed, own = self.changed, self.session.own_settings if self.session else {}
         if changed:
             for name in changed:
-                self.page.send(SetSetting(name, own[name], "Settings of session.toml"))
+                self.page.engine.set_setting(name, own[name], "Settings of session.toml")
 
     def _add(self, setting: Setting, value: Any) -> None:
         gui, shown = self.page.gui, shown_value(setting, value)
@@ -173,7 +172,7 @@ class SettingsPanel:
             if value is not None and setting.kind is int:
                 value = round(value)
         if value is not None and self.session is not None:
-            self.page.send(SetSetting(setting.name, value, setting.label))
+            self.page.engine.set_setting(setting.name, value, setting.label)
 
 
 def to_be_said(now: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
@@ -239,7 +238,7 @@ class ShapePanel:
             self.chosen = gui.add_dropdown("Number", labels, hint="Of the person's shape, to be set by hand. Where session.toml says scale = fit, tracking begins with it and may change it.")  # fmt: skip
             self.slider = gui.add_slider(" ", -1.0, 1.0, 0.1, initial_value=0.0)
             self.list = gui.add_html("")
-        page.on(self.size, lambda _: page.send(FitSize()))
+        page.on(self.size, lambda _: page.engine.fit_size())
         page.on(self.chosen, lambda _: self._show_slider())
         page.on(self.slider, self._set)
 
@@ -268,7 +267,7 @@ class ShapePanel:
         row = self._row
         value = number(event.target.value, event.target.min, event.target.max)
         if row is not None and value is not None:
-            self.page.send(SetShape(row.name, value, f"Shape: {row.label}"))
+            self.page.engine.set_shape(row.name, value, f"Shape: {row.label}")
 
 
 def shape_list(rows: Sequence[ShapeNumber], kind: str) -> str:
@@ -370,12 +369,12 @@ class LimitsPanel:
         interval = clean_interval(event.target.value, event.target.min, event.target.max)
         if interval is not None:
             unit = unit_of(name)
-            self.page.send(SetLimits(name, (interval[0] * unit, interval[1] * unit)))
+            self.page.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))
 
     def _restore(self) -> None:
         for name in self.ranges:
             if self._own(name) is not None:
-                self.page.send(SetLimits(name, None, "Limits of the model"))
+                self.page.engine.set_limits(name, None, "Limits of the model")
 
 
 def degrees(interval: Sequence[float]) -> tuple[float, float]:

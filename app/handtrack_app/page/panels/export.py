@@ -8,7 +8,6 @@ import viser
 
 from handtrack.export.registry import AXES, FORMATS, export_format
 from handtrack_app.page.page import Page, UserEvent
-from handtrack_app.protocol.commands import Export
 from handtrack_app.protocol.snapshots import Download
 
 _USUAL = "csv"
@@ -56,12 +55,12 @@ class ExportPanel:
 
         def download(event: UserEvent) -> None:
             axis = up.value if up.visible and up.value != _AS_RECORDED else ""
-            page.send(Export(chosen.value, event.client_id or 0, axis))
+            page.engine.export(chosen.value, event.client_id or 0, axis)
 
         explain()
         page.on(chosen, explain)
         page.on(button, download)
-        page.on(first, lambda event: page.send(Export("init", event.client_id or 0)))
+        page.on(first, lambda event: page.engine.export("init", event.client_id or 0))
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""

@@ -9,7 +9,6 @@ import viser
 
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.page import Page, put
-from handtrack_app.protocol.commands import Cancel, FindHand, TakeGuess
 from handtrack_app.protocol.palette import GHOSTS
 from handtrack_app.protocol.snapshots import (
     IMAGES,
@@ -56,7 +55,7 @@ class GuessesPanel:
         )
         page.on(self.find, lambda event: self._find(event.target.value))
         page.on(self.fetch, lambda _: self._find(_HERE, fetch=True))
-        page.on(self.cancel, lambda _: page.send(Cancel()))
+        page.on(self.cancel, lambda _: page.engine.cancel())
         self.folder = gui.add_folder("Other poses", visible=False)
         with self.folder:
             self.list = gui.add_html("")
@@ -74,7 +73,7 @@ class GuessesPanel:
     def _find(self, where: object, fetch: bool = False) -> None:
         state = self.page.state
         state.playing = False
-        self.page.send(FindHand(state.frame if where == _HERE else None, fetch))
+        self.page.engine.find_hand(state.frame if where == _HERE else None, fetch)
 
     def _take(self, pressed: object) -> None:
         words = str(pressed)
@@ -85,7 +84,7 @@ class GuessesPanel:
         """Take one of the list."""
         known, state = self.guesses, self.page.state
         if known is not None and rank < len(known.guesses):
-            self.page.send(TakeGuess(known.frame, rank, state.begin_edit()))
+            self.page.engine.take_guess(known.frame, rank, state.begin_edit())
 
     def show(self, guesses: GuessesSnapshot) -> None:
         """Show the list of a frame; take the surest of what was just found."""

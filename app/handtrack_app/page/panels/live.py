@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import viser
 
 from handtrack_app.page.page import Page, put
-from handtrack_app.protocol.commands import Record
 from handtrack_app.protocol.snapshots import LiveSnapshot, SessionSnapshot
 
 
@@ -33,7 +32,7 @@ class LivePanel:
                 hint="Writes what the cameras show from now on, and the poses tracked in it, to a new session folder.",
             )  # fmt: skip
             self.counts = gui.add_html("")
-        self.page.on(self.record, lambda _: self.page.send(Record(not self.recording)))
+        self.page.on(self.record, lambda _: self.page.engine.record(not self.recording))
 
     def show(self, live: LiveSnapshot) -> None:
         """Show the counts, and whether something is recorded."""

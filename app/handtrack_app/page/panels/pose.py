@@ -22,7 +22,6 @@ from handtrack_app.page.panels.pose_words import (
 )
 from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.posing.copy_panel import CopyPanel
-from handtrack_app.protocol.commands import ForgetPose, SavePose, TakePose, Track, WantLibrary
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
@@ -96,7 +95,7 @@ class PosePanel:
         page.on(self.library, self._choose)
         page.on(pictures, self._ask)
         self.nudges.keys.add("Poses in pictures", "L", page.from_user(self._ask), "alt")
-        page.on(save, lambda _: page.send(SavePose()))
+        page.on(save, lambda _: page.engine.save_pose())
 
     def _edit(self, which: str) -> None:
         if which == _FLIP:
@@ -110,17 +109,17 @@ class PosePanel:
             return
         frame, version = state.frame, state.begin_edit()
         state.follow = True
-        self.page.send(Track(frame, frame + 1, frame, version=version))
+        self.page.engine.track(frame, frame + 1, frame, version=version)
 
     def take(self, choice: str) -> None:
         """Take the frame's pose from elsewhere: a pose of the library, or as a button says."""
         state = self.page.state
         version = state.begin_edit()
         if choice == "Tracked":
-            self.page.send(ForgetPose(state.frame, version))
+            self.page.engine.forget_pose(state.frame, version)
             return
         source = {"Before": "previous", "First": "start"}.get(choice, choice)
-        self.page.send(TakePose(state.frame, source, version))
+        self.page.engine.take_pose(state.frame, source, version)
 
     def _choose(self, event: UserEvent) -> None:
         chosen = str(event.target.value)
@@ -130,7 +129,7 @@ class PosePanel:
 
     def _ask(self, event: UserEvent) -> None:
         if event.client_id is not None:
-            self.page.send(WantLibrary(event.client_id))
+            self.page.engine.want_library(event.client_id)
 
     # ---- sliders
 

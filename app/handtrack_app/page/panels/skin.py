@@ -11,7 +11,6 @@ import viser
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.constraints import clean_interval
-from handtrack_app.protocol.commands import SampleSkin
 from handtrack_app.protocol.snapshots import CloudCard
 
 Box = tuple[int, int, int, int]
@@ -138,8 +137,7 @@ class SkinControls:
 
     def _send(self, box: Box | None) -> None:
         size = number(self.size.value, *_SIZE[:2]) or 2.5
-        sample = SampleSkin(self.page.state.frame, str(self.camera.value), box, size)
-        self.page.send(sample)
+        self.page.engine.sample_skin(self.page.state.frame, str(self.camera.value), box, size)
 
     def fit(self, card: CloudCard) -> None:
         """Show the ellipse in force; without images there is no colour."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,17 +11,6 @@ import viser
 
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.constraints import clean_interval
-from handtrack_app.protocol.commands import (
-    Cancel,
-    Follow,
-    Pause,
-    Refine,
-    SaveTrack,
-    SetSetting,
-    TakeSize,
-    Track,
-    TrackLive,
-)
 from handtrack_app.protocol.palette import FOUND, STATUS
 from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
 
@@ -29,6 +18,17 @@ _SIZE = "model.fit_size"
 _AGAIN: tuple[str, ...] = ("from the first pose", "from this frame")
 _ENDS: tuple[str, ...] = ("from here", "to here", "all")
 _NAMED = 12  # frames that are named one by one
+
+
+@dataclass(frozen=True)
+class Order:
+    """Frames [start, stop) to be tracked, as `OpenSession.track` takes them."""
+
+    start: int
+    stop: int
+    first: int
+    anew: bool = False
+    both_ends: bool = False
 
 
 @dataclass
@@ -110,16 +110,16 @@ class TrackingPanel:
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray", visible=not session.live,
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
         page.on(self.odd, lambda _: self.go_to_odd())
-        page.on(self.refine, lambda _: page.send(Refine()))
+        page.on(self.refine, lambda _: page.engine.refine())
         page.on(self.between, lambda _: self.start("between"))
         for which, button in starters:
             page.on(button, lambda _, which=which: self.start(which))
         page.on(self.later, lambda event: self._put_off(bool(event.target.value)))
         page.on(self.again, lambda event: self._again(event.target.value))
         page.on(self.pause, lambda _: self.pause_or_go_on())
-        page.on(self.cancel, lambda _: page.send(Cancel()))
+        page.on(self.cancel, lambda _: page.engine.cancel())
         page.on(self.follow, lambda event: self._follow(bool(event.target.value)))
-        page.on(save, lambda _: page.send(SaveTrack()))
+        page.on(save, lambda _: page.engine.save_track())
         self._show_size()
 
     def _add_range(self, session: SessionSnapshot, last: int) -> None:
@@ -191,19 +191,23 @@ class TrackingPanel:
 
     def _follow(self, on: bool) -> None:
         self.page.state.follow = on
-        self.page.send(Follow(on))
+        self.page.engine.follow(on)
 
     def start(self, which: str) -> None:
         """Track: `all`, `here`, `range`, or as a button of the panel says."""
         order = self.order(which)
-        if order is not None:
-            self.page.play(False)
-            self.page.send(order)
-            self._follow(True)
+        if order is None and which != "live":
+            return
+        self.page.play(False)
+        if order is None:
+            self.page.engine.track_live()
+        else:
+            self.page.engine.track(**asdict(order))
+        self._follow(True)
 
     def pause_or_go_on(self) -> None:
         """Let tracking wait, or go on."""
-        self.page.send(Pause(self.progress.state != "paused"))
+        self.page.engine.pause(self.progress.state != "paused")
 
     def _show_size(self) -> None:
         """Offer to put the size's fit off while it is to be done, and the size that was fitted so."""
@@ -219,14 +223,14 @@ class TrackingPanel:
 
     def _put_off(self, on: bool) -> None:
         words = self.page.words.of(f"Fit the {{kind}}'s size {'later' if on else 'first'}")
-        self.page.send(SetSetting(_SIZE, "later" if on else "true", words))
+        self.page.engine.set_setting(_SIZE, "later" if on else "true", words)
 
     def _again(self, where: str) -> None:
         if self.session is not None:
             from_here = where == _AGAIN[1]
             self.page.play(False)
-            self.page.send(
-                TakeSize(self.page.state.frame if from_here else self.session.first_frame)
+            self.page.engine.take_size(
+                self.page.state.frame if from_here else self.session.first_frame
             )
             self._follow(True)
 
@@ -248,34 +252,32 @@ class TrackingPanel:
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
         order = self.order("range")
-        if isinstance(order, Track) and self.range is not None:
+        if order is not None and self.range is not None:
             self.range.label = f"{order.start}\u2060…\u2060{order.stop - 1}"
 
-    def order(self, which: str) -> Track | TrackLive | None:
-        """Return the tracking command of a button."""
+    def order(self, which: str) -> Order | None:
+        """Return what a button tracks."""
         session, frame = self.session, self.page.state.frame
         if session is None:
             return None
-        if which == "live":
-            return TrackLive()
         if which == "all":
-            return Track(session.start, session.stop, session.first_frame, anew=True)
+            return Order(session.start, session.stop, session.first_frame, anew=True)
         if which == "between":
             ends = frozen_ends(self.strip, frame)
-            return None if ends is None else Track(ends[0], ends[1] + 1, ends[0], both_ends=True)
+            return None if ends is None else Order(ends[0], ends[1] + 1, ends[0], both_ends=True)
         if which == "here":
-            return Track(frame, frame + 1, frame)
+            return Order(frame, frame + 1, frame)
         if self.range is None:
             return None
         if which == "forward ▶":
-            return Track(frame, session.stop, frame)
+            return Order(frame, session.stop, frame)
         if which == "◀ backward":
-            return Track(session.start, frame + 1, frame)
+            return Order(session.start, frame + 1, frame)
         pair = clean_interval(self.range.value, session.start, session.stop - 1)
         if pair is None:
             return None
         first, last = int(pair[0]), int(pair[1])
-        return Track(first, last + 1, nearest_posed(self.strip, first, last, frame))
+        return Order(first, last + 1, nearest_posed(self.strip, first, last, frame))
 
     def show(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing; only what can be pressed now is there."""

@@ -22,7 +22,6 @@ from handtrack_app.page.pins.taking_hold import Hold, ellipsoid_at, hold_at, vie
 from handtrack_app.page.pins.whole_hand import WholeDrag
 from handtrack_app.page.scene.solids import ball
 from handtrack_app.page.views.zoom import ray_pixel
-from handtrack_app.protocol.posing import PullPlace, SetPin
 from handtrack_app.protocol.snapshots import BEFORE, CameraCard, PoseSnapshot, SessionSnapshot
 
 if TYPE_CHECKING:
@@ -224,18 +223,14 @@ class Grips:
         elif drag.card is None:
             x, y, z = (float(v) for v in drag.place + end - drag.start)
             version = state.begin_edit()
-            page.send(
-                PullPlace(
-                    state.frame, (x, y, z), version, hold.joint, hold.bone, hold.point, drag.tag
-                )
+            page.engine.pull_place(
+                state.frame, (x, y, z), version, hold.joint, hold.bone, hold.point, drag.tag
             )
         else:
             pixel = ray_pixel(drag.card, end - drag.card.centre)
             if pixel is not None:
                 version = state.begin_edit()
-                page.send(
-                    SetPin(
+                page.engine.set_pin(
                         state.frame, drag.card.name, pixel, version, hold.joint, hold.bone, hold.point,
                         self.by_images, drag.tag,
-                    )
-                )  # fmt: skip
+                    )  # fmt: skip

@@ -9,7 +9,6 @@ import viser
 
 from handtrack_app.page.page import Keys, Page
 from handtrack_app.page.pins.grips import Grips
-from handtrack_app.protocol.commands import CopyPins, DropPins
 from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot
 
 IMAGES, LEAST = "the images", "least change"
@@ -90,12 +89,12 @@ class PinPanel:
     def _drop(self, which: int | None) -> None:
         state = self.page.state
         version = state.begin_edit()
-        self.page.send(DropPins(state.frame, which, version, self.grips.by_images))
+        self.page.engine.drop_pins(state.frame, which, version, self.grips.by_images)
 
     def _copy(self, choice: str) -> None:
         state = self.page.state
         before, behind = {"5 before": (5, 0), "5 behind": (0, 5)}.get(choice, (5, 5))
-        self.page.send(CopyPins(state.frame, before, behind, state.begin_edit()))
+        self.page.engine.copy_pins(state.frame, before, behind, state.begin_edit())
 
 
 def pin_list(pins: tuple[PinCard, ...]) -> str:

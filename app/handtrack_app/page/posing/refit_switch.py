@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.page import Keys, Page, put
-from handtrack_app.protocol.posing import RefitWhileTuning
 
 _HINT = (
     "Each change of a setting, limit or filter fits the frame shown anew at once, from where it stands; the card says what that did "
@@ -39,4 +38,4 @@ class RefitSwitch:
         self.on = on
         for box in self.boxes:
             put(box, value=on)
-        self.page.send(RefitWhileTuning(on))
+        self.page.engine.refit_while_tuning(on)

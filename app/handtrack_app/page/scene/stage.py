@@ -52,12 +52,13 @@ from handtrack_app.page.scene.viewpoint import (
     upward,
 )
 from handtrack_app.page.state import Display
-from handtrack_app.protocol.commands import WantCloud, WantMasks, WantPictures, WantSurface
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     HAND_REACH_M,
     CameraCard,
+    CloudCard,
+    CloudSelection,
     CloudSnapshot,
     GuessesSnapshot,
     MaskPicture,
@@ -177,19 +178,20 @@ class Stage:
             return self.session.cameras[0].name
         return None
 
-    def wanted(self) -> tuple[WantPictures, WantSurface, WantCloud, WantMasks]:
-        """Return which pictures, and what of surface and clouds, the display options need."""
+    def wanted(self) -> dict[str, tuple[object, ...]]:
+        """Return which pictures, and what of surface and clouds, the display options need: the engine's commands and arguments."""
         display = self.page.state.display
         paint = "field" if display.field else display.paint
-        return (
-            WantPictures(display.images, paint, self.looking.pictures(self.field_camera())),
-            WantSurface(display.surface and not self.page.state.playing),
-            WantCloud(
-                display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
-                display.cloud_wide, display.stereo_pair, display.skin_box,
-            ),
-            WantMasks(display.masks),
+        cloud = CloudSelection(
+            display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
+            display.cloud_wide, display.stereo_pair, display.skin_box,
         )  # fmt: skip
+        return {
+            "want_pictures": (display.images, paint, self.looking.pictures(self.field_camera())),
+            "want_surface": (display.surface and not self.page.state.playing,),
+            "want_cloud": (cloud,),
+            "want_masks": (display.masks,),
+        }
 
     def _grasped(self, client: int | None) -> CameraCard | None:
         """Return the camera through which a page can take hold of the hand: not while its image is painted or marked."""
@@ -315,9 +317,9 @@ class Stage:
                 show_cloud(self.cloud, self.display, self.moments)
                 self._show_flesh()
 
-    def forget_cloud(self) -> None:
-        """Show no cloud any more."""
-        if self.cloud.cloud is not None:
+    def fit_cloud(self, card: CloudCard) -> None:
+        """Show no cloud any more where there is none."""
+        if not card.source and self.cloud.cloud is not None:
             self.cloud.cloud = None
             self.apply()
 

@@ -14,7 +14,6 @@ from handtrack_app.page.html import text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import groups_of, title_of, unit_of
 from handtrack_app.page.time.window import Window, extremes
-from handtrack_app.protocol.commands import WantCurves
 from handtrack_app.protocol.comparing import Curve, CurvesSnapshot
 from handtrack_app.protocol.snapshots import SessionSnapshot
 
@@ -109,7 +108,7 @@ class PlotsPanel:
 
     def _choose(self) -> None:
         chosen = str(self.page.said(self.group))
-        self.page.send(WantCurves(groups_of(self.names).get(chosen, ())))
+        self.page.engine.want_curves(groups_of(self.names).get(chosen, ()))
 
     def show(self, snapshot: CurvesSnapshot) -> None:
         """Take the curves as they are now."""

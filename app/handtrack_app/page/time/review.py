@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.page import Keys, Page, put
-from handtrack_app.protocol.commands import Accept
 from handtrack_app.protocol.snapshots import TimelineSnapshot
 from handtrack_app.protocol.timeline import StretchCard
 
@@ -112,9 +111,9 @@ class ReviewPanel:
         """
         stretch, frame = self.current, self.page.state.frame
         if what == "Good":
-            self.page.send(Accept(tuple(undoubted(self.strip))))
+            self.page.engine.accept(tuple(undoubted(self.strip)))
         elif stretch is not None and what != "Frame":
-            self.page.send(Accept(((stretch.first, stretch.last),)))
+            self.page.engine.accept(((stretch.first, stretch.last),))
             if len(self.stretches) > 1:
                 # it leaves the queue: the one after it stands in its place
                 following = self.stretches[
@@ -122,7 +121,7 @@ class ReviewPanel:
                 ]
                 self.page.go_to(following.worst)
         else:
-            self.page.send(Accept(((frame, frame),)))
+            self.page.engine.accept(((frame, frame),))
 
     def let_go(self, what: str) -> None:
         """Let frames be changed again."""
@@ -136,7 +135,7 @@ class ReviewPanel:
                 first -= 1
             while last + 1 in known:
                 last += 1
-        self.page.send(Accept(((first, last),), on=False))
+        self.page.engine.accept(((first, last),), on=False)
 
     # ---- showing
 

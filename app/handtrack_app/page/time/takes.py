@@ -9,7 +9,6 @@ import numpy as np
 import viser
 
 from handtrack_app.page.page import Page, put
-from handtrack_app.protocol.commands import CompareTake, RestoreTake
 from handtrack_app.protocol.snapshots import WorkSnapshot
 from handtrack_app.protocol.timeline import APART, TimelineSnapshot
 
@@ -72,11 +71,11 @@ class TakesPanel:
         chosen = str(self.page.said(self.chosen))
         if chosen.isdecimal():
             self.page.play(False)
-            self.page.send(RestoreTake(int(chosen), span))
+            self.page.engine.restore_take(int(chosen), span)
 
     def _compare(self) -> None:
         chosen = str(self.page.said(self.compare))
-        self.page.send(CompareTake(int(chosen) if chosen.isdecimal() else None))
+        self.page.engine.compare_take(int(chosen) if chosen.isdecimal() else None)
 
     def show(self, work: WorkSnapshot) -> None:
         """Show the takes that there are."""

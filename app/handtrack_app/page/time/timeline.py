@@ -10,7 +10,6 @@ import viser
 from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.time.lanes import Lane, cursor_picture, lanes_of, lanes_picture
 from handtrack_app.page.time.window import Window, whole
-from handtrack_app.protocol.commands import ShowTake
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, TimelineSnapshot
 
 _PLAY: tuple[str, ...] = ("First", "Back", "Play", "Next", "Last")
@@ -140,7 +139,7 @@ class TimelinePanel:
     def _show_hidden(self) -> None:
         hidden = () if self.strip is None else self.strip.hidden
         if hidden:
-            self.page.send(ShowTake(max(span.take for span in hidden)))
+            self.page.engine.show_take(max(span.take for span in hidden))
 
     def _redraw(self) -> None:
         """Send all lanes again."""

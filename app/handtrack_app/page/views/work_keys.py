@@ -6,15 +6,6 @@ from typing import TYPE_CHECKING
 
 from handtrack_app.page.page import Action, Keys, Page
 from handtrack_app.page.panels.tracking import TrackingPanel
-from handtrack_app.protocol.commands import (
-    Cancel,
-    Export,
-    ForgetPose,
-    Refine,
-    SavePose,
-    SaveTrack,
-    SetPose,
-)
 
 if TYPE_CHECKING:
     from handtrack_app.viser_internals import KeyModifier
@@ -30,7 +21,7 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
     def keyframe() -> None:
         if state.values:
             values = state.values
-            page.send(SetPose(state.frame, values, state.begin_edit(), words="Keyframe"))
+            page.engine.set_pose(state.frame, values, state.begin_edit(), words="Keyframe")
 
     entries: list[_Entry] = [
         ("Undo", "Z", "cmd/ctrl", lambda _: page.travel(back=True)),
@@ -49,16 +40,16 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
             "No keyframe here: the tracked pose",
             "M",
             "shift",
-            lambda _: page.send(ForgetPose(state.frame, state.begin_edit())),
+            lambda _: page.engine.forget_pose(state.frame, state.begin_edit()),
         ),
         ("Track: from here on", "T", "shift", lambda _: tracking.start("forward ▶")),
         ("Track: from here back", "B", "shift", lambda _: tracking.start("◀ backward")),
         ("Track: all frames", None, None, lambda _: tracking.start("all")),
         ("Track: pause, and go on", "P", "shift", lambda _: tracking.pause_or_go_on()),
-        ("Track: cancel", "C", "shift", lambda _: page.send(Cancel())),
-        ("Refine all frames together", "R", "shift", lambda _: page.send(Refine())),
-        ("Save the track", "V", "shift", lambda _: page.send(SaveTrack())),
-        ("Save this pose as the first frame's", None, None, lambda _: page.send(SavePose())),
+        ("Track: cancel", "C", "shift", lambda _: page.engine.cancel()),
+        ("Refine all frames together", "R", "shift", lambda _: page.engine.refine()),
+        ("Save the track", "V", "shift", lambda _: page.engine.save_track()),
+        ("Save this pose as the first frame's", None, None, lambda _: page.engine.save_pose()),
         ("Export angles and positions (CSV)", "O", "shift", _export(page, "csv")),
         ("Export everything (NPZ)", None, None, _export(page, "npz")),
     ]
@@ -67,4 +58,4 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
 
 
 def _export(page: Page, kind: str) -> Action:
-    return lambda event: page.send(Export(kind, event.client_id or 0))
+    return lambda event: page.engine.export(kind, event.client_id or 0)

@@ -13,7 +13,7 @@ import pytest
 from handtrack.arrays import Floats
 from handtrack_app.engine.tuning import refit
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import commands, snapshots
+from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener, _desk
 from tests.app.waiting import eventually
 
@@ -46,9 +46,9 @@ def test_without_the_switch_nothing_is_fitted(
     desk: tuple[Worker, Listener], bends: list[float]
 ) -> None:
     worker, listener = desk
-    worker.send(commands.SetSetting("silhouettes.weight", 3.0))
+    worker.engine.set_setting("silhouettes.weight", 3.0)
     listener.wait(snapshots.SessionSnapshot, lambda s: s.settings["silhouettes.weight"] == 3.0)
-    worker.send(commands.Undo(1))
+    worker.engine.undo(1)
     listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
     assert bends == []
 
@@ -58,16 +58,16 @@ def test_a_change_and_its_fit_are_one_step(
 ) -> None:
     worker, listener = desk
     before = listener.wait(snapshots.PoseSnapshot).values
-    worker.send(commands.RefitWhileTuning(True))
-    worker.send(commands.SetSetting("silhouettes.weight", 3.0))
+    worker.engine.refit_while_tuning(True)
+    worker.engine.set_setting("silhouettes.weight", 3.0)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
     assert _bend(worker) == pytest.approx(0.3)
     assert not worker.document.keyframes(range(12)), "tracking solves it anew"
     assert worker.document.led(range(12)).keys() == {3}
-    worker.send(commands.LookBefore(True))
+    worker.engine.look_before(True)
     looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
     np.testing.assert_allclose(looked.values, before, atol=1e-9)
-    worker.send(commands.Undo(pose.version + 1))
+    worker.engine.undo(pose.version + 1)
     back = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == pose.version + 1)
     np.testing.assert_allclose(back.values, before, atol=1e-9)
     assert worker.document.run.settings.silhouettes.weight == 1.0
@@ -75,8 +75,8 @@ def test_a_change_and_its_fit_are_one_step(
 
 def test_limits_are_tuned_too(desk: tuple[Worker, Listener], bends: list[float]) -> None:
     worker, listener = desk
-    worker.send(commands.RefitWhileTuning(True))
-    worker.send(commands.SetLimits("index_pip_flex", (0.5, 1.0)))
+    worker.engine.refit_while_tuning(True)
+    worker.engine.set_limits("index_pip_flex", (0.5, 1.0))
     listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
     assert _bend(worker) == pytest.approx(0.5)
 
@@ -97,10 +97,10 @@ def test_the_newest_change_wins(
 
     monkeypatch.setattr(refit, "fitted_again", slow)
     start = listener.wait(snapshots.PoseSnapshot).values
-    worker.send(commands.RefitWhileTuning(True))
-    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    worker.engine.refit_while_tuning(True)
+    worker.engine.set_setting("silhouettes.weight", 2.0)
     assert entered.wait(60.0)
-    worker.send(commands.SetSetting("silhouettes.weight", 3.0))
+    worker.engine.set_setting("silhouettes.weight", 3.0)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
     assert pose.values[0] - start[0] == pytest.approx(0.03)
 
@@ -117,14 +117,14 @@ def test_who_poses_meanwhile_keeps_the_pose(
         return params + 0.01
 
     monkeypatch.setattr(refit, "fitted_again", slow)
-    worker.send(commands.RefitWhileTuning(True))
-    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    worker.engine.refit_while_tuning(True)
+    worker.engine.set_setting("silhouettes.weight", 2.0)
     assert entered.wait(60.0)
-    worker.send(commands.TakePose(3, "fist", 5))
+    worker.engine.take_pose(3, "fist", 5)
     fist = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
     goes_on.set()
-    worker.send(commands.ShowFrame(4))
-    worker.send(commands.ShowFrame(3))
+    worker.engine.show_frame(4)
+    worker.engine.show_frame(3)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p is not fist and p.frame == 3 and p.version == 5)  # fmt: skip
     np.testing.assert_array_equal(pose.values, fist.values)
     assert pose.origin == "set"
@@ -134,10 +134,10 @@ def test_an_accepted_frame_is_not_fitted_and_that_is_said(
     desk: tuple[Worker, Listener], bends: list[float]
 ) -> None:
     worker, listener = desk
-    worker.send(commands.TakePose(3, "fist", 1))
-    worker.send(commands.Accept(((3, 3),), True))
-    worker.send(commands.RefitWhileTuning(True))
-    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    worker.engine.take_pose(3, "fist", 1)
+    worker.engine.accept(((3, 3),), True)
+    worker.engine.refit_while_tuning(True)
+    worker.engine.set_setting("silhouettes.weight", 2.0)
     told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
     assert "is accepted" in told.text
     assert worker.document.run.settings.silhouettes.weight == 2.0, "the setting holds all the same"
@@ -151,8 +151,8 @@ def test_what_fails_is_told(desk: tuple[Worker, Listener], monkeypatch: pytest.M
         raise ValueError("a mistake of ours")
 
     monkeypatch.setattr(refit, "fitted_again", broken)
-    worker.send(commands.RefitWhileTuning(True))
-    worker.send(commands.SetSetting("silhouettes.weight", 2.0))
+    worker.engine.refit_while_tuning(True)
+    worker.engine.set_setting("silhouettes.weight", 2.0)
     told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
     assert "Refitting failed" in told.text
 

@@ -1,0 +1,134 @@
+"""Calls of the page to the engine: methods that the engine marks with `command` are all that the page can call.
+
+A call is the method's name and its arguments, picklable. What is shown comes back as snapshots.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How calls of one method are treated before it runs."""
+
+    latest: tuple[str, ...] | None = None
+    """of waiting calls that are equal in these arguments (of a mapping: in its keys) the newest replaces the older ones; None: each is
+    served"""
+    edits: bool = False
+    """it changes what is kept of the session: it is on disk, repeated, or named as lost"""
+    job: bool = False
+    """it takes long; once sent it is not repeated unasked"""
+    view: bool = False
+    """a subscription of the page: the latest is repeated to an engine that begins again"""
+    is_ordered: bool = False
+    """later edits depend on it: it is repeated in its turn"""
+    files: bool = False
+    """it writes files of the session, which a live one does not have"""
+    words: str = ""
+    """what is named when it is lost; {argument} stands for a value"""
+    parameters: tuple[str, ...] = ()
+    at_once: Callable[..., None] | None = field(default=None, compare=False)
+    """acts on the jobs as the call comes, before its turn: called with the JobControl and the call's arguments"""
+
+
+def command(
+    *,
+    latest: tuple[str, ...] | None = None,
+    edits: bool = False,
+    job: bool = False,
+    view: bool = False,
+    is_ordered: bool = False,
+    files: bool = False,
+    words: str = "",
+    at_once: Callable[..., None] | None = None,
+) -> Callable[[Method], Method]:
+    """Mark a method that the page may call; see Rule."""
+
+    def mark(method: Method) -> Method:
+        parameters = tuple(inspect.signature(method).parameters)[1:]
+        method.rule = Rule(latest, edits, job, view, is_ordered, files, words, parameters, at_once)  # type: ignore[attr-defined]
+        return method
+
+    return mark
+
+
+Rules = Mapping[str, Rule]
+
+
+def rules_of(*classes: type) -> dict[str, Rule]:
+    """Return the rules of all marked methods by name."""
+    return {
+        name: rule
+        for cls in classes
+        for name in dir(cls)
+        if (rule := getattr(getattr(cls, name), "rule", None)) is not None
+    }
+
+
+def portable(rules: Rules) -> dict[str, Rule]:
+    """Return rules without what only the engine needs, to be sent to the page."""
+    return {name: replace(rule, at_once=None) for name, rule in rules.items()}
+
+
+@dataclass(frozen=True)
+class Call:
+    """A method of the engine with its arguments by name."""
+
+    name: str
+    arguments: Mapping[str, Any]
+    rule: Rule = field(compare=False, repr=False)
+    number: int = 0
+    """counts a page's calls from 1; the engine reports up to which all is on disk (`WorkSnapshot.written`)"""
+
+    @classmethod
+    def of(cls, rules: Rules, name: str, given: tuple[Any, ...], named: Mapping[str, Any]) -> Call:
+        """Return a call. Raises TypeError for a name or argument that the engine does not have."""
+        rule = rules.get(name)
+        if (
+            rule is None
+            or len(given) > len(rule.parameters)
+            or not named.keys() <= {*rule.parameters}
+        ):
+            raise TypeError(f"the engine has no command {name}{(*given, *named)}.")
+        return cls(name, {**dict(zip(rule.parameters, given, strict=False)), **named}, rule)
+
+    @property
+    def key(self) -> Hashable | None:
+        """What it has in common with the waiting calls that it replaces; None: it replaces none."""
+        if self.rule.latest is None:
+            return None
+        values = (self.arguments.get(name) for name in self.rule.latest)
+        return self.name, *(tuple(v) if isinstance(v, Mapping) else v for v in values)
+
+    @property
+    def is_kept(self) -> bool:
+        """Whether the page keeps it until the engine has done it."""
+        return self.rule.edits or self.rule.job or self.rule.is_ordered
+
+    @property
+    def is_step(self) -> bool:
+        """Whether it depends on all calls before it, or those after it on it: none is moved past it."""
+        return self.key is None and self.is_kept
+
+    @property
+    def words(self) -> str:
+        """What it is about, to be named when it is lost."""
+        return self.rule.words.format_map(self.arguments) or self.name.replace("_", " ")
+
+
+class Caller:
+    """Makes a call of each method that is called on it; the page has it as the engine (`Engine`)."""
+
+    def __init__(self, send: Callable[[str, tuple[Any, ...], Mapping[str, Any]], None]) -> None:
+        self._send = send
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return lambda *given, **named: self._send(name, given, named)

@@ -1,0 +1,13 @@
+"""Calls to the engine, made before they are sent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from handtrack_app.engine.worker import RULES
+from handtrack_app.protocol.calls import Call
+
+
+def call(name: str, *given: Any, **named: Any) -> Call:
+    """Return a call of an engine's method."""
+    return Call.of(RULES, name, given, named)
