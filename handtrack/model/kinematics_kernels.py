@@ -117,22 +117,26 @@ def twist_columns(root_jacobian, parent, hinge_bone, axis_world, position, out):
 
 
 @numba.njit(cache=True, nogil=True)
-def pose(tree, params):  # pragma: no cover - compiled
+def pose(parent, offset, rest, hinge_bone, hinge_axis, params):  # pragma: no cover - compiled
     """Return rotation (B, 3, 3), position (B, 3), the hinges' world axes and the root's left Jacobian, for params (S,)."""
-    bones = tree.parent.shape[0]
+    bones = parent.shape[0]
     rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
-    axes, root = np.empty((tree.hinge_bone.shape[0], 3)), np.empty((5, 3, 3))
+    axes, root = np.empty((hinge_bone.shape[0], 3)), np.empty((5, 3, 3))
     turn_root(params[3:6], root[0], root[1], root[2:])
     pose_bones(
-        params, root[0], tree.parent, tree.offset, tree.rest, tree.hinge_bone, tree.hinge_axis, rotation, position, axes
+        params, root[0], parent, offset, rest, hinge_bone, hinge_axis, rotation, position, axes
     )  # fmt: skip
     return rotation, position, axes, root[1]
 
 
 @numba.njit(cache=True, nogil=True)
-def linearize_pose(tree, params):  # pragma: no cover - compiled
+def linearize_pose(
+    parent, offset, rest, hinge_bone, hinge_axis, params
+):  # pragma: no cover - compiled
     """Return rotation, position and the twist Jacobian (B, 6, S)."""
-    rotation, position, axes, root_jacobian = pose(tree, params)
-    jacobian = np.empty((tree.parent.shape[0], 6, params.shape[0]))
-    twist_columns(root_jacobian, tree.parent, tree.hinge_bone, axes, position, jacobian)
+    rotation, position, axes, root_jacobian = pose(
+        parent, offset, rest, hinge_bone, hinge_axis, params
+    )
+    jacobian = np.empty((parent.shape[0], 6, params.shape[0]))
+    twist_columns(root_jacobian, parent, hinge_bone, axes, position, jacobian)
     return rotation, position, jacobian

@@ -21,6 +21,7 @@ from handtrack.terms.silhouettes.conic_kernels import ELLIPSE
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.silhouettes.row_kernels import MOMENTS
 from handtrack.terms.silhouettes.silhouette_kernels import (
+    CameraField,
     camera_moments,
     silhouette_sums,
     unpack_all,
@@ -28,16 +29,6 @@ from handtrack.terms.silhouettes.silhouette_kernels import (
 from handtrack.terms.term import ObservationTerm
 
 MOST_ELLIPSOIDS = 1000
-
-
-class CameraField(NamedTuple):
-    """A `FieldShape` in one camera."""
-
-    levels: Floats[E, D2]
-    limit: float
-    depth_scaled: bool
-    step: int
-    """of so many rows one is looked at, which stands for all"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +133,11 @@ class FieldTerm(ObservationTerm):
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, grown = 0.0, bones.growth is not None and self.ellipsoids.grown(bones)
+        frames, gathered = tuple(bones.frames), tuple(sums)
         for view, seen in zip(self._views, self.silhouettes, strict=True):
             flesh = grown.thicker(seen.wider_m).arrays if grown else view.ellipsoids
-            part = silhouette_sums(bones.frames, flesh, seen.arrays, view.field, view.weight, sums)
+            observed = tuple(flesh), tuple(seen.arrays), tuple(view.field)
+            part = silhouette_sums(frames, *observed, view.weight, gathered)
             cost += max(part + view.energy, 0.0)
         return cost
 

@@ -12,9 +12,15 @@ A field of an ellipse is a quadratic q(u, v), −1 at its centre, 0 on its outli
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
+from handtrack.arrays import D2, E, Floats
+from handtrack.model.flesh import EllipsoidArrays
+from handtrack.model.kinematics import Frames
+from handtrack.terms.bone_system import Sums
 from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.silhouettes.conic_kernels import (
     CENTRE_U,
@@ -30,6 +36,7 @@ from handtrack.terms.silhouettes.conic_kernels import (
     conic_of,
     project,
 )
+from handtrack.terms.silhouettes.prepared_silhouette import MaskArrays
 from handtrack.terms.silhouettes.row_kernels import (
     BLOCK,
     MOMENTS,
@@ -54,9 +61,24 @@ SPANS = 6 * BLOCK
 _SURELY = 1e-6  # [px] nearer to its end, rounding decides whether a pixel is saturated
 
 
+class CameraField(NamedTuple):
+    """A `FieldShape` in one camera, as compiled sums take it."""
+
+    levels: Floats[E, D2]
+    limit: float
+    depth_scaled: bool
+    step: int
+    """of so many rows one is looked at, which stands for all"""
+
+
 @numba.njit(cache=True, nogil=True)
 def silhouette_sums(frames, ellipsoids, mask, field, weight, sums):  # pragma: no cover - compiled
-    """Add one camera's ½ weight Σ (P − Z)² by twists to sums; return the cost, without ½ weight ΣZ², which no pose changes."""
+    """Add one camera's ½ weight Σ (P − Z)² by twists to sums; return the cost, without ½ weight ΣZ², which no pose changes.
+
+    Arguments are plain tuples of what they are called: to check classes of NamedTuples takes 10 % of the time.
+    """
+    frames, ellipsoids, sums = Frames(*frames), EllipsoidArrays(*ellipsoids), Sums(*sums)
+    mask, field = MaskArrays(*mask), CameraField(*field)
     bone, levels = ellipsoids.bone, field.levels
     count = bone.shape[0]
     centre_world, shape_world = np.empty((count, 3)), np.empty((count, 3, 3))
