@@ -21,7 +21,6 @@ from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session import Session
 from handtrack_app.page.pins.taking_hold import NEAR_JOINT_M
-from handtrack_app.page.views.room import POSE
 from handtrack_app.process.plan import EnginePlan
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
@@ -285,10 +284,8 @@ def accept_all(person: Person, wanted: range, figures: dict[str, Any]) -> None:
 
 def begin(person: Person, figures: dict[str, Any]) -> None:
     """Find the hand, and track the stretch."""
-    bench, view = person.bench, person.view
+    view = person.view
     person.go(OPEN)
-    if POSE in next(iter(bench.layout.room.tastes.values())).folded:
-        person.key("t")
     view.page.get_by_role("button", name="this frame", exact=True).wait_for()
     person.press("this frame")
     figures["found_s"] = person.idle("the search")
@@ -375,7 +372,7 @@ def main(what: str, folder: str) -> None:
         (copy / "init.json").unlink()
     rig = Session.open(copy).rig
     bench = Workbench(copy, port=0, plan=EnginePlan(copy))
-    with browsing(bench, dpr=0.5, size=(1280, 800), unfold=False) as view:
+    with browsing(bench, dpr=0.5, size=(1280, 800)) as view:
         person = Person(bench, view, rig, out)
         person.until(lambda: bench.layout.tracking.progress.state == "idle", "ready")
         person.view.page.wait_for_timeout(3000)

@@ -1,4 +1,4 @@
-"""Where the panels stand: pose at the left, everything else at the right, the timeline below."""
+"""Where the panels stand: one at the right, with a rail of five entries, and the timeline below."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from handtrack_app.page.time.review import ReviewPanel
 from handtrack_app.page.time.takes import TakesPanel
 from handtrack_app.page.time.timeline import TimelinePanel
 from handtrack_app.page.views.help import Help
-from handtrack_app.page.views.room import POSE, REST, WIDTHS, Room, colours
+from handtrack_app.page.views.room import WIDTH, Room, colours
 from handtrack_app.page.views.work_keys import add_work_keys
 from handtrack_app.page.views.zoom_keys import ZoomKeys
 from handtrack_app.protocol.palette import ASIDE
@@ -49,7 +49,7 @@ from handtrack_app.protocol.snapshots import (
 
 _ASIDE = (
     f"<div style='margin:0 .9em .4em;padding:.15em .6em;border-left:3px solid {ASIDE[1]};font-size:.85em'>"
-    "<b>Before the last step.</b> Space shows the pose as it is.</div>"
+    "<b>Before the last step.</b> Tab shows the pose as it is.</div>"
 )
 """seen whatever tab is open, as the panel with the pose's card may be folded"""
 
@@ -72,55 +72,58 @@ class PageLayout:
         self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
         page.on(self.again, lambda _: start_again())
         self.messages = Messages(page)
-        tabs = gui.add_tab_group()
+        gui.add_html("<div class='handtrack-rail'></div>")
+        tabs, icon = gui.add_tab_group(), viser.Icon
+        pose, review, track, view, more = (
+            tabs.add_tab(name, icon=which)
+            for name, which in (
+                ("Pose", icon.HAND_STOP), ("Review", icon.LIST_CHECK), ("Track", icon.PLAYER_PLAY), ("View", icon.EYE),
+                ("More", icon.DOTS),
+            )
+        )  # fmt: skip
+        with pose:
+            posing = gui.add_tab_group()
+        with review:
+            reviewing = gui.add_tab_group()
+        with more:
+            others = gui.add_tab_group()
         self.keys = Keys(gui, page.words)
         self.help = Help(page, self.keys)
         self.room = Room(page, self.keys)
         zoom = ZoomKeys(page, stage.looking.views, stage.looking.walls, self.keys)
         self.session = SessionPanel(
-            page,
-            tabs.add_tab("View"),
-            stage.look,
-            stage.looking.set_paint,
-            self.keys,
-            zoom,
-            self.room,
+            page, view, stage.look, stage.looking.set_paint, self.keys, zoom, self.room
         )
-        self.tracking = TrackingPanel(page, tabs.add_tab("Track"))
+        self.help.leave = self.session.leave
+        self.tracking = TrackingPanel(page, track)
         add_work_keys(self.keys, page, self.tracking)
-        self.live = LivePanel(page, self.tracking.tab)
-        self.takes = TakesPanel(page, self.tracking.tab)
-        self.cloud = CloudPanel(page, tabs.add_tab("Cloud"), stage.mark_box)
-        self.masks = MaskPanel(page, tabs.add_tab("Masks"), stage)
+        self.live = LivePanel(page, track)
+        self.takes = TakesPanel(page, track)
         refits = RefitSwitch(page, self.keys)
-        self.settings = SettingsPanel(page, tabs.add_tab("Settings"), refits)
-        self.export = ExportPanel(page, tabs.add_tab("Export"))
-        self.messages.build(tabs.add_tab("Messages"))
-        page.heard.append(self.messages.take)
-        gui.main_panel.dock_right()
-        gui.main_panel.set_width(WIDTHS[REST])
-
         self.compared = ComparedHand(page)
-        left = gui.add_panel()
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
         nudges = NudgePanel(page, stage.hand_middle, stage.looking.view_axes, self.keys)
         pins = PinPanel(page, stage.grips, self.keys)
         copies = CopyPanel(page, self.keys, stage.looking.view_axes)
-        self.pose = PosePanel(page, left.add_tab("Pose"), nudges, self.guesses, pins, copies)
+        joints = posing.add_tab("Joints")
+        self.pose = PosePanel(page, joints, nudges, self.guesses, pins, copies)
         self.library = Library(page, self.pose.take)
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
-        self.limits = LimitsPanel(page, left.add_tab("Limits"), refits)
-        certainty = left.add_tab("Certainty")
-        with certainty:
+        self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits)
+        with posing.add_tab("Certainty"):
             self.certainty = gui.add_html("")
-        self.review = ReviewPanel(page, left.add_tab("Review"))
+        self.review = ReviewPanel(page, reviewing.add_tab("Queue"))
         self.review.add_keys(self.keys)
-        self.plots = PlotsPanel(page, left.add_tab("Plots"), lambda: self.timeline.window)
-        left.dock_left()
-        left.set_width(WIDTHS[POSE])
-
-        self.room.panels = {POSE: left, REST: gui.main_panel}
+        self.plots = PlotsPanel(page, reviewing.add_tab("Plots"), lambda: self.timeline.window)
+        self.export = ExportPanel(page, others.add_tab("Export"))
+        self.settings = SettingsPanel(page, others.add_tab("Settings"), refits)
+        self.masks = MaskPanel(page, others.add_tab("Masks"), stage)
+        self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box)
+        self.messages.build(others.add_tab("Messages"))
+        page.heard.append(self.messages.take)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
 
         below = gui.add_panel()
         self.timeline = TimelinePanel(page, below.add_tab("Timeline"))

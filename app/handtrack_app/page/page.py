@@ -93,6 +93,10 @@ class Page:
         if opened is not None:
             opened.close()
 
+    def has_dialog(self, client: viser.ClientHandle) -> bool:
+        """Return whether a page has a dialog open."""
+        return client.client_id in self._dialogs
+
     def play(self, on: bool) -> None:
         """Begin or end playback; what is too slow for it is drawn differently meanwhile."""
         if self.state.playing != on:
@@ -225,6 +229,9 @@ _KEY_WORDS = {
     "end": "End",
     "space": "Space",
     "escape": "Esc",
+    "tab": "Tab",
+    "arrowright": "→",
+    "arrowleft": "←",
 }
 
 

@@ -32,6 +32,8 @@ class Display:
     """`images`, `stereo` or `none`"""
     cloud_wide: bool = False
     stereo_pair: tuple[str, str] | None = None
+    hidden: bool = False
+    """nothing is drawn of the model, for a look at the bare image"""
     masks: bool = False
     """over all cameras' small pictures"""
     skin_box: tuple[str, tuple[int, int, int, int]] | None = None

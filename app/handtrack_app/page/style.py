@@ -24,20 +24,23 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .multi-slider { margin-inline: 6px 12px; width: calc(100% - 18px) !important; }
 .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
-/* the timeline below all else, as wide as the window: nothing stands before scene and panels */
-:root { --handtrack-below: 142px; }
+/* the timeline below all else, as wide as the window: nothing stands before scene and panel */
+:root { --handtrack-below: 84px; }
 div:has(> .mantine-Paper-root[style*="position: absolute"] .handtrack-timeline) {
   height: calc(100% - var(--handtrack-below)) !important; }
-.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) {
-  position: fixed !important; inset: auto 0 0 0 !important; width: 100vw !important; height: var(--handtrack-below) !important;
-  z-index: 4 !important; border-radius: 0 !important; overflow: hidden !important; }
-.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"] { display: none !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { position: fixed !important; inset: auto 0 0 0 !important; width: 100vw !important; height: var(--handtrack-below) !important;
+  z-index: 4 !important; border-radius: 0 !important; overflow: hidden !important; border-top: 1px solid rgba(128, 128, 128, .35) !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"], .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) div:has(> [role="button"]):has(.tabler-icon-minus), .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) > div[style*="cursor"] { display: none !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) div[style*="padding-top: var(--mantine-spacing-xs)"] { padding-top: 0 !important; }
 div:has(> .handtrack-timeline) + div + div { margin-top: calc(-1 * var(--handtrack-lanes)); height: var(--handtrack-lanes);
-  padding: 0 10px 0 0 !important; position: relative; pointer-events: none; }
+  padding: 0 !important; position: relative; pointer-events: none; }
 div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root { height: 100%; align-items: stretch !important; }
-div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root > div:first-child { visibility: hidden; width: 120px !important;
+div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root > div:first-child { visibility: hidden; width: 172px !important;
   padding: 0 !important; }
-div:has(> .handtrack-timeline) + div + div .mantine-Flex-root .mantine-Flex-root { height: 100%; align-items: flex-end; }
+div:has(> .handtrack-timeline) + div + div .mantine-Flex-root .mantine-Flex-root { height: 100%; align-items: flex-end;
+  padding-right: 66px; }
+div:has(> .handtrack-timeline) + div + div .mantine-InputWrapper-root { position: absolute; left: 4px; top: 56px; margin: 0 !important;
+  width: 64px !important; }
 div:has(> .handtrack-timeline) + div + div :is(.mantine-InputWrapper-root, .mantine-Slider-root) { pointer-events: auto; }
 div:has(> .handtrack-timeline) + div + div :is(.mantine-Slider-root, .mantine-Slider-trackContainer) { height: 100% !important;
   padding: 0 !important; cursor: crosshair; }
@@ -46,19 +49,42 @@ div:has(> .handtrack-timeline) + div + div .mantine-Slider-track::before, div:ha
   :is(.mantine-Slider-bar, .mantine-Slider-markWrapper) { display: none !important; }
 div:has(> .handtrack-timeline) + div + div .mantine-Slider-thumb { height: 100% !important; width: 2px !important; border: 0 !important;
   border-radius: 0 !important; background: currentColor !important; box-shadow: none !important; }
+/* transport, zoom and speed in the timeline's left column; a frame box below them */
+div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) { position: absolute; left: 4px; padding: 0 !important; width: 164px; }
+div:has(> .handtrack-timeline) ~ div:nth-last-child(3) { top: 3px; }
+div:has(> .handtrack-timeline) ~ div:nth-last-child(2) { top: 29px; width: 130px; }
+div:has(> .handtrack-timeline) ~ div:nth-last-child(1) { top: 56px; left: 76px; width: 90px; }
+div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) > .mantine-Flex-root > div:first-child { position: absolute; width: 1px !important;
+  height: 1px; overflow: hidden; clip-path: inset(50%); padding: 0 !important; }
+div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Flex-root { gap: 3px !important; flex-wrap: nowrap !important; }
+div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root { border: 0 !important; padding: 0 !important; height: 24px !important;
+  min-width: 28px; background: rgba(128, 128, 128, .16) !important; color: inherit !important; }
+.handtrack-lane { position: absolute; left: 4px; display: flex; align-items: center; gap: .6em; line-height: 1.1; font-size: 11px;
+  white-space: nowrap; pointer-events: none; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
+.handtrack-lane[style*="right"] { left: auto; padding: 2px 6px; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 320px) !important; }
+/* the rail: an icon over its name, five side by side */
+div:has(> .handtrack-rail) + div [role="tablist"] { flex-wrap: nowrap !important; }
+div:has(> .handtrack-rail) + div [role="tab"] { flex: 1 1 0; flex-direction: column; justify-content: center; height: 3.6em !important;
+  padding: 0 .2em !important; gap: .15em; font-size: 13px; }
+div:has(> .handtrack-rail) + div [role="tab"] > * { margin: 0 !important; overflow: visible !important; }
+div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tablist"] { flex-wrap: wrap !important; }
+div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .55em !important; }
+/* notices above the hand, in a strip that a hand that is zoomed to leaves free */
+.mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 320px)) !important; }
+.mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; max-height: none !important; }
+.mantine-Notification-title, .mantine-Notification-description { overflow: visible !important; white-space: normal !important;
+  text-overflow: clip !important; margin-bottom: 0 !important; }
+.mantine-Notification-description { font-size: 13px !important; line-height: 1.3; color: inherit !important; opacity: .9; }
+/* legible: 13 px and 4.5 : 1 */
+p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color: var(--mantine-color-text) !important; opacity: .9; }
+.mantine-Input-input, .mantine-Button-label, .mantine-Checkbox-label { font-size: 13px !important; }
+[role="tab"] { opacity: 1 !important; color: var(--mantine-color-text) !important; }
+[role="tab"][aria-selected="true"] { font-weight: 600; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important; padding: .25em .6em !important; font-size: .8em; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-inner { justify-content: flex-start; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; text-align: left; height: auto; line-height: 1.3;
   font-weight: 500; }
-.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) div[style*="padding-top: var(--mantine-spacing-xs)"] {
-  padding-top: 0 !important; }
-.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 684px) !important; }
-/* notices above the hand, in a strip that a hand that is zoomed to leaves free */
-.mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 670px)) !important; }
-.mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; max-height: none !important; }
-.mantine-Notification-title, .mantine-Notification-description { overflow: visible !important; white-space: normal !important;
-  text-overflow: clip !important; margin-bottom: 0 !important; }
-.mantine-Notification-description { font-size: .8em !important; line-height: 1.3; }
 div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important; margin: 0 .3em .4em; width: auto !important; padding: .15em .6em !important; font-size: .8em; }
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
   background-color: #c3c9d2 !important; }
@@ -77,20 +103,46 @@ if (document.getElementById("handtrack-style") === null) {
   sheet.id = "handtrack-style";
   sheet.textContent = %s;
   document.head.append(sheet);
-  // keys are heard by the document's root: a dialog's end before it, all but Escape, which closes it
+  // keys are heard by the document's root. They act where neither a dialog is open nor a control has the focus
+  const controls = 'input, textarea, select, button, [role="slider"], [role="tab"], [role="combobox"], [role="checkbox"]';
   let awaited = false;  // the palette, which takes a moment to open
   document.body.addEventListener("keydown", (event) => {
-    const open = document.querySelector('[role="dialog"]') !== null;
-    if (event.key === "Escape") awaited = false;
-    else if (open || awaited) event.stopPropagation();
+    const open = document.querySelector('[role="dialog"]') !== null, held = event.ctrlKey || event.metaKey || event.altKey;
+    const busy = event.target instanceof Element && event.target.closest(controls) !== null && !held;
+    if (event.key === "Escape") { awaited = false; if (busy) event.target.blur(); }
+    else if (open || awaited || busy || (event.key === "Tab" && event.shiftKey)) event.stopPropagation();
     else awaited = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === (event.shiftKey ? "p" : "k");
     if (open) awaited = false;
   });
+  // the arrows step: viser's camera, which hears later, is not to turn by them
+  document.documentElement.addEventListener("keydown", (event) => {
+    if (event.key.startsWith("Arrow")) event.stopPropagation();
+  });
+  // what was pressed with the pointer does not keep the keys
+  document.addEventListener("click", (event) => {
+    const button = event.target instanceof Element ? event.target.closest('button, [role="tab"], input[type="checkbox"]') : null;
+    if (button && event.detail > 0) button.blur();
+  });
+  // names for screen readers: viser's sliders, boxes and transport signs have none
+  const signs = {"⇤": "First frame", "←": "Previous frame", "▶": "Play or pause", "→": "Next frame", "⇥": "Last frame",
+    "+": "Fewer frames", "−": "More frames", "↔": "All frames", "☰": "More lanes"};
+  const name = () => {
+    for (const one of document.querySelectorAll('[role="slider"], input, button')) {
+      if (one.getAttribute("aria-label") || one.labels?.length) continue;
+      const sign = signs[one.textContent.trim()];
+      const row = one.closest('[style*="padding-inline"]')?.querySelector("label, p");
+      const words = sign ?? (one.textContent.trim() ? null : row?.textContent.trim() ?? one.getAttribute("placeholder"));
+      if (words) { one.setAttribute("aria-label", words); if (sign) one.title = sign; }
+    }
+  };
+  let due = 0;
+  new MutationObserver(() => { clearTimeout(due); due = setTimeout(name, 300); }).observe(document.body, {childList: true, subtree: true});
+  name();
 }
 """
 
 
 def dress(server: viser.ViserServer) -> None:
     """Give all pages of a server the workbench's style, which no folded panel takes along, and its dialogs their keys."""
-    source = _SCRIPT % json.dumps(_STYLE_SHEET)
+    source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET))
     internals.run_javascript(server, source)

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 import viser.transforms as vtf
 
-from handtrack_app.page.views.room import POSE
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -38,6 +37,8 @@ class PageUnderTest:
         self.page.get_by_role("button", name=name, exact=True).click()
 
     def show_tab(self, name: str) -> None:
+        if name in ("Export", "Settings", "Masks", "Cloud", "Messages"):
+            self.page.get_by_role("tab", name="More", exact=True).click()
         self.page.get_by_role("tab", name=name, exact=True).click()
 
     def drag(self, start: tuple[float, float], stop: tuple[float, float]) -> None:
@@ -53,7 +54,7 @@ class PageUnderTest:
 
 @contextlib.contextmanager
 def browsing(
-    bench: Workbench, dpr: float = 0.5, size: tuple[int, int] = (1300, 800), unfold: bool = True
+    bench: Workbench, dpr: float = 0.5, size: tuple[int, int] = (1300, 800)
 ) -> Iterator[PageUnderTest]:
     """Show a workbench in a real browser; it is stopped afterwards."""
     if not there_is_one():
@@ -64,8 +65,6 @@ def browsing(
     with chromium(size) as (page, errors):
         page.goto(f"{bench.url}&fixedDpr={dpr:g}")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
-        if unfold:
-            _unfold(bench)
         yield PageUnderTest(page)
         assert not errors, f"errors in the page: {errors}"
     bench.stop()
@@ -79,13 +78,6 @@ def stands(bench: Workbench) -> bool:
         return False
     turned = vtf.SO3(np.asarray(client.camera.wxyz, dtype=float)).as_matrix()
     return np.allclose(turned, view.eye.rotation, atol=1e-5)
-
-
-def _unfold(bench: Workbench) -> None:
-    """Open the pose panel, which a small window has folded."""
-    room = bench.layout.room
-    for client in bench.server.get_clients().values():
-        room.fold(client, POSE, folded=False)
 
 
 @pytest.fixture

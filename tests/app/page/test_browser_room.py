@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack_app.page.scene.hand_place import hand_balls
-from handtrack_app.page.views.room import LARGE, LIGHT, POSE, REST, Taste
+from handtrack_app.page.views.room import LARGE, LIGHT, Taste
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
@@ -34,8 +34,10 @@ KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))
 @pytest.mark.browser
 def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path: Path) -> None:
     bench = Workbench(tmp_path, port=0, opener=fake_document)
-    with browsing(bench, dpr=1.0, size=(1280, 800), unfold=False) as view:
-        eventually(lambda: share(view) >= 0.6, "the scene has 60 % of the window")
+    with browsing(bench, dpr=1.0, size=(1280, 800)) as view:
+        eventually(
+            lambda: share(view) >= 0.7, "the scene has 70 % of the window, with the panel open"
+        )
         eventually(lambda: is_large(bench, view), "freely")
         view.page.keyboard.press("1")
         eventually(lambda: stands(bench), "it looks through a camera")
@@ -51,7 +53,7 @@ def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path: Path) -> No
         view.page.reload()
         room = bench.layout.room
         eventually(
-            lambda: Taste((POSE,), LIGHT) in [room.tastes.get(one) for one in bench.server.get_clients()],
+            lambda: Taste(False, LIGHT) in [room.tastes.get(one) for one in bench.server.get_clients()],
             "remembered", timeout=40.0,
         )  # fmt: skip
 
@@ -67,8 +69,7 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path: Path) -> None:
         eventually(lambda: all(looks()[k] != usual[k] for k in ("scale", "ground")), "as chosen")
         view.page.wait_for_timeout(500)
         before = looks()
-        for panel in (POSE, REST):
-            bench.layout.room.fold(client, panel, folded=True)
+        bench.layout.room.fold(client, folded=True)
         view.page.wait_for_timeout(2000)
         assert looks() == before
         assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"

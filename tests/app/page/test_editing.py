@@ -113,7 +113,7 @@ def test_each_page_looks_through_a_camera_of_its_own(bench: Workbench) -> None:
         other.set_value(view.view, "Everything")
         eventually(lambda: _shown(other, "/cameras"), "free again")
         eventually(lambda: _shown(other, "/screen") is False, "without the picture")
-        assert value_of(other, view.through) == "free view" and _shown(editor, "/screen")
+        assert value_of(other, view.through) == "orbit view" and _shown(editor, "/screen")
         other.set_value(view.through, "side")
         eventually(lambda: len(wished(bench)) == 2, "two pictures")
     eventually(lambda: wished(bench) == (), "of pages that went none is painted")

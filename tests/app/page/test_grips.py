@@ -92,7 +92,7 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(
         assert (pin.camera, pin.words) == ("front", "index tip")
         page.press("Drop the last pin")
         eventually(lambda: bench.stage.pose is not None and not bench.stage.pose.pins, "dropped")
-        page.press("Look freely")
+        page.press("Orbit view")
         eventually(lambda: page.number not in grips._grips, "free views turn by a drag")
 
 

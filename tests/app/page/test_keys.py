@@ -15,8 +15,8 @@ from tests.app.wire import WireClient
 NEEDED = (
     "Undo", "Redo", "Play or pause", "Ten frames on", "Ten frames back", "Keep this pose", "No keyframe", "Track: from here on",
     "Track: all frames", "Track: pause", "Track: cancel", "Refine", "Save the track", "Export angles", "Fit to the images",
-    "Next doubtful", "Look through front", "Look freely", "See the hand in all cameras", "View: nearer", "View: wider",
-    "View: the whole image", "View: the hand", "Fold or open the pose panel", "Light or dark", "Large or usual text", "Help", "Tour",
+    "Next doubtful", "Look through front", "Orbit view", "See the hand in all cameras", "View: nearer", "View: wider",
+    "View: the whole image", "View: the hand", "Hide or show the panel", "Hide or show the model", "Before/after", "Next overlay", "Light or dark", "Large or usual text", "Help", "Tour",
 )  # fmt: skip
 
 
@@ -28,10 +28,10 @@ def test_every_command_is_there_and_no_key_is_given_twice_or_to_viser(bench: Wor
         assert any(one.label.startswith(words) for one in commands), words
     keys = [(one.hotkey, one.modifier) for one in commands if one.hotkey is not None]
     assert len(keys) == len(set(keys)), sorted(k for k in keys if keys.count(k) > 1)
-    walking = {"W", "A", "S", "D", "Q", "E", "arrowup", "arrowdown", "arrowleft", "arrowright"}
+    walking = {"W", "A", "S", "D", "Q", "E"}
     assert not walking & {key for key, _ in keys}
     table = bench.layout.keys.table()
-    assert "Page ↓" in table and "Keep this pose" in table
+    assert "Shift →" in table and "Keep this pose" in table
 
 
 def test_frames_and_keyframes_by_key(bench: Workbench) -> None:

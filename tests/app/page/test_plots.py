@@ -60,7 +60,7 @@ def test_the_tab_plots_the_angles_of_a_finger(bench: Workbench) -> None:
         eventually(lambda: len(panel.plots) == 4, "plotted")
         assert np.isfinite(panel.plots[0].data[1]).any()
         before = panel.plots[0].data
-        bench.layout.timeline.look_closer("In")
+        bench.layout.timeline.look_closer("+")
         eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]), "the timeline's window")
         client.set_value(panel.group, "Thumb")
         eventually(lambda: "humb" in (panel.plots[0].title or ""), "another finger")

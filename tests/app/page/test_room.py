@@ -1,4 +1,4 @@
-"""A page's own room: folded panels, colours and text are its own, and its browser remembers them; a small window folds one panel."""
+"""A page's own room: folded panels, colours and text are its own, and its browser remembers them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from handtrack_app.page.views.room import DARK, LARGE, LIGHT, POSE, REST, Room, Taste
+from handtrack_app.page.views.room import LARGE, LIGHT, Taste
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_through import Browser
 from tests.app.waiting import eventually
@@ -24,24 +24,16 @@ def answer(wire: WireClient, kept: str | None) -> None:
     wire.answer(said(wire, "LocalStorageGetItemRequestMessage")[-1], kept)
 
 
-def camera(wire: WireClient, width: int) -> None:
-    wire.send({
-        "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, -1.0], "fov": 0.7,
-        "near": 0.01, "far": 100.0, "image_height": 600, "image_width": width, "look_at": [0.0, 0.0, 0.0],
-        "up_direction": [0.0, -1.0, 0.0],
-    })  # fmt: skip
-
-
-def folds(bench: Workbench, wire: WireClient, panel: str) -> list[bool]:
-    uuid = bench.layout.room.panels[panel]._placement_uuid
+def folds(bench: Workbench, wire: WireClient) -> list[bool]:
+    uuid = bench.page.gui.main_panel._placement_uuid
     told = said(wire, "GuiSetPanelCollapsedMessage")  # the first one is viser's own
     return [m["collapsed"] for m in told if m["uuid"] == uuid and m["counter"] > 1]
 
 
 def test_a_page_gets_what_its_browser_remembers(bench: Workbench) -> None:
     with WireClient(bench.url) as wire:
-        answer(wire, json.dumps({"folded": [REST], "colours": LIGHT, "text": LARGE}))
-        eventually(lambda: folds(bench, wire, REST) == [True], "folded")
+        answer(wire, json.dumps({"folded": True, "colours": LIGHT, "text": LARGE}))
+        eventually(lambda: folds(bench, wire) == [True], "folded")
         eventually(
             lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False, "light"
         )
@@ -50,49 +42,32 @@ def test_a_page_gets_what_its_browser_remembers(bench: Workbench) -> None:
         )
 
 
-def test_a_small_window_folds_the_pose_panel_unless_the_user_chose(bench: Workbench) -> None:
-    with WireClient(bench.url) as small, WireClient(bench.url) as chosen:
-        answer(chosen, json.dumps({"folded": [], "colours": DARK, "text": "usual"}))
-        answer(small, None)
-        room = bench.layout.room
-        eventually(lambda: len(room.tastes) == 1, "the chosen one is applied")
-
-        def folded() -> bool:
-            camera(small, 624)
-            camera(chosen, 624)
-            return folds(bench, small, POSE) == [True]
-
-        eventually(folded, "folded")
-        assert folds(bench, chosen, POSE) == []
-
-
 def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench: Workbench) -> None:
     with WireClient(bench.url) as one, WireClient(bench.url) as other:
         answer(one, None)
         answer(other, None)
         eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
         page = Browser(bench, one)
-        page.press("Fold or open the views and tools")
-        eventually(lambda: folds(bench, one, REST) == [True], "folded")
+        page.press("Hide or show the panel")
+        eventually(lambda: folds(bench, one) == [True], "folded")
         page.press("Light or dark")
         eventually(lambda: len(said(one, "LocalStorageSetItemMessage")) == 2, "remembered")
         kept = Taste.read(said(one, "LocalStorageSetItemMessage")[-1]["value"])
-        assert kept == Taste((REST,), LIGHT)
-        page.press("Fold or open the views and tools")
-        eventually(lambda: folds(bench, one, REST) == [True, False], "open again")
-        assert folds(bench, other, REST) == []
+        assert kept == Taste(True, LIGHT)
+        page.press("Hide or show the panel")
+        eventually(lambda: folds(bench, one) == [True, False], "open again")
+        assert folds(bench, other) == []
         assert all(m["dark_mode"] for m in said(other, "ThemeConfigurationMessage"))
 
 
-@pytest.mark.parametrize("kept", [None, "", "{", "[]", "7", '{"folded": 3}', '{"folded": []}'])
+@pytest.mark.parametrize("kept", [None, "", "{", "[]", "7", '{"folded": 3}', '{"folded": true}'])
 def test_what_is_none_of_ours_is_forgotten(kept: str | None) -> None:
     assert Taste.read(kept) is None
 
 
 def test_unknown_words_are_the_usual_ones() -> None:
-    text = '{"folded": ["Pose", "x"], "colours": "<b>", "text": 5}'
-    assert Taste.read(text) == Taste(("Pose",))
-    assert Room.__doc__
+    text = '{"folded": true, "colours": "<b>", "text": 5}'
+    assert Taste.read(text) == Taste(True)
 
 
 def test_one_group_of_sliders_is_shown_at_a_time(bench: Workbench) -> None:

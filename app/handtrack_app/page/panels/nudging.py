@@ -72,12 +72,12 @@ _ROWS: dict[str, dict[str, str]] = {
 }  # fmt: skip
 _HINTS = {
     "Move": "Across the view. Keys J L I K.",
-    "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y H.",
-    "Turn": "Roll, tilt and turn about the middle, as seen. Keys U O; with Shift I K J L.",
+    "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y N.",
+    "Turn": "Roll, tilt and turn about the middle, as seen. Keys U P; with Shift I K J L.",
 }
 _KEYS: tuple[tuple[str, KeyModifier | None, str], ...] = (
     ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
-    ("Y", None, "nearer"), ("H", None, "farther"), ("U", None, "roll left"), ("O", None, "roll right"),
+    ("Y", None, "nearer"), ("N", None, "farther"), ("U", None, "roll left"), ("P", None, "roll right"),
     ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),
 )  # fmt: skip
 
@@ -117,7 +117,7 @@ class NudgePanel:
             words = tuple(self.steps)
             self.step = gui.add_dropdown(
                 "Step", words, initial_value=words[_USUAL],
-                hint="Keys: J L I K move, Y H nearer and farther, U O roll, Shift with I K J L tilts and turns.",
+                hint="Keys: J L I K move, Y N nearer and farther, U P roll, Shift with I K J L tilts and turns.",
             )  # fmt: skip
         for key, modifier, name in _KEYS:
             act = page.from_user(lambda e, name=name: self.nudge(name, e.client))

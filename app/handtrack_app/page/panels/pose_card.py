@@ -31,7 +31,7 @@ _ORIGINS = {
 """of poses that no status tells of: word and colour"""
 _BEFORE_WORDS = (
     "<div style='margin-top:.2em;line-height:1.3'>You look at what was <b>before the last step</b>. Nothing is changed; "
-    "<kbd>Space</kbd> shows what is.</div>"
+    "<kbd>Tab</kbd> shows what is.</div>"
 )
 
 

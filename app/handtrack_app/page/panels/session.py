@@ -21,15 +21,14 @@ from handtrack_app.page.views.wall import ALL
 from handtrack_app.page.views.zoom_keys import ZoomKeys
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 
-FREE, TOGETHER = "free view", "all cameras, close"
+FREE, TOGETHER = "orbit view", "all cameras"
 _MODE_WORDS = {
-    "flesh": "Flesh",
+    "ellipsoids": "Flesh",
     "surface": "Surface",
     "skeleton": "Skeleton",
-    "field in a camera": "Field",
+    "conic field": "Field",
     "everything": "All",
 }
-_SPEEDS = {"¼ ×": 0.25, "½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0}
 _STATES = {
     "idle": ("ready", "#009e73"),
     "failed": ("failed", "#d55e00"),
@@ -100,13 +99,13 @@ class SessionPanel:
             self.played = gui.add_html("", visible=False)
             self.overlaps = gui.add_html("", visible=False)
             self.mode = gui.add_dropdown(
-                "Drawn as", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
-                hint="Surface: the merged one that the solver fits to clouds; in motion, flesh stands for it.",
+                "Model style", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
+                hint="Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
             )  # fmt: skip
-            self.opacity = gui.add_slider("Flesh opacity", 0.1, 1.0, 0.05, display.opacity)
+            self.opacity = gui.add_slider("Opacity", 0.1, 1.0, 0.05, display.opacity)
             with gui.add_folder("Cameras"):
                 self.through = gui.add_dropdown(
-                    "Look through",
+                    "Camera view",
                     (FREE, *cameras, TOGETHER),
                     initial_value=FREE,
                     hint=self.page.words.of(
@@ -115,7 +114,7 @@ class SessionPanel:
                 )
                 self.zoom.build()
                 self.paint = gui.add_dropdown(
-                    "Paint over it", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
+                    "Overlay", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
                     hint=page.words.of(_PAINT_HINT),
                 )  # fmt: skip
                 self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
@@ -131,15 +130,11 @@ class SessionPanel:
                 )  # fmt: skip
                 if session.has_truth:
                     self._toggle("Ground truth", "truth", "True joints, white.")
-                self.speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1 ×")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
             self._look_by_keys(cameras)
             self.room.build()
             with gui.add_folder("Keys", expand_by_default=False):
                 gui.add_html(self.keys.table())
-        page.on(
-            self.speed, lambda e: setattr(page.state, "speed", _SPEEDS.get(e.target.value, 1.0))
-        )
         page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.target.value)))
         page.on(self.opacity, lambda e: page.draw("opacity", number(e.target.value, 0.1, 1.0)))
         page.own(self.through, self._look)
@@ -153,8 +148,10 @@ class SessionPanel:
         for i, name in enumerate(cameras[:9], start=1):
             act = look(lambda event, name=name: self._show_look(name, event.client))
             self.page.everyones.add(self.keys.add(f"Look through {name}", str(i), act))
+        act = look(lambda event: self._next_paint(event.client))
+        self.page.everyones.add(self.keys.add("Next overlay: outline, residual, …", "O", act))
         act = look(lambda event: self._show_look(None, event.client))
-        self.page.everyones.add(self.keys.add("Look freely", "0", act))
+        self.page.everyones.add(self.keys.add("Orbit view", "0", act))
         act = look(lambda event: self._show_look(ALL, event.client))
         self.page.everyones.add(self.keys.add("See the {kind} in all cameras", "G", act))
         self.zoom.walls.chosen = self._show_look
@@ -209,6 +206,20 @@ class SessionPanel:
         if state.editor == client.client_id:
             state.display.paint = "plain" if paint == "mask" else paint
         self.page.redraw()
+
+    def _next_paint(self, client: viser.ClientHandle | None) -> None:
+        """Take the next overlay."""
+        if client is not None:
+            now = self.page.state.look(client.client_id).paint
+            found = list(_PAINT_WORDS.values())
+            chosen = list(_PAINT_WORDS)[(found.index(now) + 1) % len(found)]
+            internals.show_value(client, self.paint, chosen)
+            self._paint(client, chosen)
+
+    def leave(self, client: viser.ClientHandle) -> None:
+        """Go from a camera's view to the free one."""
+        if self.page.state.look(client.client_id).through is not None:
+            self._show_look(None, client)
 
     def show_display(self) -> None:
         """Show the display options in force."""

@@ -141,7 +141,7 @@ class Stage:
     def display(self) -> Display:
         """What is drawn now."""
         display = self.page.state.display
-        return bare(display) if self._marking else display
+        return bare(display) if self._marking or display.hidden else display
 
     def _show_flesh(self) -> None:
         """Show ellipsoids or the surface: this one takes longer, so in motion the ellipsoids stand for it."""

@@ -23,9 +23,9 @@ from handtrack_app.protocol.timeline import (
     TimelineSnapshot,
 )
 
-LEFT, RIGHT = 120, 66  # [px] where viser's slider begins and ends: it lies over the lanes
-_CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 36, 16, 26, 13, 13, 24  # heights [px]
-_REST = 66  # [px] of the panel besides its lanes: its edge, the legend, the buttons
+LEFT, RIGHT = 172, 66  # [px] where viser's slider begins and ends: it lies over the lanes
+_CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 34, 14, 14, 14, 14, 18  # heights [px]
+_REST = 2  # [px] of the panel besides its lanes: its edge
 _FOUND = 5  # beside the codes of contracts §5: a search's pose, which no frame was tracked from
 _SHOWN_AS = {**STATUS, _FOUND: FOUND}
 _BADNESS = (
@@ -63,12 +63,12 @@ class Lane:
 
 
 def lanes_of(strip: TimelineSnapshot, window: Window, every: bool = True) -> list[Lane]:
-    """Return the lanes that have something to show. every: not only the curve and the status."""
+    """Return the lanes that have something to show. every: not only the curve, the status and the probability of an error."""
     strip = _of_poses(strip)
     curve, title, unit = _main_curve(strip)
     found = [_curve_lane(strip, window, curve, title, unit), _status_lane(strip, window)]
     if not every:
-        return found
+        return [*found, *([low] if (low := _probability_lane(strip, window)) is not None else [])]
     more = [
         _probability_lane(strip, window), _term_lane(strip, window), _accepted_lane(strip, window),
         _take_lane(strip, window), *_thin_lanes(strip, window),
@@ -100,18 +100,14 @@ def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window
     for lane in lanes:
         parts.append(f"<g transform='translate(0 {top})'>{''.join(lane.parts)}</g>")
         title = f" title='{html.escape(lane.hint)}'" if lane.hint else ""
-        labels += (
-            f"<div{title} style='position:absolute;left:0;top:{top}px;width:{LEFT - 20}px;height:{lane.height}px;display:flex;"
-            f"flex-direction:column;justify-content:center;line-height:1.15;overflow:hidden'>{lane.label}</div>"
-        )
+        labels += f"<div{title} class='handtrack-lane' style='top:{top}px;height:{lane.height}px'>{lane.label}</div>"
         top += lane.height
     return (
-        f"<div class='handtrack-timeline' style='padding:.2em {RIGHT}px 0 {LEFT}px;position:relative;font-size:.75em'>"
+        f"<div class='handtrack-timeline' style='padding:0 {RIGHT}px 0 {LEFT}px;position:relative;font-size:12px'>"
         f"<style>:root{{--handtrack-lanes:{top + _AXIS}px;"
         f"--handtrack-below:calc({top + _AXIS + _REST}px * var(--mantine-scale))}}</style>"
-        f"<div style='min-height:1.5em;text-align:right;opacity:.85'>{_legends(strip)}</div>"
-        f"<div style='position:relative;height:{top + _AXIS}px'>"
-        f"<div style='position:absolute;left:{12 - LEFT}px;top:0'>{labels}</div>"
+        f"<div style='position:relative;height:{top + _AXIS}px'>{labels}"
+        f"<div class='handtrack-lane' style='right:0;top:0'>{_legends(strip)}</div>"
         f"<svg viewBox='0 0 {WIDTH} {top + _AXIS}' preserveAspectRatio='none' "
         f"style='width:100%;height:100%;display:block'>{_grid(window, top)}{''.join(parts)}</svg>{_numbers(window, top)}</div></div>"
     )
@@ -140,7 +136,7 @@ def cursor_picture(lanes: Sequence[Lane], frame: int, pose: PoseSnapshot | None 
         top += lane.height
     return (
         "<div style='position:relative;height:0;pointer-events:none'>"
-        f"<div style='position:absolute;right:4px;bottom:0;height:{top + _AXIS}px;width:{RIGHT - 10}px;font-size:.72em;"
+        f"<div style='position:absolute;right:4px;bottom:0;height:{top + _AXIS}px;width:{RIGHT - 10}px;font-size:11px;"
         f"white-space:nowrap'>{rows}</div></div>"
     )
 
@@ -202,8 +198,8 @@ def _probability_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
         around = f"{place[a]:.1f},{_LOW} {' '.join(points)} {place[b - 1]:.1f},{_LOW}"
         parts.append(f"<polygon points='{around}' fill='{_DOUBT}' opacity='.75'/>")
     return Lane(
-        "probably off", _LOW, parts, _value_of(strip, values, lambda v: f"{100 * v:.0f} %"),
-        "How probably some joint is more than 25 mm off.",
+        "P(error &gt; 25 mm)", _LOW, parts, _value_of(strip, values, lambda v: f"{100 * v:.0f} %"),
+        "Probability that some joint is more than 25 mm off.",
     )  # fmt: skip
 
 
@@ -385,8 +381,8 @@ def _grid(window: Window, height: int) -> str:
 
 def _numbers(window: Window, top: int) -> str:
     return "".join(
-        f"<div style='position:absolute;left:{window.place(f) / WIDTH * 100:.2f}%;top:{top + 4}px;transform:translateX(-50%);"
-        f"opacity:.75;font-size:.95em'>{f}</div>"
+        f"<div style='position:absolute;left:{window.place(f) / WIDTH * 100:.2f}%;top:{top + 2}px;transform:translateX(-50%);"
+        f"opacity:.85;font-size:11px'>{f}</div>"
         for f in window.ticks()
     )
 

@@ -12,8 +12,9 @@ from handtrack_app.page.time.lanes import Lane, cursor_picture, lanes_of, lanes_
 from handtrack_app.page.time.window import Window, whole
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, TimelineSnapshot
 
-_PLAY: tuple[str, ...] = ("First", "Back", "Play", "Next", "Last")
-_ZOOM: tuple[str, ...] = ("In", "Out", "All", "Lanes")
+_PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
+_ZOOM: tuple[str, ...] = ("+", "−", "↔", "☰")
+_SPEEDS: tuple[str, ...] = ("¼×", "½×", "1×", "2×")
 _FACTOR = 2.0
 
 
@@ -27,8 +28,8 @@ class TimelinePanel:
     fps: float = 25.0
     slider: viser.GuiSliderHandle[int] | None = None
     window: Window = field(default_factory=lambda: Window(0, 1))
-    every: bool = True
-    """all lanes, not only curve and status"""
+    every: bool = False
+    """all lanes, not only the first ones"""
     moved: Callable[[], None] = lambda: None
     """called when another part of the recording is shown"""
     _lanes: list[Lane] = field(default_factory=list)
@@ -59,12 +60,19 @@ class TimelinePanel:
                 "Frame", self.window.first, self.window.last, 1, session.first_frame
             )
             self.play = gui.add_button_group(
-                "Play and zoom", (*_PLAY, *_ZOOM),
-                hint="Play, or hold. In, Out: fewer or more frames around the one shown; All of them. Lanes: all, or the first two. "
-                "A click on the lanes goes there. Keys P N B, Shift F and Shift G.",
+                "Playback", _PLAY, hint="First frame, back, play or pause, next, last frame. Keys: Space, arrows.",
             )  # fmt: skip
+            self.zoom = gui.add_button_group(
+                "Timeline", _ZOOM, hint="Fewer frames, more frames, all frames; more lanes or the first ones.",
+            )  # fmt: skip
+            self.speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1×")
         page.on(self.slider, lambda event: page.go_to(page.said(event.target)))
         page.on(self.play, lambda event: self._pressed(event.target.value))
+        page.on(self.zoom, lambda event: self.look_closer(event.target.value))
+        page.on(self.speed, lambda event: self._pace(event.target.value))
+
+    def _pace(self, chosen: str) -> None:
+        self.page.state.speed = (0.25, 0.5, 1.0, 2.0)[_SPEEDS.index(chosen)]
 
     def add_keys(self, keys: Keys) -> None:
         """Register what keys do."""
@@ -73,9 +81,6 @@ class TimelinePanel:
 
     def _pressed(self, key: str) -> None:
         state = self.page.state
-        if key in _ZOOM:
-            self.look_closer(key)
-            return
         if key == _PLAY[2]:
             self.page.play(not state.playing)
             return
@@ -94,7 +99,7 @@ class TimelinePanel:
         return range(strip.start, strip.start + max(len(strip.status), 1))
 
     def look_closer(self, how: str) -> None:
-        """Show fewer frames or more, all, or other lanes."""
+        """Show fewer frames or more, all, or other lanes: a button's sign, of `_ZOOM`."""
         if how == _ZOOM[3]:
             self.every = not self.every
             self._redraw()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import viser
@@ -26,11 +27,11 @@ _GESTURES = (
     ("Arrows, arcs", "Of the handle: move and turn the {kind}"),
 )
 TOUR = (
-    ("The recording", "A {kind}, filmed by several cameras. The line below shows every frame and how well it is explained. P plays, "
-     "N and B go on and back."),
+    ("The recording", "A {kind}, filmed by several cameras. The line below shows every frame and how well it is explained. Space plays, "
+     "the arrow keys step."),
     ("Through a camera", "Press 1: you see the first camera's picture and the {kind} over it. The wheel enlarges, C finds the {kind} "
      "again, G shows all cameras, 0 lets you look freely."),
-    ("Put it right", "T opens and folds the pose panel. Drag the arrows and arcs, or choose a {part} and move its sliders. Ctrl Z "
+    ("Put it right", "In the tab Pose, drag the arrows and arcs, or choose a {part} and move its sliders. Ctrl Z "
      "takes anything back."),
     ("Let it follow", "F fits the frame to the images; Shift T tracks from here on; Shift N goes to the next doubtful frame."),
     ("Take it along", "Shift V saves, the tab Export has files for other programs. Shift H shows all keys, Ctrl K finds every command "
@@ -47,19 +48,28 @@ class Help:
     keys: Keys
     offers_tour: bool = False
     """to who comes for the first time"""
+    leave: Callable[[viser.ClientHandle], None] = lambda client: None
+    """leaves a camera's view"""
     _steps: dict[int, tuple[viser.GuiFolderHandle, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for words, key, act in (
             ("Help: all keys", "H", self.show),
             ("Tour: five steps through the page", None, self.tour),
-            ("Close the dialog", "escape", self.page.close_dialog),
+            ("Close the dialog, or leave the camera", "escape", self.escape),
         ):
             from_user = self.page.from_user(
                 lambda event, act=act: act(event.client) if event.client else None
             )
             modifier = "shift" if key == "H" else None
             self.page.everyones.add(self.keys.add(words, key, from_user, modifier))
+
+    def escape(self, client: viser.ClientHandle) -> None:
+        """Close the dialog; where none is open, leave the camera that is looked through."""
+        if self.page.has_dialog(client):
+            self.page.close_dialog(client)
+        else:
+            self.leave(client)
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Offer the tour to a page whose browser knows of none."""

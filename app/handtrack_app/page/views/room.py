@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 
@@ -14,18 +13,18 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Keys, Page
 from handtrack_app.protocol.palette import BRAND
 
-_KEPT_AS, _ASKED_S = (
-    "handtrack.room",
-    5.0,
-)  # name in the browser's storage; how long it is waited for
-_NARROW_PX = 800  # a scene that is narrower beside both panels: the pose panel is folded at first
-_SETTLES_S = 15.0  # a page is laid out within this
+_KEPT_AS = "handtrack.room"  # in the browser's storage
 _LARGER = 1.25
 _LARGE = "document.documentElement.style.setProperty('--mantine-scale', '{}', 'important')"
 DARK, LIGHT, USUAL, LARGE = "dark", "light", "usual", "large"
-POSE, REST = "Pose", "Views and tools"
-WIDTHS = {POSE: 310, REST: 298}
-"""of the panels, with usual text [px]"""
+WIDTH = 284
+"""of the panel, with usual text [px]: the scene keeps 70 % of a window of 1280 x 800"""
+_SYSTEM = """
+const key = "viser-user:handtrack.room";
+if (!localStorage.getItem(key)) localStorage.setItem(key, JSON.stringify({
+  folded: false, text: "usual", colours: matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"}));
+"""
+"""a browser that remembers nothing takes the system's colours"""
 _COLOURS: tuple[str, ...] = (DARK, LIGHT)
 _TEXTS: tuple[str, ...] = (USUAL, LARGE)
 
@@ -34,8 +33,8 @@ _TEXTS: tuple[str, ...] = (USUAL, LARGE)
 class Taste:
     """What a user wants of a page."""
 
-    folded: tuple[str, ...] = ()
-    """panels"""
+    folded: bool = False
+    """the panel is hidden"""
     colours: str = DARK
     text: str = USUAL
 
@@ -44,9 +43,10 @@ class Taste:
         """Return what a browser kept, None for nothing, or for what is none of ours."""
         try:
             values = json.loads(kept or "")
-            folded = tuple(name for name in values["folded"] if name in (POSE, REST))
             colours = LIGHT if values["colours"] == LIGHT else DARK
-            return cls(folded, colours, LARGE if values["text"] == LARGE else USUAL)
+            return cls(
+                values["folded"] is True, colours, LARGE if values["text"] == LARGE else USUAL
+            )
         except (ValueError, KeyError, TypeError):
             return None
 
@@ -65,7 +65,6 @@ class Room:
 
     page: Page
     keys: Keys
-    panels: dict[str, viser.PanelHandle | viser.MainPanelHandle] = field(default_factory=dict)
     tastes: dict[int, Taste] = field(default_factory=dict)
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
@@ -79,14 +78,9 @@ class Room:
             self.text = gui.add_dropdown(
                 "Text", _TEXTS, initial_value=USUAL, hint="Of all panels. Your browser remembers it."
             )  # fmt: skip
-            fold = gui.add_button_group(
-                "Fold", (POSE, REST), hint="Fold a panel, or open it again: keys T and R. The scene takes its room."
-            )  # fmt: skip
         own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
         own(self.text, lambda client, chosen: self.change(client, text=chosen))
-        own(fold, self.fold)
-        self._key("Fold or open the pose panel", "T", lambda client: self.fold(client, POSE))
-        self._key("Fold or open the views and tools", "R", lambda client: self.fold(client, REST))
+        self._key("Hide or show the panel", "T", self.fold)
         self._key("Light or dark", None, self._other_colours)
         self._key("Large or usual text", None, self._other_text)
 
@@ -95,32 +89,20 @@ class Room:
         self.page.everyones.add(self.keys.add(words, key, from_user))
 
     def welcome(self, client: viser.ClientHandle) -> None:
-        """Lay a page out as its browser remembers, else by how much room it has."""
-        began = time.monotonic()
-
-        def laid_out(camera: viser.CameraHandle) -> None:
-            early = time.monotonic() - began < _SETTLES_S and client.client_id not in self.tastes
-            if early and camera.image_width < _NARROW_PX:
-                self._apply(client, Taste(folded=(POSE,)))
+        """Lay a page out as its browser remembers; else in the system's colours."""
+        internals.run_javascript(client, _SYSTEM)
 
         def begin(kept: str | None) -> None:
-            nonlocal began
             taste = Taste.read(kept)
             if taste is not None:
                 self._apply(client, taste)
-                return
-            began = time.monotonic()
-            client.camera.on_update(laid_out)
-            laid_out(client.camera)
 
         self.page.remembered(client, _KEPT_AS, begin)
 
-    def fold(self, client: viser.ClientHandle, panel: str, folded: bool | None = None) -> None:
-        """Fold a panel, open a folded one; or as told."""
+    def fold(self, client: viser.ClientHandle, folded: bool | None = None) -> None:
+        """Hide the panel, or show a hidden one."""
         before = self.tastes.get(client.client_id, Taste()).folded
-        folded = panel not in before if folded is None else folded
-        rest = tuple(name for name in before if name != panel)
-        self.change(client, folded=(*rest, panel) if folded else rest)
+        self.change(client, folded=not before if folded is None else folded)
 
     def change(self, client: viser.ClientHandle, **values: object) -> None:
         """Change a taste, and let the browser remember it."""
@@ -143,15 +125,13 @@ class Room:
             before = self.tastes.get(client.client_id, Taste())
             self.tastes[client.client_id] = taste
             gui = self.page.gui
-            for name, panel in self.panels.items():
-                if (name in taste.folded) != (name in before.folded):
-                    internals.place_panel(client, gui, panel, folded=name in taste.folded)
+            if taste.folded != before.folded:
+                internals.place_panel(client, gui, gui.main_panel, folded=taste.folded)
             if taste.colours != before.colours:
                 colours(client.gui, taste.colours)
                 internals.show_value(client, self.colours, taste.colours)
             if taste.text != before.text:
                 internals.show_value(client, self.text, taste.text)
                 factor = _LARGER if taste.text == LARGE else 1.0
-                for name, panel in self.panels.items():
-                    internals.place_panel(client, gui, panel, width=factor * WIDTHS[name])
+                internals.place_panel(client, gui, gui.main_panel, width=factor * WIDTH)
                 internals.run_javascript(client, _LARGE.format(factor))
