@@ -1,7 +1,7 @@
 """Write the generated parts of the documentation: `python -m docs.generate`. A test checks that they are current.
 
 A page marks a generated block with `<!-- generated: NAME -->` and `<!-- end -->`, and a figure of docs/figures.toml with
-`<!-- ENTRY.KEY:FORMAT -->…<!-- / -->`.
+`<!--ENTRY.KEY:FORMAT-->…<!--/-->`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from handtrack_app.cli import COMMAND_GROUPS, build_parser
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = ROOT / "docs" / "figures.toml"
-_FIGURE = re.compile(r"<!-- (\w+)\.([\w.]+):([,.%\w]+) -->.*?<!-- / -->")
+_FIGURE = re.compile(r"<!--(\w+)\.([\w.+]+):([,.%\w]+)-->.*?<!--/-->")
 _BLOCK = re.compile(r"<!-- generated: ([\w ]+) -->\n.*?<!-- end -->", re.DOTALL)
 _UNITS = {
     "mm": "mm", "px": "px", "ms": "ms", "s": "s", "deg": "°", "percent": "%", "mb": "MB", "kb": "kB", "db": "dB",
@@ -49,7 +49,7 @@ def generated(text: str, measured: dict[str, Any]) -> str:
         lambda m: f"<!-- generated: {m[1]} -->\n\n{BLOCKS[m[1]]().strip()}\n\n<!-- end -->", text
     )
     return _FIGURE.sub(
-        lambda m: f"<!-- {m[1]}.{m[2]}:{m[3]} -->{measured[m[1]]['values'][m[2]]:{m[3]}}<!-- / -->",
+        lambda m: f"<!--{m[1]}.{m[2]}:{m[3]}-->{measured[m[1]]['values'][m[2]]:{m[3]}}<!--/-->",
         blocks,
     )
 
