@@ -153,7 +153,7 @@ def _observations(
     for seen in observed:
         in_space = isinstance(seen, Keypoints)
         places = seen.positions if in_space else seen.pixels
-        sigmas = np.broadcast_to(seen.sigma_m if in_space else seen.sigma_px, len(places))
+        sigmas = np.full(len(places), seen.sigma_m) if in_space else np.asarray(seen.sigma_px)
         index = -1 if in_space else cameras.index(seen.camera)
         for name, place, sigma in zip(seen.names, places, sigmas, strict=True):
             if name not in model.joint_names:

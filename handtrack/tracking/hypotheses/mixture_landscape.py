@@ -64,21 +64,12 @@ class Eye:
 
     @classmethod
     def of(cls, model: ArticulatedModel, observation: Observation) -> Eye | None:
-        pixels: dict[str, Floats[J, D2]] = {}
-        cameras: dict[str, Camera] = {}
-        for seen in observation.keypoints:
-            if not isinstance(seen, ImageKeypoints):
-                continue
-            name = seen.camera.name
-            # sure joints and unsure ones come in sets of their own
-            own = pixels.setdefault(name, np.full((len(model.joint_names), 2), np.nan))
-            cameras[name] = seen.camera
-            for joint, place in zip(seen.names, seen.pixels, strict=True):
-                if np.isfinite(place).all():
-                    own[model.joint_names.index(joint)] = place
-        if pixels:
-            best = max(pixels, key=lambda name: int(np.isfinite(pixels[name]).sum()))
-            return cls(cameras[best], pixels[best])
+        images = [seen for seen in observation.keypoints if isinstance(seen, ImageKeypoints)]
+        if images:
+            most = max(images, key=lambda seen: int(np.isfinite(seen.pixels).sum()))
+            joints = np.full((len(model.joint_names), 2), np.nan)
+            joints[[model.joint_names.index(name) for name in most.names]] = most.pixels
+            return cls(most.camera, joints)
         views = observation.silhouettes or observation.images
         return cls(views[0].camera, None) if views else None
 

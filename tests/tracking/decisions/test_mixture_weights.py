@@ -14,9 +14,9 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.sampling.chains import Chain, chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -185,7 +185,7 @@ def test_what_nearly_has_the_same_angles_is_one():
 
 
 @dataclass(frozen=True)
-class Wells:
+class Wells(ParameterTerm):
     """A cost of where the root faces that has a minimum at each (angle, cost, σ); other parameters are held near 0."""
 
     wells: tuple[tuple[float, float, float], ...]
@@ -194,16 +194,15 @@ class Wells:
     def _nearest(self, x):
         return min(self.wells, key=lambda w: w[1] + 0.5 * ((x[FACING] - w[0]) / w[2]) ** 2)
 
-    def cost(self, joint_params):
-        return self.linearize(joint_params).cost
-
-    def linearize(self, joint_params):
+    def add_to(self, joint_params, sums):
         at, least, sigma = self._nearest(joint_params)
         information = np.full(6, 100.0)
         information[FACING] = 1.0 / sigma**2
         off = joint_params - at * np.eye(6)[FACING]
-        cost = least + 0.5 * float(information @ off**2)
-        return JointSystem(cost, information * off, np.diag(information))
+        if sums.width:
+            np.add(sums.gradient, information * off, out=sums.gradient)
+            np.add(sums.hessian, np.diag(information), out=sums.hessian)
+        return least + 0.5 * float(information @ off**2)
 
 
 def test_of_a_first_frame_costs_alone_decide():
@@ -262,19 +261,20 @@ def test_joints_in_images_count_by_what_is_new_in_them():
     assert once.cost(bones) == pytest.approx(0.25 * term.cost(bones))
 
 
-def test_sure_joints_and_unsure_ones_of_a_camera_are_looked_at_together():
+def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
     first, second = simulated_rig(2, (320, 240)).cameras
     places = HAND.joint_positions(HAND.bones(HAND.rest_params()))
-    sure, unsure = first.project(places), first.project(places)
-    sure[:9], unsure[9:] = np.nan, np.nan
-    other = second.project(places)
-    other[:6] = np.nan
-    sets = ((first, sure), (second, other), (first, unsure))
-    joints = [ImageKeypoints(camera, HAND.joint_names, seen, 1.0) for camera, seen in sets]
-    eye = Eye.of(HAND, Observation(0, 0.0, keypoints=tuple(joints)))
+    pixels, other = first.project(places), second.project(places)
+    pixels[0], other[:6] = np.nan, np.nan
+    sigma = np.linspace(1.0, 30.0, len(places))
+    joints = (
+        ImageKeypoints(second, HAND.joint_names, other, 1.0),
+        ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
+    )
+    eye = Eye.of(HAND, Observation(0, 0.0, keypoints=joints))
     assert eye is not None
     assert eye.camera is first
-    np.testing.assert_allclose(eye.joints, first.project(places))
+    np.testing.assert_allclose(eye.joints, pixels)
 
 
 def test_the_pull_is_the_belief_of_what_is_not_free():
