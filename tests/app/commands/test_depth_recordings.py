@@ -74,7 +74,9 @@ def test_a_realsense_recording_becomes_a_session(
     realsense_bag(tmp_path / "recording.bag")
     (recipe,) = blocks(PAGE, "python")
     exec(compile(recipe, str(PAGE), "exec"), {})
-    (command,) = (line for body in blocks(PAGE, "sh") for line in body.splitlines())
+    (command,) = (
+        line for body in blocks(PAGE, "sh") for line in body.splitlines() if " new " in line
+    )
     ended = handtrack(*command.split()[1:])
     assert ended.code == 0, ended.err
     session = Session.open(tmp_path / "my_hand")
