@@ -64,12 +64,13 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root {
 .handtrack-lane[style*="right"] { left: auto; padding: 2px 6px; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 320px) !important; }
 /* the rail: an icon over its name, five side by side */
-div:has(> .handtrack-rail) + div [role="tablist"] { flex-wrap: nowrap !important; }
+div:has(> .handtrack-rail) + div [role="tablist"] { flex-wrap: nowrap !important; background-image: none !important;
+  border-bottom: 1px solid rgba(128, 128, 128, .3); }
 div:has(> .handtrack-rail) + div [role="tab"] { flex: 1 1 0; flex-direction: column; justify-content: center; height: 3.6em !important;
   padding: 0 .2em !important; gap: .15em; font-size: 13px; }
 div:has(> .handtrack-rail) + div [role="tab"] > * { margin: 0 !important; overflow: visible !important; }
 div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tablist"] { flex-wrap: wrap !important; }
-div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .55em !important; }
+div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .35em !important; }
 /* notices above the hand, in a strip that a hand that is zoomed to leaves free */
 .mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 320px)) !important; }
 .mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; max-height: none !important; }

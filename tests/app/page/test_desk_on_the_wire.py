@@ -100,7 +100,7 @@ def test_space_flips_and_all_of_the_page_says_so(bench: Workbench) -> None:
         bench.engine.take_pose(3, "fist", bench.state.begin_edit())
         eventually(lambda: _pose(bench).origin == "set" and panel.sliders["index_pip_flex"].value > 90, "a fist")  # fmt: skip
         fist = _pose(bench)
-        page.press("Flip: the pose before the last step, and as it is")
+        page.press("Before/after: the pose before the last step")
         eventually(lambda: bench.layout.aside.visible, "told")
         assert _pose(bench).origin == snapshots.BEFORE
         np.testing.assert_allclose(_pose(bench).values, before.values, atol=1e-9)
@@ -108,7 +108,7 @@ def test_space_flips_and_all_of_the_page_says_so(bench: Workbench) -> None:
         assert panel.sliders["index_pip_flex"].value < 30
         assert not bench.stage.root.control.visible  # type: ignore[union-attr]
         assert bench.state.values == tuple(fist.values.tolist()), "edits go on from what is"
-        page.press("Flip: the pose before the last step, and as it is")
+        page.press("Before/after: the pose before the last step")
         eventually(lambda: not bench.layout.aside.visible, "back")
         np.testing.assert_array_equal(_pose(bench).values, fist.values)
         assert bench.stage.root.control.visible  # type: ignore[union-attr]

@@ -27,7 +27,7 @@ from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
 
 _ROW = 18  # letters of the groups in a row of buttons, in a panel of usual width
 _MOST_IN_ROW = 3
-_FLIP = "Flip"
+_FLIP = "Before/after"
 _KEEP: str = "choose …"
 _REACH = 500.0  # sliders of the place reach this far from where it first was, in its unit
 
@@ -61,8 +61,8 @@ class PosePanel:
             self.edit_buttons = gui.add_button_group(
                 "Edit",
                 ("Undo", "Redo", _FLIP),
-                hint="Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Shift-Z. 'Flip' only "
-                "looks: at the pose before the last step, and back. Space.",
+                hint="Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Y. 'Before/after' "
+                "only shows the pose before the last step, and back. Key: Tab.",
             )
             take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
             self.library = gui.add_dropdown(

@@ -10,7 +10,7 @@ from handtrack_app.page.page import Keys, Page, put
 
 _HINT = (
     "Each change of a setting, limit or filter fits the frame shown anew at once, from where it stands; the card says what that did "
-    "to energy and overlap. Ctrl-Z takes the change and its fit back together; Space shows the pose before."
+    "to energy and overlap. Ctrl-Z takes the change and its fit back together; Tab shows the pose before."
 )
 
 

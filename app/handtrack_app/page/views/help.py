@@ -34,7 +34,7 @@ TOUR = (
     ("Put it right", "In the tab Pose, drag the arrows and arcs, or choose a {part} and move its sliders. Ctrl Z "
      "takes anything back."),
     ("Let it follow", "F fits the frame to the images; Shift T tracks from here on; Shift N goes to the next doubtful frame."),
-    ("Take it along", "Shift V saves, the tab Export has files for other programs. Shift H shows all keys, Ctrl K finds every command "
+    ("Take it along", "Shift V saves, More, Export has files for other programs. Shift H shows all keys, Ctrl K finds every command "
      "by its name."),
 )  # fmt: skip
 """title and words of each step"""
