@@ -77,6 +77,10 @@ div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 a
 .mantine-Notification-title, .mantine-Notification-description { overflow: visible !important; white-space: normal !important;
   text-overflow: clip !important; margin-bottom: 0 !important; }
 .mantine-Notification-description { font-size: 13px !important; line-height: 1.3; color: inherit !important; opacity: .9; }
+/* rows of three buttons fit beside their label */
+div[style*="width: 7.25em"] { width: 5.9em !important; }
+.mantine-Flex-root[style*="wrap"] > .mantine-Button-root { padding-inline: .35em !important; }
+.mantine-Flex-root[style*="wrap"] { gap: .3em !important; }
 /* legible: 13 px and 4.5 : 1 */
 p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color: var(--mantine-color-text) !important; opacity: .9; }
 .mantine-Input-input, .mantine-Button-label, .mantine-Checkbox-label { font-size: 13px !important; }

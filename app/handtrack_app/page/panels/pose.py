@@ -64,6 +64,7 @@ class PosePanel:
                 hint="Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Y. 'Before/after' "
                 "only shows the pose before the last step, and back. Key: Tab.",
             )
+            self.sliders_at = gui.add_html("").order
             take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
             self.library = gui.add_dropdown(
                 "Fingers as",
@@ -84,7 +85,6 @@ class PosePanel:
                 hint="Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
             self.guesses.build()
-            self.sliders_at = gui.add_html("").order
             self.pins.build()
             self.copies.build()
             self.nudges.build()

@@ -252,7 +252,7 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str
         cameras = f"{number} camera{'s' if number != 1 else ''}"
         frames = "live" if session.live else f"{session.stop - session.start} frames"
         counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
-        facts = f"<div style='opacity:.7'>{counts}<br>{html.escape(session.model)}</div>"
+        facts = f"<div style='opacity:.85' title='{html.escape(session.model)}'>{counts}</div>"
         if saved in _SAVED:
             facts += f"<div style='margin-top:.2em'>{_SAVED[saved]}</div>"
     elif progress.state == "failed":
