@@ -64,7 +64,7 @@ class Page:
     words: Worded = field(default_factory=Worded)
     heard: list[Callable[[Notice], None]] = field(default_factory=list)
     """called with all that is said"""
-    _shows: dict[type, list[Callable[[Any], None]]] = field(default_factory=dict)
+    _shows: dict[type, list[Callable[[Any], object]]] = field(default_factory=dict)
     """by kind of snapshot, in the order in which they subscribed"""
     _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
     """by client, those that are open"""

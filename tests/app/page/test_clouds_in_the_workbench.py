@@ -72,7 +72,7 @@ def test_nothing_is_made_that_nobody_wants(desk: Desk) -> None:
 
 def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.engine.want_cloud(points=True, dropped=True)
+    worker.engine.want_cloud(snapshots.CloudSelection(points=True, dropped=True))
     cloud = listener.wait(snapshots.CloudSnapshot)
     document = worker.document
     assert document is not None
@@ -90,7 +90,7 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk: De
 
 def test_the_distance_follows_the_pose(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.engine.want_cloud(points=True)
+    worker.engine.want_cloud(snapshots.CloudSelection(points=True))
     listener.wait(snapshots.CloudSnapshot)
     pose = listener.wait(snapshots.PoseSnapshot)
     values = pose.values.copy()
@@ -102,7 +102,7 @@ def test_the_distance_follows_the_pose(desk: Desk) -> None:
 
 def test_filters_are_live_with_counts(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.engine.want_cloud(points=True)
+    worker.engine.want_cloud(snapshots.CloudSelection(points=True))
     first = listener.wait(snapshots.CloudSnapshot)
     worker.engine.set_clouds(
         {
@@ -184,7 +184,7 @@ def test_the_skins_colour_is_taken_from_a_box(desk: Desk) -> None:
             "crop_m": False,
         }
     )
-    worker.engine.want_cloud(points=True)
+    worker.engine.want_cloud(snapshots.CloudSelection(points=True))
     worker.engine.sample_skin(0, "cam0", BOX, 3.0)
     cloud = listener.wait(
         snapshots.CloudSnapshot, lambda c: any(f.name == "skin" for f in c.counts)
@@ -197,11 +197,11 @@ def test_the_skins_colour_is_taken_from_a_box(desk: Desk) -> None:
 
 def test_pictures_of_cameras_and_of_a_pair(desk: Desk) -> None:
     worker, listener, _ = desk
-    worker.engine.want_cloud(picture="images")
+    worker.engine.want_cloud(snapshots.CloudSelection(picture="images"))
     plain = listener.wait(snapshots.CloudPicture)
     assert plain.image.shape[1:] == (620, 3)
     assert (plain.image == np.uint8([240, 228, 66])).all(axis=2).sum() > 300  # points that stay
-    worker.engine.want_cloud(picture="stereo", wide=True)
+    worker.engine.want_cloud(snapshots.CloudSelection(picture="stereo", wide=True))
     large = listener.wait(snapshots.CloudPicture, lambda p: p.wide)
     assert large.image.shape[1:] == (1240, 3)
     assert "pixels matched" in large.words
@@ -375,7 +375,9 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(
     assert np.linalg.norm(document.start[:3] + [0.0, 0.09, 0.0] - middle) < 0.01
     store = Persistence(document, None)
     jobs = JobControl(document, store, lambda _: None, lambda _: None)
-    desk = CloudService(document, store, jobs, RenderThread(lambda _: None), lambda _: None)
+    desk = CloudService(
+        document, store, jobs, RenderThread(lambda _: None), lambda _: None, lambda change: change()
+    )
     assert desk._moment().previous is None
     unposed = CloudRenderer().cloud(desk._moment())
     assert all(c.name != "crop" for c in unposed.counts)

@@ -38,7 +38,7 @@ class Witness:
         self.shown: dict[str, Any] = {}
         self.read, self.looks, self.moving = 0, 0, 0
         self.pictures, self.wrong = 0, list[str]()
-        shown = bench._show
+        shown = bench.page.show
 
         def noted(snapshot: snapshots.Snapshot) -> None:
             if isinstance(snapshot, snapshots.PoseSnapshot):
@@ -48,7 +48,7 @@ class Witness:
             if isinstance(snapshot, snapshots.PoseSnapshot):
                 self._look()
 
-        bench._show = noted  # type: ignore[method-assign]
+        object.__setattr__(bench.page, "show", noted)
 
     def _look(self) -> None:
         """Look at what the page has, once all that it was told until now has come."""
@@ -141,9 +141,9 @@ def witness(
     assert bench.wait_ready()
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
-        show = bench._show
+        show = bench.page.show
         yield bench, Witness(bench, wire), page
-        bench._show = show  # type: ignore[method-assign]
+        object.__setattr__(bench.page, "show", show)
     bench.stop()
 
 
