@@ -26,7 +26,7 @@ SAMPLE = """() => {
     return Math.round(ink.getImageData(12, 12, 1, 1).data[0] / 10);
   };
   const sheet = [...document.querySelectorAll('img')].find((one) => one.naturalWidth === 620);
-  return {card: Number(card.textContent.slice(6)), word: card.nextElementSibling.textContent,
+  return {card: card ? Number(card.textContent.slice(6)) : null, word: card ? card.nextElementSibling.textContent : null,
           cursor: Number(lanes.querySelector('.mantine-Slider-thumb').getAttribute('aria-valuenow')),
           lanes: lanes.innerText, sheet: sheet ? grey(sheet) : null};
 }""".replace("\\\\", "\\")
@@ -46,17 +46,21 @@ def test_a_slow_page_shows_all_of_one_frame(tmp_path: Path) -> None:
         slow.send("Emulation.setCPUThrottlingRate", {"rate": 4})
         bench.page.play(True)
         rng, samples = np.random.default_rng(0), list[dict[str, Any]]()
-        for _ in range(20):
-            view.page.wait_for_timeout(float(rng.uniform(100, 500)))
-            samples.append(view.page.evaluate(SAMPLE))
+        for tab in ("Pose", "View"):
+            view.show_tab(tab)
+            for _ in range(10):
+                view.page.wait_for_timeout(float(rng.uniform(100, 500)))
+                samples.append(view.page.evaluate(SAMPLE))
         bench.page.play(False)
         for one in samples:
-            frame = one["card"]
-            assert (one["cursor"], one["sheet"]) == (frame, frame), one
+            frame = one["cursor"]
             word = {5: "set by hand", 7: "doubtful"}.get(frame, "tracked")
-            assert one["word"] == word
+            assert one["card"] in (None, frame) and one["sheet"] in (None, frame), one
+            assert one["word"] in (None, word)
             assert word in one["lanes"].splitlines()
-        assert len({one["card"] for one in samples}) >= 5, "it plays"
+        for part in ("card", "sheet"):
+            assert sum(one[part] is not None for one in samples) >= 8, f"the {part} is shown"
+        assert len({one["cursor"] for one in samples}) >= 5, "it plays"
 
 
 def test_no_more_than_two_frames_are_on_their_way(tmp_path: Path) -> None:
