@@ -48,6 +48,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/tracking/decisions/test_restart_choice.py",
         "tests/tracking/test_search_policy.py",
         "tests/tracking/decisions/test_status.py",
+        "tests/test_docs.py::test_generated_parts_are_current",
     ),
     "handtrack.tracking.search.engine": (
         "tests/tracking/test_search_policy.py",

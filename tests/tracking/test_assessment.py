@@ -16,7 +16,9 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame import assessment
 from handtrack.tracking.frame.assessment import (
     assess,
+    energy_ratio,
     part_outside,
+    what_is_open,
 )
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
@@ -38,6 +40,12 @@ def assessed(observation, params=POSE, energy=10.0, previous=(), **settings):
     return status, reason.words if reason else ""
 
 
+def open_parts(model, joint_covariance, most_mm):
+    """Return in words what of the model is open."""
+    reason = what_is_open(model, joint_covariance, most_mm)
+    return reason.words if reason else ""
+
+
 def earlier(energy, count=20, status=Status.TRACKED, views=0):
     fits = status == Status.TRACKED
     return [SimpleNamespace(energy=energy, status=status, fits=fits, views=views)] * count
@@ -54,11 +62,21 @@ def seen():
     return mask_views(MODEL, POSE, CAMERAS)
 
 
+def test_a_good_fit_is_tracked_without_a_word(seen):
+    assert assessed(seen) == (Status.TRACKED, "")
+
+
 def test_a_poor_overlap_is_doubtful_and_names_the_camera(seen):
     status, note = assessed(seen, shifted(0.016))
     assert status == Status.DOUBTFUL
     assert note.startswith("model and silhouette overlap by ")
     assert note.split()[-1] in {c.name for c in CAMERAS}
+
+
+def test_no_overlap_is_lost(seen):
+    status, note = assessed(seen, shifted(0.2))
+    assert status == Status.LOST
+    assert "overlap by 0 %" in note
 
 
 def test_one_bad_view_is_doubtful_not_lost(seen):
@@ -68,6 +86,16 @@ def test_one_bad_view_is_doubtful_not_lost(seen):
     status, note = assessed(replace(seen, silhouettes=(odd, *rest)))
     assert status == Status.DOUBTFUL
     assert note.endswith("in cam0")
+
+
+def test_it_is_the_bounds_that_decide(seen, monkeypatch):
+    monkeypatch.setattr(assessment, "DOUBTFUL_PIECE_MM2", np.inf)
+    monkeypatch.setattr(assessment, "DOUBTFUL_OVERLAP", 0.1)
+    monkeypatch.setattr(assessment, "LOST_OVERLAP", 0.05)
+    # fingers are beside theirs
+    assert assessed(seen, shifted(0.016))[0] == Status.DOUBTFUL
+    monkeypatch.setattr(assessment, "DOUBTFUL_PART", 0.0)
+    assert assessed(seen, shifted(0.016))[0] == Status.TRACKED
 
 
 def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen, monkeypatch):
@@ -92,6 +120,13 @@ def test_a_forearm_longer_than_the_mask_is_no_lost_part(seen):
     assert part_outside(terms, whole.bones(params)) is None
 
 
+def test_a_hand_out_of_all_views_is_lost(seen):
+    nothing = [replace(s, mask=np.zeros_like(s.mask)) for s in seen.silhouettes]
+    status, note = assessed(replace(seen, silhouettes=tuple(nothing)), shifted(2.0))
+    assert status == Status.LOST
+    assert note == "neither model nor silhouette is in any view"
+
+
 def test_keypoints_alone_are_doubtful():
     points = MODEL.joint_positions(MODEL.bones(POSE))
     given = Observation(0, 0.0, (), (Keypoints(MODEL.joint_names, points, 0.005),))
@@ -107,6 +142,28 @@ def test_a_fit_much_worse_than_usual_is_doubtful(seen):
     assert assessed(seen, energy=150.0, previous=earlier(100.0))[0] == Status.TRACKED
 
 
+def test_usual_is_what_tracked_frames_were():
+    assert energy_ratio(200.0, 3, []) == 1.0
+    assert energy_ratio(200.0, 3, earlier(100.0)) == pytest.approx(2.0)
+    assert energy_ratio(200.0, 3, earlier(100.0, status=Status.LOST)) == 1.0
+    assert energy_ratio(200.0, 3, earlier(100.0, 2)) == 1.0  # too few to go by
+    always_doubtful = earlier(100.0, status=Status.DOUBTFUL)
+    assert energy_ratio(200.0, 3, always_doubtful) == pytest.approx(2.0)
+    mixed = earlier(100.0, 20) + earlier(900.0, 5)
+    assert energy_ratio(200.0, 3, mixed) == pytest.approx(2.0)
+
+
+def test_energies_are_compared_a_view():
+    """Two views cost twice as much as one: that is no lost finger."""
+    one_view = earlier(50.0, views=1)
+    assert energy_ratio(100.0, 2, one_view) == pytest.approx(1.0)
+    assert energy_ratio(100.0, 1, one_view) == pytest.approx(2.0)
+
+
+def test_nearly_perfect_fits_do_not_call_each_other_bad():
+    assert energy_ratio(5.0, 3, earlier(0.1)) < 1.0
+
+
 def test_a_first_frame_is_suspicious_and_a_usual_one_is_not():
     def why(energy, previous, frame=1):
         return why_fingers_may_be_lost(frame, energy, 3, previous)
@@ -115,6 +172,14 @@ def test_a_first_frame_is_suspicious_and_a_usual_one_is_not():
     assert why(110.0, earlier(100.0)) == ""
     assert why(150.0, earlier(100.0)) == "1.50 times the usual energy"
     assert why(1.0, earlier(100.0), frame=15) == "every 16th frame"
+
+
+def spread_mm(model, **by_joint):
+    """Return joint covariances (J, 3, 3): 2 mm in all, and what is given for joints whose names begin so."""
+    total = [
+        next((v for k, v in by_joint.items() if n.startswith(k)), 2.0) for n in model.joint_names
+    ]
+    return np.array(total)[:, None, None] ** 2 * 1e-6 * np.eye(3) / 3.0
 
 
 def test_a_finger_that_a_mask_lacks_is_where_a_detector_sees_it(seen):
@@ -159,6 +224,34 @@ def test_a_hand_that_cannot_be_is_not_tracked(scale, said):
     assert result.fits, "nothing is gained by looking for another pose"
 
 
+def test_what_is_open_is_named():
+    open_fingers = spread_mm(MODEL, ring_mcp=5.0, little_mcp=5.0, ring=40.0, little=40.0)
+    ring_and_little = "what was seen leaves the ring and little finger open: ± 40 mm"
+    assert open_parts(MODEL, open_fingers, 15.0) == ring_and_little
+    thumb = spread_mm(MODEL, thumb_cmc=2.0, thumb=60.0)
+    assert open_parts(MODEL, thumb, 15.0) == "what was seen leaves the thumb open: ± 60 mm"
+    all_of_it = spread_mm(MODEL, **dict.fromkeys(MODEL.joint_names, 20.0))
+    assert open_parts(MODEL, all_of_it, 15.0) == "what was seen leaves the whole hand open: ± 20 mm"
+
+
+def test_it_is_the_mean_joint_that_counts():
+    assert open_parts(MODEL, spread_mm(MODEL, index_tip=60.0), 15.0) == ""
+    assert open_parts(MODEL, spread_mm(MODEL, index_tip=80.0), 15.0) != ""  # 80 / √21 > 15
+
+
+def test_nothing_is_open_to_those_who_do_not_ask():
+    for model in (MODEL, load_model("body34")):
+        far = spread_mm(model, **dict.fromkeys(model.joint_names, 500.0))
+        assert open_parts(model, far, 0.0) == ""
+
+
+@pytest.mark.parametrize("name", ["glove9", "ball6"])
+def test_a_hand_of_few_joints_is_open_as_a_whole(name):
+    model = load_model(name)
+    far = spread_mm(model, **dict.fromkeys(model.joint_names, 30.0))
+    assert open_parts(model, far, 15.0) == "what was seen leaves the whole hand open: ± 30 mm"
+
+
 def seen_by(cameras, frame):
     """Return all joints as these cameras see them."""
     points = MODEL.joint_positions(MODEL.bones(POSE))
@@ -185,3 +278,11 @@ def test_a_single_camera_leaves_the_hand_open_and_nothing_else_changes():
     after = [t.step(state, seen_by(CAMERAS, 1))[1] for t, (state, _) in pairs]
     assert {r.status for r in after} == {Status.TRACKED}
     assert after[0].parameters.tobytes() == after[1].parameters.tobytes()
+
+
+def test_frames_that_only_leave_something_open_tell_what_is_usual():
+    doubted = SimpleNamespace(energy=100.0, status=Status.DOUBTFUL, fits=True, views=0)
+    unknown = [doubted] * 10
+    assert energy_ratio(200.0, 3, unknown + earlier(900.0, 20, Status.DOUBTFUL)) == pytest.approx(
+        2.0
+    )

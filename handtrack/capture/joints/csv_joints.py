@@ -200,6 +200,7 @@ def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) 
         raise HandtrackError(
             f"{where}: columns {', '.join(head)}; expected Caliscope's cam_id, frame_index and keypoint_id."
         )
+    _check_columns(rows, head, where)
     if "obj_loc_x" in place and any(row[place["obj_loc_x"]].strip() for row in rows[1:2]):
         raise HandtrackError(f"{where}: corners of a calibration board, and no joints.")
     number = re.search(r"\d+", camera)
@@ -240,6 +241,7 @@ def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> GivenJ
     at_time = next(place[name] for name in _TIME if name in place)
     at_hand = next((place[name] for name in _HAND if name in place), None)
     groups: dict[tuple[float, str], list[tuple[float, float]]] = {}
+    _check_columns(rows, head, where)
     for row in rows[1:]:
         side = (
             ""
@@ -277,9 +279,8 @@ def _a_row_a_point(rows: list[list[str]], head: list[str], where: str, known: Na
     if at_frame is None:
         raise HandtrackError(f"{where}: no column `frame` beside {', '.join(head)}.")
     cells: dict[tuple[int, str], tuple[float, float, float]] = {}
+    _check_columns(rows, head, where)
     for i, row in enumerate(rows[1:]):
-        if len(row) < len(head):
-            raise HandtrackError(f"{where}: row {i + 2} has {len(row)} of {len(head)} columns.")
         hand = (
             ""
             if at_hand is None
@@ -360,6 +361,13 @@ def _columns(
                     columns[i, k, j] = _value(row[at], where)
     columns[..., 2] = np.nan_to_num(columns[..., 2])
     return columns
+
+
+def _check_columns(rows: list[list[str]], head: list[str], where: str) -> None:
+    """Raise HandtrackError where a row lacks columns."""
+    for i, row in enumerate(rows[1:], 2):
+        if len(row) < len(head):
+            raise HandtrackError(f"{where}: row {i} has {len(row)} of {len(head)} columns.")
 
 
 def _value(text: str, where: str) -> float:
