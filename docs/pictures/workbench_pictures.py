@@ -18,7 +18,6 @@ from PIL import Image
 
 from handtrack.session.bundled import bundled_session
 from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol import commands
 from handtrack_app.workbench import Workbench
 from tests.experiments.workbench.chromium import DRAWN, chromium
 
@@ -93,7 +92,7 @@ def bundled(out: Path) -> None:
         bench, page = taker.bench, taker.page
         strip = bench.layout.timeline.strip
         if strip is None or (strip.status < 0).any():
-            bench.send(commands.Track(0, 100, 0, anew=True))
+            bench.engine.track(0, 100, 0, anew=True)
             state = bench.layout.tracking
             taker.until(lambda: state.progress.state != "idle")
             taker.until(lambda: state.progress.state == "idle", _LONG_S)

@@ -23,8 +23,22 @@ from tests.sample_track import hand_track
 HERE = Path(__file__).parent
 FOLDER, RECORDING, MEANINGS = HERE / "files", HERE / "recorded", HERE / "meanings.json"
 POSES, POSES_2 = "poses.npz", "poses_2.npz"
-TEXTS = ("csv", "csv-long", "trc", "mot", "bvh", "urdf", "osim", "openpose", "mediapipe", "anipose")
-OTHERS = tuple(known.name for known in FORMATS if known.name not in TEXTS)
+TEXTS = (
+    "csv",
+    "csv-long",
+    "trc",
+    "mot",
+    "bvh",
+    "bvh-humanik",
+    "urdf",
+    "osim",
+    "openpose",
+    "mediapipe",
+    "anipose",
+)
+OTHERS = tuple(
+    known.name for known in FORMATS if known.name not in (*TEXTS, "mano")
+)  # which needs a model of the user's
 FRAMES = 2
 AGAIN = (
     "A promise: others read these files. If it is to change, record them anew with `python -m tests.golden.files`, look at the "

@@ -168,7 +168,7 @@ def _ros(message: Any) -> Any:
     """Return a ROS message as a tree."""
     if hasattr(message, "__slots__"):
         return {name: _ros(getattr(message, name)) for name in message.__slots__}
-    return message if isinstance(message, str | int | float | list) else list(message)
+    return message if isinstance(message, str | int | float) else [_ros(part) for part in message]
 
 
 def _netcdf(path: Path) -> dict[str, Any]:
@@ -196,7 +196,8 @@ def _nwb(path: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     with h5py.File(path) as file:
         file.visititems(lambda name, node: found.update({name: _hdf5(node)}))
-    stamped = ("specifications", "file_create_date")  # the writer's own version, and when
+    # the writer's own version, when it was written, and what is another one each time
+    stamped = ("specifications", "file_create_date", "identifier", "session_start_time", "timestamps_reference_time")  # fmt: skip
     return {name: value for name, value in found.items() if not name.startswith(stamped)}
 
 

@@ -22,6 +22,7 @@ from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
+    LensSettings,
     RecordingSettings,
     SessionFile,
     write_session_file,
@@ -43,6 +44,7 @@ EVERYTHING = SessionFile(
         CameraSettings(
             "cam0", "cam0/*.png", "masks/cam0/*.png", 128, (320, 240), (10, 20, 30, 40), bayer="rggb", demosaic="level_line",
             white_level=1023.0, keypoints="keypoints/cam0/*.json", keypoint_layout="mediapipe21", fps=25.0, lag_s=-0.04,
+            lens=LensSettings("fisheye", (320, 240), [[150.0, 0.0, 160.0], [0.0, 151.0, 120.0], [0.0, 0.0, 1.0]], [0.02, -0.01, 0.003, -0.0005], [0.0, 0.1, 0.0]),
         ),
         CameraSettings("cam1", "cam1.mp4", SkinYCrCb(), depth="depth/cam1/*.png", depth_scale_m=0.000125),
     ),
