@@ -14,6 +14,9 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 if "HANDTRACK_HOME" not in os.environ:  # copies and logs do not go to whoever runs the tests
     os.environ["HANDTRACK_HOME"] = tempfile.mkdtemp(prefix="handtrack_tests_")
     atexit.register(shutil.rmtree, os.environ["HANDTRACK_HOME"], ignore_errors=True)
+if worker := os.environ.get("PYTEST_XDIST_WORKER"):  # no worker reads another one's logs
+    os.environ["HANDTRACK_HOME"] = os.path.join(os.environ["HANDTRACK_HOME"], worker)
+    os.makedirs(os.environ["HANDTRACK_HOME"], exist_ok=True)
 # no test fetches anything from a network
 os.environ |= {"PIP_CONFIG_FILE": os.devnull, "PIP_NO_INDEX": "1"}
 os.environ.pop("PIP_FIND_LINKS", None)

@@ -77,7 +77,7 @@ def test_help_loads_nothing_heavy() -> None:
 
 @pytest.mark.parametrize(
     "words",
-    [["fly"], ["track"], ["track", "s", "--frame", "0:3"], ["--fast"], ["open", "--port", "x"]],
+    [["track"], ["track", "s", "--frame", "0:3"], ["--fast"], ["open", "--port", "x"]],
 )
 def test_wrong_usage_shows_the_usage(handtrack: CommandLine, words: list[str]) -> None:
     ended = handtrack(*words)

@@ -25,7 +25,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[int]]:
         times.append(sorted(given[3]))  # type: ignore[call-overload]
         return DOUBT
 
-    for place in ("handtrack_app.commands.track", "handtrack.session.doctor.check_hand"):
+    for place in ("handtrack.session.track_session", "handtrack.session.doctor.check_hand"):
         monkeypatch.setattr(f"{place}.doubt_of_side", doubted)
     return times
 

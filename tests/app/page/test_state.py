@@ -68,7 +68,8 @@ def test_no_frame_is_played_over_who_edits() -> None:
 
 def test_the_demo_plays_once() -> None:
     told = ProgressSnapshot("tracking", ""), ProgressSnapshot("idle", "")
-    page, demo = SimpleNamespace(state=UserState(), send=lambda _: None), Demo()
+    engine = SimpleNamespace(track=lambda *_, **__: None)
+    page, demo = SimpleNamespace(state=UserState(), engine=engine), Demo()
     session = SimpleNamespace(start=0, stop=3, first_frame=0)
     demo.begin(TimelineSnapshot(0, np.full(3, -1), *2 * [np.zeros(3)], ()), page, session)  # type: ignore[arg-type]
     for again in (True, False):

@@ -37,7 +37,7 @@ def test_a_page_sees_all_cameras_and_a_click_leads_into_one(bench: Workbench) ->
         eventually(lambda: page.number in walls._walls, "the wall stands")
         wall = walls._walls[page.number]
         eventually(lambda: all(bool(image.visible) for image in wall.images.values()), "painted")
-        assert {one for one in bench.stage.wanted()[0].screens if one[1] == CLOSE} == {
+        assert {one for one in bench.stage.wanted()["want_pictures"][2] if one[1] == CLOSE} == {
             ("front", CLOSE), ("side", CLOSE),
         }  # fmt: skip
         assert np.asarray(wall.images["front"].image).shape == (*CLOSE_SIZE[::-1], 3)
@@ -48,7 +48,9 @@ def test_a_page_sees_all_cameras_and_a_click_leads_into_one(bench: Workbench) ->
         eventually(lambda: page.view is not None, "it looks through a camera")
         assert page.view is not None and page.view.card.name == "side"
         assert not wall.images["side"].visible
-        eventually(lambda: CLOSE not in str(bench.stage.wanted()[0].screens), "painted no more")
+        eventually(
+            lambda: CLOSE not in str(bench.stage.wanted()["want_pictures"]), "painted no more"
+        )
 
 
 def test_a_close_picture_shows_the_hand_whole_and_large_with_its_outline(bench: Workbench) -> None:
