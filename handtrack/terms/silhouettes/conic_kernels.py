@@ -12,6 +12,8 @@ ORIGIN_U, ORIGIN_V, CENTRE_U, CENTRE_V, S11, S12, S22, GAMMA, SCALE = range(9)
 """Columns of `ellipses`: origin [px]; centre from there [px]; shape S: (x − m)ᵀ S⁻¹ (x − m) = 1 is the outline [px²];
 C*₃₃ [m²]; factor of the field. A scale of 0 says: not seen by this camera."""
 ELLIPSE = 9
+FIELD = 13
+"""numbers that move and deform an ellipsoid: v, G (row by row), and by how much its outline is farther out [m]"""
 
 
 @numba.njit(cache=True, nogil=True)
@@ -154,3 +156,62 @@ def conic_by_twist(
         work[96 + t] = -s * dk1 - ds * k1
         work[104 + t] = -s * dk2 - ds * k2
         work[112 + t] = s * (dk1 * mu + dk2 * mv + k1 * du + k2 * dv) + ds * (level - outer)
+
+
+@numba.njit(cache=True, nogil=True)
+def conic_by_field(
+    projection, centre, shapes, reference, ellipse, conic, depth_scaled
+):  # pragma: no cover - compiled
+    """Return the derivative of `conic_of` by FIELD numbers (6, FIELD). docs/explanation/silhouettes.md
+
+    shapes: R diag(r²) Rᵀ of the ellipsoid, and the same with r times its own radii, and with r; where it is turned by the
+    antisymmetric part of G, and stretched by the symmetric one. conic: its own numbers, see `conic_of`.
+    """
+    shape, own, wide = shapes
+    g, d, p, by = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((6, FIELD))
+    _to_image(projection, ellipse[ORIGIN_U], ellipse[ORIGIN_V], centre, shape, g, p, d)
+    s11, s12, s22 = ellipse[S11], ellipse[S12], ellipse[S22]
+    determinant = s11 * s22 - s12 * s12
+    q11, q12, q22 = s22 / determinant, -s12 / determinant, s11 / determinant
+    mu, mv, inverse = ellipse[CENTRE_U], ellipse[CENTRE_V], 1.0 / ellipse[GAMMA]
+    k1, k2, s = q11 * mu + q12 * mv, q12 * mu + q22 * mv, ellipse[SCALE]
+    moved, half, dp, dual = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for t in range(FIELD):
+        for a in range(3):  # d centre; half of d shape, without its transpose
+            moved[a] = 0.0
+            for b in range(3):
+                half[a, b] = wide[a, b] if t == 12 else 0.0
+        if t < 3:
+            moved[t] = 1.0
+        elif t < 12:
+            i, j = (t - 3) // 3, (t - 3) % 3
+            moved[i] = centre[j] - reference[j]
+            for k in range(3):
+                half[i, k] += 0.5 * (shape[j, k] + own[j, k])
+                half[j, k] += 0.5 * (own[i, k] - shape[i, k])
+        for i in range(3):
+            dp[i] = g[i, 0] * moved[0] + g[i, 1] * moved[1] + g[i, 2] * moved[2]
+        for i in range(3):
+            for j in range(3):
+                total = -dp[i] * p[j] - p[i] * dp[j]
+                for a in range(3):
+                    for b in range(3):
+                        total += g[i, a] * (half[a, b] + half[b, a]) * g[j, b]
+                dual[i, j] = total * inverse
+        third = dual[2, 2]
+        du, dv = dual[0, 2] - mu * third, dual[1, 2] - mv * third
+        ds11 = 2.0 * mu * du - dual[0, 0] + (mu * mu - s11) * third
+        ds12 = mu * dv + mv * du - dual[0, 1] + (mu * mv - s12) * third
+        ds22 = 2.0 * mv * dv - dual[1, 1] + (mv * mv - s22) * third
+        dq11 = -(q11 * q11 * ds11 + 2.0 * q11 * q12 * ds12 + q12 * q12 * ds22)
+        dq12 = -(q11 * q12 * ds11 + (q11 * q22 + q12 * q12) * ds12 + q12 * q22 * ds22)
+        dq22 = -(q12 * q12 * ds11 + 2.0 * q12 * q22 * ds12 + q22 * q22 * ds22)
+        dk1 = dq11 * mu + dq12 * mv + q11 * du + q12 * dv
+        dk2 = dq12 * mu + dq22 * mv + q12 * du + q22 * dv
+        by[0, t], by[1, t], by[2, t] = s * dq11, s * dq12, s * dq22
+        by[3, t], by[4, t] = -s * dk1, -s * dk2
+        by[5, t] = s * (dk1 * mu + dk2 * mv + k1 * du + k2 * dv)
+        if depth_scaled:  # the factor is −1/γ then
+            for i in range(6):
+                by[i, t] -= conic[i] * third
+    return by

@@ -26,12 +26,14 @@ from handtrack.terms.silhouettes.conic_kernels import (
     CENTRE_U,
     CENTRE_V,
     ELLIPSE,
+    FIELD,
     ORIGIN_U,
     ORIGIN_V,
     S11,
     S12,
     S22,
     SCALE,
+    conic_by_field,
     conic_by_twist,
     conic_of,
     project,
@@ -72,9 +74,13 @@ class CameraField(NamedTuple):
 
 
 @numba.njit(cache=True, nogil=True)
-def silhouette_sums(frames, ellipsoids, mask, field, weight, sums):  # pragma: no cover - compiled
-    """Add one camera's ½ weight Σ (P − Z)² by twists to sums; return the cost, without ½ weight ΣZ², which no pose changes.
+def silhouette_sums(
+    frames, ellipsoids, radii, mask, field, weight, sums
+):  # pragma: no cover - compiled
+    """Add one camera's ½ weight Σ (P − Z)² to sums; return the cost, without ½ weight ΣZ², which no pose changes.
 
+    ellipsoids: as thick as this mask has them; radii: as they are themselves, (E, 3). A width of FIELD: the twelve numbers of a field, and
+    by how much the outline is farther out.
     Arguments are plain tuples of what they are called: to check classes of NamedTuples takes 10 % of the time.
     """
     frames, ellipsoids, sums = Frames(*frames), EllipsoidArrays(*ellipsoids), Sums(*sums)
@@ -90,7 +96,7 @@ def silhouette_sums(frames, ellipsoids, mask, field, weight, sums):  # pragma: n
     cost = 0.5 * moments[core, 0] + moments[core, 16]
     m, z = np.zeros((6, 6)), np.zeros(6)
     c, mc = np.empty(6), np.empty(6)
-    work = np.zeros(176)
+    work, own, wide = np.zeros(176), np.empty((3, 3)), np.empty((3, 3))
     for e in range(count):
         if moments[e + 1, 0] == 0.0:
             continue
@@ -101,12 +107,26 @@ def silhouette_sums(frames, ellipsoids, mask, field, weight, sums):  # pragma: n
             for j in range(6):
                 mc[i] += m[i, j] * c[j]
             cost += c[i] * (0.5 * mc[i] - z[i])
-        if sums.width > 0:
+        if sums.width == 6:
             conic_by_twist(
                 mask.projection, centre_world[e], shape_world[e], frames.reference, ellipses[e], levels[e, 0],
                 field.depth_scaled, work,
             )  # fmt: skip
             _add_block(work, m, mc, z, weight, 6 * bone[e], sums)
+        elif sums.width == FIELD:
+            _fill_shapes(
+                frames.rotation[bone[e]],
+                ellipsoids.rotation[e],
+                ellipsoids.radii[e],
+                radii[e],
+                own,
+                wide,
+            )
+            by = conic_by_field(
+                mask.projection, centre_world[e], (shape_world[e], own, wide), frames.reference, ellipses[e],
+                c, field.depth_scaled,
+            )  # fmt: skip
+            _add_field(by, m, mc, z, weight, bone[e], sums)
     return weight * cost
 
 
@@ -120,17 +140,6 @@ def camera_moments(
         mask.projection, width, height, centre_world, shape_world, field.levels, field.depth_scaled, ellipses
     )  # fmt: skip
     _sum_rows(ellipses, mask, field, moments)
-
-
-@numba.njit(cache=True, nogil=True)
-def unpack_all(
-    moments, ellipses, levels, won, sums, observed, conic
-):  # pragma: no cover - compiled
-    """Fill M (K, 6, 6), z (K, 6) and the field's six numbers (K, 6) of the ellipsoids `won` that some pixel belongs to."""
-    for k in range(won.shape[0]):
-        e = won[k]
-        _unpack(moments[e + 1], sums[k], observed[k])
-        conic_of(ellipses[e], levels[e, 0], conic[k])
 
 
 @numba.njit(cache=True, nogil=True)
@@ -324,3 +333,38 @@ def _add_block(work, m, mc, z, weight, at, sums):  # pragma: no cover - compiled
             )  # fmt: skip
         for t in range(6):
             sums.hessian[at + s, at + t] += work[168 + t]
+
+
+@numba.njit(cache=True, nogil=True)
+def _fill_shapes(rotation, turn, thick, radii, own, wide):  # pragma: no cover - compiled
+    """Fill R diag(thick · radii) Rᵀ and R diag(thick) Rᵀ, with R = rotation · turn."""
+    axes = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            axes[i, j] = (
+                rotation[i, 0] * turn[0, j]
+                + rotation[i, 1] * turn[1, j]
+                + rotation[i, 2] * turn[2, j]
+            )
+    for i in range(3):
+        for j in range(3):
+            own[i, j], wide[i, j] = 0.0, 0.0
+            for k in range(3):
+                across = axes[i, k] * thick[k] * axes[j, k]
+                wide[i, j] += across
+                own[i, j] += across * radii[k]
+
+
+@numba.njit(cache=True, nogil=True)
+def _add_field(by, m, mc, z, weight, bone, sums):  # pragma: no cover - compiled
+    """Add Aᵀ(M c − z) and Aᵀ M A of one ellipsoid to its bone's numbers; by: A (6, FIELD)."""
+    at, product = FIELD * bone, np.empty(6)
+    for t in range(FIELD):
+        for i in range(6):
+            product[i] = 0.0
+            for j in range(6):
+                product[i] += weight * m[i, j] * by[j, t]
+            sums.gradient[at + t] += weight * by[i, t] * (mc[i] - z[i])
+        for s in range(FIELD):
+            for i in range(6):
+                sums.hessian[at + s, at + t] += by[i, s] * product[i]
