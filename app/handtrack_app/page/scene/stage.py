@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import viser
@@ -178,7 +179,7 @@ class Stage:
             return self.session.cameras[0].name
         return None
 
-    def wanted(self) -> dict[str, tuple[object, ...]]:
+    def wanted(self) -> dict[str, tuple[Any, ...]]:
         """Return which pictures, and what of surface and clouds, the display options need: the engine's commands and arguments."""
         display = self.page.state.display
         paint = "field" if display.field else display.paint
