@@ -16,10 +16,10 @@ from handtrack.tracking.size.motion import PLACE, TURN, changes, moved
 
 _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
 """what a calibration may be off by: a camera that was touched after it, or a board that was not flat. Of turn and shift the length"""
-_LATE_FRAMES = 0.3
-"""frames of equal number are of one moment, as cameras with a common trigger see them; one that dropped frames may be late by any
-number: a Cauchy bell, under which one camera that is two frames late costs less than three that share it. With 0.1, 0.17 and 0.38 of half
-a frame were found of two real cameras, and 0.1 of a frame and a half of a slow hand"""
+_LATE_FRAMES = 0.5
+"""cameras that run free, each by its own clock, are out of step by up to half a frame; one that dropped frames may be late by any
+number: a Cauchy distribution, under which one camera that is two frames late costs less than three that share it. With 0.1, 0.17 and
+0.38 of half a frame were found of two real cameras, and 0.1 of a frame and a half of a slow hand"""
 _COMMON_ZOOM = 1e-5
 """what all cameras are zoomed by together is the hand's size, or masks that are all too wide, and no camera's: held at nothing"""
 _WIDER_M = 0.0015

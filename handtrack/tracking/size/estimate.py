@@ -22,11 +22,13 @@ from handtrack.tracking.size.motion import Motion, moved
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
 
-_SWEEPS, _SWEEPS_AFAR = 10, 30
-"""at most: of tracked frames; of those whose poses may be far off yet, of a first pose or another skeleton's"""
-_ENOUGH = 0.02
-"""a step of which no frame foretells a greater gain is the last: no pose moved by more than a fifth of a standard deviation, ½ (1/5)²
-(Newton's decrement). In angles of joints that nothing shows a step may be large for as little"""
+_SWEEPS = 30
+"""at most; it ends by what a sweep gains, see `_ENOUGH`"""
+_ENOUGH, _ENOUGH_ONCE = 0.02, 0.125
+"""Newton's decrement, the gain that a step foretells, below which it is the last: of the mean frame a fifth of a standard deviation,
+½ (1/5)², and half of one of any single frame, ½ (1/2)². A hand that moves fast creeps on for long below that: of curling fingers the mean
+error was 4.52 mm after 7 sweeps and 4.51 after 23, when no frame moved by a fifth. In angles of joints that nothing shows a step may be
+large for as little"""
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
 _AT_LIMIT = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
@@ -194,8 +196,9 @@ def estimate_whole(
                 motion = motion.estimated(ahead, system.frames.inverse_parts(), usual)
             system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
-            promised = 0.5 * float((right[0] * step).sum(axis=1).max())
+            promised = 0.5 * (right[0] * step).sum(axis=1)
             promised += 0.5 * float((right[1] * change / alike).sum())
+            settled = promised.mean() < _ENOUGH and promised.max() < _ENOUGH_ONCE
             foretold = best.systems.foretold(step, change)
             if sweep == 1 and foretold.mean() >= promise:
                 return None
@@ -215,7 +218,7 @@ def estimate_whole(
                 break
             del found
             common, cameras = best.shared.cameras.common, best.shared.cameras
-            ends = gain > 0 and promised < _ENOUGH
+            ends = gain > 0 and settled
             nearer = cameras.earlier(common).whole_frames()
             if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
                 evidence = evidence.sharing(best.shared.through(nearer))
@@ -249,7 +252,7 @@ def fit_size(
     every = np.ones(len(size.names), bool) if free is None else free
     person = PersonChange(size, every, size.deviations(size.model.scale))
     frames = ChosenFrames(problems, person, repeated)
-    found = estimate_whole(frames, range(len(problems)), np.array(poses), sweeps=_SWEEPS_AFAR)
+    found = estimate_whole(frames, range(len(problems)), np.array(poses))
     assert found is not None, "nobody stops it"
     assert found.scale is not None, "something is free"
     return found.scale, found.poses

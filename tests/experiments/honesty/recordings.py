@@ -41,7 +41,7 @@ from tests.experiments.mean_hand.makehuman import Base, people
 FRAMES, FPS, SIZE = 60, 25.0, (320, 240)
 LATE_FRAMES, TURNED_DEG = 0.7, 0.5
 """of the second camera; of the last one, in the calibration that is written"""
-_BEFORE = 2
+BEFORE = 2
 _INIT_NOISE_M, _JOINT_M = 0.005, 0.004
 _JOINT_PX, _DRIFT_PX, _DRIFTS, _NOT_FOUND = 1.0, 2.0, 0.9, 0.1
 """of a detector's joints in small images: white, and drifting by so much of itself a frame"""
@@ -110,13 +110,13 @@ def main() -> None:
             rng = np.random.default_rng(zlib.crc32(f"{half} {text} {name} {motion}".encode()))
             who = somebody(rng)
             angles = (
-                motions.read(_bank(data, motion), int(motion.partition(":")[2]), FRAMES + _BEFORE)
+                motions.read(_bank(data, motion), int(motion.partition(":")[2]), FRAMES + BEFORE)
                 if ":" in motion
-                else motions.moving(motion, FRAMES + _BEFORE, rng)
+                else motions.moving(motion, FRAMES + BEFORE, rng)
             )
             moving = moved(as_person(hand(name), who), angles, motion, rng, who.left, "sleeve" in faults)  # fmt: skip
             what = "_".join([f"{cameras}cam", *sorted(faults), name, motion.replace(":", "")])
-            write(out / half / what, moving, _rig(cameras, rng), rng, faults)
+            write(out / half / what, moving, rig_of(cameras, rng), rng, faults)
             print(out / half / what, flush=True)
 
 
@@ -158,7 +158,7 @@ def _sleeve(person: HandMesh) -> tuple[Floats[N, D3], Array]:
     return np.concatenate(rings), np.concatenate([band + 24 * k for k in range(len(rings) - 1)])
 
 
-def _rig(count: int, rng: np.random.Generator) -> CameraRig:
+def rig_of(count: int, rng: np.random.Generator) -> CameraRig:
     """Return cameras about as simulate places them, each a little elsewhere."""
     cameras = []
     for camera in simulated_rig(count, SIZE, 0.45):
@@ -180,7 +180,7 @@ def write(
     folder: Path, hand: Moving, rig: CameraRig, rng: np.random.Generator, faults: frozenset[str] = frozenset()
 ) -> None:  # fmt: skip
     """Write a session of all frames but the two before."""
-    points = hand.keypoints[_BEFORE:]
+    points = hand.keypoints[BEFORE:]
     first, cameras = about(points[0], rng), list(rig)
     if "turned" in faults:
         cameras[-1] = _turned(cameras[-1], rng)
@@ -222,11 +222,11 @@ def _write_masks(
 ) -> None:  # fmt: skip
     to.mkdir(parents=True)
     back = LATE_FRAMES if second and "late" in faults else 0.0
-    for frame in range(len(hand.vertices) - _BEFORE):
+    for frame in range(len(hand.vertices) - BEFORE):
         missing = (second and frame < 10) or (frame > 0 and rng.random() < 0.2)
         if "gaps" in faults and missing:
             continue
-        mask = outline(camera, hand.vertices_at(frame + _BEFORE - back), hand.triangles)
+        mask = outline(camera, hand.vertices_at(frame + BEFORE - back), hand.triangles)
         if "ragged" in faults:
             mask = ragged(mask, rng)
         cv2.imwrite(str(to / f"{frame:06d}.png"), mask)
