@@ -294,7 +294,12 @@ class TrackingRun:
     @property
     def tracker(self) -> Tracker:
         sure = None if self.first is None else self.first.confidence
-        return Tracker(self.model, self.settings, start_confidence=1.0 if sure is None else sure)
+        return Tracker(
+            self.model,
+            self.settings,
+            start_confidence=1.0 if sure is None else sure,
+            subject=who_is_open(self),
+        )
 
     def initial(self) -> tuple[int, Floats[P]]:
         """Return the first pose: its frame, and solver parameters. HandtrackError without one."""
@@ -348,8 +353,8 @@ class TrackingRun:
         observe = LookAhead(self.observation, self._prepare, on_the_way, start_frame)
         try:
             yield from track_recording(
-                self.tracker, observe, start_frame, start_params, frames, control, done, who_is_open(self)
-            )  # fmt: skip
+                self.tracker, observe, start_frame, start_params, frames, control, done
+            )
         finally:
             observe.close()
 
@@ -362,10 +367,10 @@ class TrackingRun:
         pinned: Mapping[int, Floats[P]] | None = None,
     ) -> list[FrameResult]:
         """Return tracked frames refined together; see tracking.sequence.refine_recording."""
-        who = None if held or pinned else who_is_open(self)  # poses were set for this person
-        return refine_recording(
-            self.tracker, self.observation, tracked, control, held, changed, pinned, who
-        )
+        tracker = self.tracker
+        if held or pinned:  # poses were set for this person
+            tracker = replace(tracker, subject=None)
+        return refine_recording(tracker, self.observation, tracked, control, held, changed, pinned)
 
     def _prepare(self, frame: int) -> None:
         """Read what a frame's observation will need whatever the pose; it stays in the session's memory."""

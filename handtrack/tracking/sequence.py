@@ -15,11 +15,10 @@ from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.pursuit import Observe, Pursuit
-from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, new_share
-from handtrack.tracking.whole.refined import refined, refined_near
+from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, Recording, new_share
+from handtrack.tracking.whole.recording_estimate import refine, refine_near
 
 
 def track_recording(
@@ -30,12 +29,8 @@ def track_recording(
     frames: range,
     control: Control = Control(),
     done: Sequence[Step] = (),
-    who: OpenPerson | None = None,
 ) -> Iterator[FrameResult]:
-    """Yield results as `track_frames` does; then all of them again, refined together, where the settings ask for it.
-
-    who: what of the person is then found too.
-    """
+    """Yield results as `track_frames` does; then all of them again, refined together, where the settings ask for it."""
     found = {step.result.frame: step.result for step in done if step.result.frame in frames}
     live = track_frames(tracker, observe, start_frame, start_params, frames, control, done)
     for result in live:
@@ -50,7 +45,7 @@ def track_recording(
             other = list(track_frames(again, observe, start_frame, start_params, frames, quiet))
             if len(other) == len(tracked):
                 tracked = sorted(other, key=lambda result: result.frame)
-        yield from refine_recording(tracker, observe, tracked, control, who=who)
+        yield from refine_recording(tracker, observe, tracked, control)
 
 
 def new_share_of(tracker: Tracker, observe: Observe, tracked: Sequence[FrameResult]) -> float:
@@ -88,13 +83,12 @@ def refine_recording(
     held: Mapping[int, Floats[P]] | None = None,
     changed: Sequence[int] | None = None,
     pinned: Mapping[int, Floats[P]] | None = None,
-    who: OpenPerson | None = None,
 ) -> list[FrameResult]:
     """Return tracked frames, ascending, refined together; held: solver parameters of frames that a person posed, which stay
     so; pinned: of frames where a person's pins led.
 
     changed: at which frames such were set or let go since the frames were refined; only what those touch is done, and
-    returned. None: everything, and what may be found of the person, `who`.
+    returned. None: everything, and what may be found of the person, the tracker's `subject`.
     """
     model, settings = tracker.model, tracker.settings
     seen = observe
@@ -103,12 +97,12 @@ def refine_recording(
         return tracker.with_own(seen(frame, bones))
 
     observe = observe_own if tracker.terms or tracker.priors else seen
-    if changed is None:
-        again = refined(model, settings, observe, tracked, control, held, pinned=pinned, who=who)
-    else:
-        again = refined_near(
-            model, settings, observe, tracked, held or {}, changed, control, pinned
-        )
+    recording = Recording(
+        model, settings, observe, control, held or {}, pinned or {}, tracker.subject
+    )
+    again = (
+        refine(recording, tracked) if changed is None else refine_near(recording, tracked, changed)
+    )
     sure = {Status.TRACKED, Status.KEYFRAME}
     if tracker.start_confidence >= SURE or held or any(r.status in sure for r in tracked):
         return again

@@ -15,7 +15,8 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
 
 BODY = load_model("body34")
@@ -56,7 +57,7 @@ def test_cameras_that_were_turned_are_put_right_before_a_body(rng):
         posed_result(BODY, observe(n, None), pose, Status.TRACKED, None) for n, pose in enumerate(poses)
     ]  # fmt: skip
     told: list[str] = []
-    refined(BODY, TrackerSettings(), observe, live, Control(on_shared=told.append))
+    refine(Recording(BODY, TrackerSettings(), observe, Control(on_shared=told.append)), live)
     found = Refinement.read(told[0])
 
     def off_px(views):

@@ -26,7 +26,8 @@ from handtrack.tracking.search.initialize import carried_over, fit_keypoints
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
 
 HAND, WHOLE = load_model(), load_model(forearm=True)
@@ -171,7 +172,7 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
     ]
     who = OpenPerson(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)
     control = Control(on_shared=told.append)
-    found = refined(model, QUICK, lambda f, _: seen[f], live, control, who=who)
+    found = refine(Recording(model, QUICK, lambda f, _: seen[f], control, who=who), live)
     scale = Refinement.read(told[0]).scale
     assert scale.proportions[FOREARM_END] == pytest.approx(1.3, abs=0.25)
     assert scale.overall == 1.0

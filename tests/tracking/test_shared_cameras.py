@@ -14,7 +14,8 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
 
 HAND = load_model("hand26")
@@ -66,14 +67,11 @@ def _tracked(cameras, late=(0, 0, 0), corrects_cameras=True):
 
     tracker, told = Tracker(HAND, TrackerSettings()), []
     live = list(track_frames(tracker, observe, 0, poses[0], range(FRAMES)))
-    frames = refined(
-        HAND,
-        tracker.settings,
-        observe,
-        live,
-        Control(on_shared=told.append),
-        corrects_cameras=corrects_cameras,
+    control = Control(on_shared=told.append)
+    recording = Recording(
+        HAND, tracker.settings, observe, control, corrects_cameras=corrects_cameras
     )
+    frames = refine(recording, live)
     return frames, truth, Refinement.read(told[0])
 
 

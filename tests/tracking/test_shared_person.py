@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.articulated import HandScale, ShapeCovariance, keypoint_names
 from handtrack.model.model_file import load_model, read_scale, write_scale
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -27,8 +27,8 @@ from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.size.size_doubt import shape_covariance
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
-from handtrack.tracking.whole.evidence import Evidence
-from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.evidence import Evidence, Recording
+from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
 from tests.derivatives import check_gradient
 from tests.tracking.test_shared_cameras import FPS, FRAMES, SIGMA_PX, camera_at, waving_poses
@@ -62,7 +62,7 @@ def _refined(late=(0, 0, 0), who=WHO):
     tracker, told = Tracker(HAND, TrackerSettings()), []
     live = list(track_frames(tracker, observe, 0, waving_poses()[0], range(FRAMES)))
     control = Control(on_shared=told.append)
-    frames = refined(HAND, tracker.settings, observe, live, control, who=who)
+    frames = refine(Recording(HAND, tracker.settings, observe, control, who=who), live)
     return Refinement.read(told[0]), frames, truth
 
 
@@ -104,12 +104,39 @@ def test_a_size_that_was_wrong_is_found_with_the_poses():
     assert 1e3 * np.mean(off) < 1.0
 
 
+def test_a_size_that_was_given_stays():
+    found, frames, _ = _refined(who=None)
+    assert found.scale is None
+    pose = HAND.transform.solver_params(frames[3].parameters)
+    np.testing.assert_allclose(HAND.keypoints21(HAND.bones(pose)), frames[3].keypoints21)
+
+
 def test_a_camera_that_is_late_is_found_though_the_hand_was_of_another_size():
     found, _, _ = _refined(late=(0, 2, 0))
     late = {one.name: one.late_frames for one in found.cameras}
     assert late == pytest.approx({"cam0": 0.0, "cam1": 2.0, "cam2": 0.0}, abs=0.1)
     assert found.scale is not None
     assert found.scale.overall == pytest.approx(1.06, abs=0.01)
+
+
+def test_one_camera_tells_no_size():
+    place = HAND.bones(waving_poses()[0]).position.mean(axis=0)
+    observe, _ = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)])
+    one = replace(observe(0, None), keypoints=observe(0, None).keypoints[:1])
+    assert PersonChange.of(HAND, [(one, place)], WHO).count == 0
+    assert PersonChange.of(HAND, [(observe(0, None), place)], WHO).free.all()
+
+
+def test_what_was_found_of_a_person_comes_back_as_it_was_written():
+    errors = ShapeCovariance.of(("overall", "thumb"), np.array([[2.0, 1.0], [1.0, 3.0]]))
+    found = Refinement(
+        "converged", 3, (), replace(OTHER, std={"length_mm": 0.5}, covariance=errors)
+    )
+    again = Refinement.read(found.text)
+    assert again.scale == OTHER
+    assert again.scale.std == {"length_mm": 0.5}
+    assert again.scale.covariance == errors
+    assert Refinement.read('{"why": "converged", "sweeps": 3, "cameras": []}').scale is None
 
 
 def test_information_of_recordings_adds(rng, tmp_path):
@@ -144,6 +171,51 @@ def test_information_of_recordings_adds(rng, tmp_path):
     )
     np.testing.assert_allclose(stated[1], np.linalg.inv(together), rtol=1e-5, atol=1e-9)
     assert np.linalg.eigvalsh(stated[0] - stated[1]).min() > -1e-9
+
+
+def test_what_is_not_free_is_known_better_by_what_errs_with_it():
+    """Where a file says that two numbers err together, as only their sum was seen, one that is found tells the other's uncertainty."""
+    size = SizeParameters(HAND)
+    both = np.array([[1.0, -0.9], [-0.9, 1.0]]) * np.outer(size.units[:2], size.units[:2])
+    known = HandScale(covariance=ShapeCovariance.of(size.names[:2], both))
+    free = np.array([name == "overall" for name in size.names])
+    person = PersonChange(size, free, size.deviations(HAND.scale), known)
+    found = person.scale(np.array([[0.01]]))
+    assert found.std["overall"] == pytest.approx(0.1 * size.units[0])
+    assert found.std["thumb"] == pytest.approx(size.units[1] * np.sqrt(1 - 0.81 * 0.99))
+    assert found.std["index"] == pytest.approx(size.units[2])
+
+
+def test_a_file_with_fewer_numbers_or_others_is_read():
+    size = SizeParameters(HAND)
+    old = HandScale(
+        1.02,
+        std={"overall": 0.02, "nose": 3.0},
+        covariance=ShapeCovariance.of(("overall", "nose"), np.diag([4e-4, 9.0])),
+    )
+    stated = shape_covariance(size, old)
+    assert stated[0, 0] == pytest.approx((0.02 / size.units[0]) ** 2)
+    np.testing.assert_array_equal(stated[1:, 1:], np.eye(len(stated) - 1))
+
+
+def test_a_persons_file_holds_where_little_is_seen():
+    """A recording of three frames begins with what a longer one of the same person told."""
+    found, _, _ = _refined()
+    observe, truth = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)])
+    few = range(3)
+
+    def off(who, hand):
+        tracker, told = Tracker(hand, TrackerSettings()), []
+        live = list(track_frames(tracker, observe, 0, waving_poses()[0], few))
+        control = Control(on_shared=told.append)
+        frames = refine(Recording(hand, tracker.settings, observe, control, who=who), live)
+        error = [np.linalg.norm(r.keypoints21 - truth[r.frame], axis=1).mean() for r in frames]
+        return 1e3 * float(np.mean(error)), Refinement.read(told[0]).scale
+
+    fitted, alone = off(WHO, HAND)
+    used, both = off(replace(WHO, known=found.scale), WHO.build(found.scale))
+    assert used <= fitted
+    assert both.std["length_mm"] < min(alone.std["length_mm"], found.scale.std["length_mm"])
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

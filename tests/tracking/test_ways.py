@@ -20,9 +20,10 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.motion import changes
+from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.lattice import Lattice, Minimum
 from handtrack.tracking.whole.other_ways import with_other_ways
-from handtrack.tracking.whole.refined import refined
+from handtrack.tracking.whole.recording_estimate import refine
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras
@@ -113,7 +114,9 @@ def test_a_finger_that_one_frame_has_wrong_goes_with_those_beside_it(turning):
     poses, views = turning
     taken = poses.copy()
     taken[WRONG] = _bent(poses[WRONG], "index", 100.0)
-    found = refined(HAND, TrackerSettings(), lambda n, _: views[n], _tracked(taken, views))
+    found = refine(
+        Recording(HAND, TrackerSettings(), lambda n, _: views[n]), _tracked(taken, views)
+    )
     assert _off_mm(_tracked(taken, views)[WRONG], poses[WRONG]) > 40.0
     assert max(map(_off_mm, found, poses)) < 2.0  # measured 0.6; 116 with one minimum a frame
 
@@ -125,7 +128,7 @@ def test_a_hand_thrown_away_while_one_camera_sees_it_comes_back(turning):
     taken = poses.copy()
     taken[1:4, :3] += 0.04 * CAMERAS[0].rotation[2]
     taken[1:4, 3] += 0.3
-    found = refined(HAND, TrackerSettings(), lambda n, _: seen[n], _tracked(taken, seen))
+    found = refine(Recording(HAND, TrackerSettings(), lambda n, _: seen[n]), _tracked(taken, seen))
     assert max(map(_off_mm, found, poses)) < 4.0  # measured 1.3; 11 with one minimum a frame
 
 
@@ -168,6 +171,44 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     np.testing.assert_array_equal(two.joint_covariance, known)
 
 
+def test_poses_that_were_asked_for_differ_in_shape():
+    """Of eight that nearly look alike, one would do; what is turned has hardly any weight, and is worth more."""
+    pose = HAND.rest_params()
+    alike = [_bent(pose, "index", angle) for angle in (20.0, 30.0, 40.0)]
+    turned = pose.copy()
+    turned[3] += 1.5
+    sure = 1e4 * np.eye(len(pose))
+    minima = [
+        _at(x, 5.0 + cost, sure)
+        for x, cost in ((pose, 0.0), *((x, 1.0) for x in alike), (turned, 9.0))
+    ]
+    lattice = Lattice([minima], 100.0 * np.eye(len(pose)))
+    result = posed_result(HAND, Observation(0, 0.0), pose, Status.TRACKED, None)
+    (found,) = with_other_ways(HAND, [result], lattice, shown=2)
+    np.testing.assert_array_equal(found.alternatives[1].parameters, HAND.joint_params(turned))
+    assert len(found.alternatives) == 5, "others above 3 % stay as well"
+
+
+def test_hypotheses_that_were_carried_are_candidates(turning):
+    """Nothing jumps and nothing is in doubt: no way is looked for, but one is known."""
+    poses, views = turning
+    taken = np.array([_bent(pose, "index", 100.0) for pose in poses])
+    tracked = [
+        replace(
+            result,
+            alternatives=tuple(
+                Alternative(HAND.joint_params(pose), 30.0, 0.5, -1, "followed") for pose in pair
+            ),
+        )
+        for result, pair in zip(_tracked(taken, views), zip(taken, poses, strict=True), strict=True)
+    ]
+    settings = TrackerSettings().with_values({"tracker.hypotheses": 2, "tracker.estimate": "whole"})
+    assert settings.refines
+    found = refine(Recording(HAND, settings, lambda n, _: views[n]), tracked)
+    assert max(map(_off_mm, found, poses)) < 2.0
+    assert {len(result.alternatives) for result in found} == {2}
+
+
 def test_a_finger_in_the_wrong_place_does_not_make_a_damaged_cloud_poor():
     """One depth camera, 30 % of the points missing in regions, 20 % wrong: doubted depths would not say which finger it is."""
     rng = np.random.default_rng(4)
@@ -182,7 +223,7 @@ def test_a_finger_in_the_wrong_place_does_not_make_a_damaged_cloud_poor():
         replace(result, status=Status.DOUBTFUL, reason=Reason("poor cloud", number=0.7, other=0.8))
         for result in _tracked(taken, views)
     ]
-    found = refined(HAND, TrackerSettings(), lambda n, _: views[n], poor)
+    found = refine(Recording(HAND, TrackerSettings(), lambda n, _: views[n]), poor)
     assert not any(result.poor_cloud for result in found)
     assert max(map(_off_mm, found, poses)) < 3.0  # measured 1.0; 145 as tracked
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,14 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.solver.block_banded import BlockBanded
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.settings import PriorSettings, TrackerSettings
 from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion, changes, moved
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.refined import refined, refined_near
+from handtrack.tracking.whole.evidence import Recording
+from handtrack.tracking.whole.recording_estimate import _bridged, refine, refine_near
 from tests.derivatives import check_gradient, check_jacobian
 
 HAND = load_model("hand26")
@@ -167,6 +171,43 @@ def test_a_hand_that_nobody_sees_goes_on_from_both_sides_with_growing_doubt():
     assert np.isinf(refined[middle].parameter_std).all()
 
 
+def _followed(frames, control=Control()):
+    poses = _opening_and_closing()
+    points, start = _points(poses), poses[0]
+    tracker = Tracker(HAND, TrackerSettings().with_values({"tracker.estimate": "whole"}))
+    seen = lambda frame, _bones: _observed(frame, points[frame])  # noqa: E731
+    return list(track_recording(tracker, seen, 0, start, range(frames), control))
+
+
+def test_too_few_frames_stay_as_they_came():
+    found = _followed(2)
+    assert found[:2] == found[2:]
+
+
+def test_stopped_while_they_are_refined_frames_stay_as_they_came():
+    told = []
+    found = _followed(6, Control(should_stop=lambda: len(told) > 3, on_refined=told.append))
+    assert told
+    assert found[:6] == found[6:]
+
+
+def test_a_gap_is_bridged_by_the_shorter_turn():
+    """A turn that passes half a circle is written from the other side: straight between the vectors would be the way round."""
+    poses = np.zeros((3, 26))
+    poses[0, 3:6], poses[2, 3:6] = [3.1, 0.0, 0.0], [-3.1, 0.0, 0.0]
+    middle = _bridged(poses, np.array([True, False, True]))[1, 3:6]
+    np.testing.assert_allclose(middle, [np.pi, 0.0, 0.0], atol=1e-9)
+
+
+def test_the_usual_motion_is_what_the_prior_says():
+    usual = Motion.usual(PriorSettings(), 8, 1 / 30)
+    assert np.sqrt(usual.pushes[0, 0]) == pytest.approx(PriorSettings().motion_sigma_mm * 1e-3)
+    assert np.sqrt(usual.pushes[7, 7]) == pytest.approx(
+        np.deg2rad(PriorSettings().motion_sigma_deg)
+    )
+    assert Motion.usual(PriorSettings(), 8, 1.0).kept < 0.01 < 0.8 < usual.kept
+
+
 def test_beside_a_keyframe_frames_follow_from_both_sides():
     """A finger that nobody sees stood straight; set right in one frame, it closes and opens before and after."""
     hidden = np.zeros((FRAMES, 21), bool)
@@ -176,8 +217,8 @@ def test_beside_a_keyframe_frames_follow_from_both_sides():
     truth = _points(poses)
     observe, live = _followed_while(hidden, poses, truth)
     settings, held = Tracker(HAND).settings, {FRAMES // 2: poses[FRAMES // 2]}
-    without = refined(HAND, settings, observe, live)
-    found = refined(HAND, settings, observe, live, held=held)
+    without = refine(Recording(HAND, settings, observe), live)
+    found = refine(Recording(HAND, settings, observe, keyframes=held), live)
     assert [r.frame for r in found] == [n for n in range(FRAMES) if n not in held]
     near = [n for n in range(FRAMES // 2 - 4, FRAMES // 2 + 5) if n not in held]
     off = {r.frame: _off_mm([r], truth[r.frame : r.frame + 1])[0, middle].mean() for r in found}
@@ -201,7 +242,7 @@ def _fist(errs):
     points = _points(poses)
     points[:, OUTER] += errs
     observe, live = _followed_while(np.isnan(points[:, :, 0]), poses, points)
-    return observe, poses, refined(HAND, Tracker(HAND).settings, observe, live)
+    return observe, poses, refine(Recording(HAND, Tracker(HAND).settings, observe), live)
 
 
 @pytest.mark.parametrize("errs", [(np.nan, np.nan, np.nan), (0.0, 0.0, -0.02)])
@@ -209,13 +250,38 @@ def test_a_correction_heals_the_frames_beside(errs):
     """What is corrected in one frame of a fist is wrong in those beside, whether nobody sees it or all see it elsewhere."""
     observe, poses, whole = _fist(errs)
     at = FRAMES // 2
-    again = refined_near(HAND, Tracker(HAND).settings, observe, whole, {at: poses[at]}, [at])
+    again = refine_near(
+        Recording(HAND, Tracker(HAND).settings, observe, keyframes={at: poses[at]}), whole, [at]
+    )
     after = {r.frame: r for r in (*whole, *again)}
     near = [n for n in range(at - 10, at + 11) if n != at]
     was, now = (
         _off_mm([by[n] for n in near], _points(poses)[near])[:, OUTER] for by in (whole, after)
     )
     assert now.mean() < 0.6 * was.mean()
+
+
+def test_a_mistake_of_one_frame_leaves_those_beside_alone():
+    observe, poses, whole = _fist((0.0, 0.0, 0.0))
+    at = FRAMES // 2
+    wrong = poses[at].copy()
+    wrong[HAND.parameter_names.index("index_mcp_flex")] -= 1.0
+    whole[at] = replace(whole[at], parameters=HAND.joint_params(wrong))
+    again = refine_near(
+        Recording(HAND, Tracker(HAND).settings, observe, keyframes={at: poses[at]}), whole, [at]
+    )
+    moved_mm = _off_mm(again, np.array([whole[r.frame].keypoints21 for r in again]))
+    assert not again or moved_mm.max() < 5.0
+
+
+def test_stopped_no_frame_beside_a_keyframe_changes():
+    poses = _opening_and_closing()
+    observe, live = _followed_while(np.zeros((FRAMES, 21), bool), poses, _points(poses))
+    at, settings = FRAMES // 2, Tracker(HAND).settings
+    stopped = Control(should_stop=lambda: True)
+    assert (
+        refine_near(Recording(HAND, settings, observe, stopped, {at: poses[at]}), live, [at]) == []
+    )
 
 
 def _followed_while(hidden, poses, truth):

@@ -20,15 +20,17 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.doubt.mirrored import only_camera
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
+from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.poor_cloud import poor_cloud_settings
 from handtrack.tracking.size.cameras import WIDER, CameraChanges
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
-from handtrack.tracking.size.person import PersonChange
+from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.size.shared import Shared
 
 _HELD = 400
@@ -49,6 +51,30 @@ MOSTLY_NEW = 0.5
 
 Observe = Callable[[int, BonePoses | None], Observation]
 """what is seen of a frame; see tracking.pursuit.Observe"""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What the estimate of a whole recording is told."""
+
+    model: ArticulatedModel
+    settings: TrackerSettings
+    observe: Observe
+    control: Control = Control()
+    keyframes: Mapping[int, Floats[P]] = field(default_factory=dict)
+    """solver parameters by frame of poses that a person set; what lies beside follows, unless they are among the tracked"""
+    pinned: Mapping[int, Floats[P]] = field(default_factory=dict)
+    """likewise of tracked frames to which a person's pins led: they are refined by their pins"""
+    who: OpenPerson | None = None
+    """what is found of the person: the frames are this person's then"""
+    corrects_cameras: bool = True
+    """where two see the hand, what their calibration and their time are off by is found with the poses; the calibration stays as it is"""
+
+
+def frame_seconds(tracked: Sequence[FrameResult]) -> float:
+    """Return how long a frame lasts [s]; 1 where nobody knows."""
+    lasted = abs(tracked[-1].time_s - tracked[0].time_s) if len(tracked) > 1 else 0.0
+    return lasted / max(len(tracked) - 1, 1) or 1.0
 
 
 @dataclass(frozen=True, eq=False)

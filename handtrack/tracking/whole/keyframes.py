@@ -13,10 +13,9 @@ from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.size.motion import changes, moved
-from handtrack.tracking.whole.evidence import Evidence, Observe
+from handtrack.tracking.whole.evidence import Evidence, Recording, frame_seconds
 from handtrack.tracking.whole.ways import APART_M
 
 _REACH = 50
@@ -32,24 +31,18 @@ _TELLS = 2.0
 
 
 def with_keyframes(
-    model: ArticulatedModel,
-    settings: TrackerSettings,
-    observe: Observe,
+    recording: Recording,
     tracked: Sequence[FrameResult],
-    held: Mapping[int, Floats[P]],
-    seconds: float,
-    control: Control = Control(),
     new: Mapping[int, Floats[P]] | None = None,
-    pinned: Mapping[int, Floats[P]] | None = None,
 ) -> list[FrameResult]:
     """Return tracked frames with those that a person posed among them, ascending, and those beside at poses that follow.
 
-    held: solver parameters by frame. What is corrected is the change from where the frame was tracked, or where those beside say that the
-    hand stood. Frames beside err alike, as far as the hand has not moved: the change is theirs, too. new: those that are carried
-    on; all, unless given. pinned: others, to which their pins led: they are tracked frames that stand there. seconds: from one frame
-    to the next.
+    What is corrected is the change from where the frame was tracked, or where those beside say that the hand stood. Frames beside err
+    alike, as far as the hand has not moved: the change is theirs, too. new: keyframes and pins that are carried on; all, unless given.
     """
-    pinned = pinned or {}
+    model, settings, observe = recording.model, recording.settings, recording.observe
+    held, pinned, control = recording.keyframes, recording.pinned, recording.control
+    seconds = frame_seconds(tracked)
     known = {result.frame: result for result in tracked}
     posed = {
         frame: posed_result(model, observe(frame, model.bones(pose)), pose, Status.KEYFRAME, None)

@@ -172,7 +172,7 @@ def _figures(filmed: Filmed, sizes: bool, offsets: bool, together: bool) -> dict
     live = list(track_frames(tracker, filmed.observation, 0, start, frames))
     who = OpenPerson(body, sizes, together) if sizes else None
     control = Control(on_shared=told.append)
-    refined = refine_recording(tracker, filmed.observation, live, control, who=who)
+    refined = refine_recording(replace(tracker, subject=who), filmed.observation, live, control)
     shared = Refinement.read(told[-1]) if told else None
     person = model if shared is None or shared.scale is None else body(shared.scale)
     covered, beyond = _stated(filmed, refined)

@@ -68,7 +68,7 @@ def _measure(folder: Path, length: int) -> dict[str, float]:
     ]
     who = OpenPerson(lambda scale: run.with_scale(scale).model)
     began = time.process_time()
-    refine_recording(run.tracker, observe, tracked, who=who)
+    refine_recording(replace(run.tracker, subject=who), observe, tracked)
     seconds = time.process_time() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB
     return {f"frames_{length}_ms_a_frame": 1e3 * seconds / length, f"frames_{length}_mb": peak}

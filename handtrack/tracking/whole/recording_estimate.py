@@ -1,0 +1,456 @@
+"""The recording-level estimate: each frame again, by those before and after it, as a list of passes over one immutable estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from handtrack.arrays import D3, Array, C, F, Floats, K, P
+from handtrack.geometry.rotation import closest_equivalent
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.parallel import one_blas_thread
+from handtrack.solver.covariance import uncertainty
+from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.doubt.judgement import Judgement, judged
+from handtrack.tracking.frame.frame_result import judged_result
+from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.search.policy import POOR
+from handtrack.tracking.search.poor_cloud import poor_agreement
+from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
+from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
+from handtrack.tracking.size.motion import TURN, by_turn
+from handtrack.tracking.size.person import PersonChange
+from handtrack.tracking.size.sized_problem import terms_of
+from handtrack.tracking.whole.evidence import (
+    MOSTLY_NEW,
+    NEW_POSE_S,
+    Evidence,
+    Recording,
+    by_camera,
+    frame_seconds,
+    measured_outlines,
+    new_share,
+)
+from handtrack.tracking.whole.keyframes import with_keyframes
+from handtrack.tracking.whole.lattice import Lattice
+from handtrack.tracking.whole.other_ways import with_other_ways
+from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.several import Way, several_ways
+from handtrack.tracking.whole.ways import Ways
+
+_BESIDE = 7
+"""frames to either side by which a cloud's is judged: half a second in all"""
+_STILL = 0.4
+"""share of these from which depths are doubted, chosen on two damaged recordings (docs/explanation/trajectory.md): made of
+`webxr_exact_depth_768` with small holes, 0.25 and 0.4 give 8.8 and 7.0 mm; of `webxr_depth_640` without whole fingers, 6.2 and 6.6"""
+_FEWEST = 3
+"""frames that have a motion"""
+_MEMORY = 2
+"""frames before one that say where it goes: its place and its velocity"""
+_MOVED_S = 1.0
+"""[s] of frames, two movements, that cameras are corrected by: what masks are wrong by at one pose looks like a camera's error"""
+_TRIED = 3
+"""sweeps after which cameras' corrections are about what they will be"""
+_UNSEEN = 7
+"""numbers that no frame tells: where, how turned and how large the room is"""
+_BY_CHANCE = 0.05
+"""of good calibrations that would be corrected if all frames were one. Measured, each half the ratio: clean up to 2.0 (another hand),
+0.5°, 2 mm and 0.5 % off, or a camera late, from 11; asked for are 8.5 of two cameras, 13.8 of three"""
+_PROMISED = 0.5
+"""share of that gain that a first step must foretell, which is true near the least cost, and the first sweeps bring; else the cameras are
+good, and no more is tried"""
+_SAMPLES = 8
+"""frames, evenly spread, that tell which cameras there are"""
+_MOST_LATE = 5
+"""frames that a camera may be late by: a fifth of a second at 25 a second, further than a hand's picture reaches its place"""
+_LATE_SAMPLES = 40
+"""frames, evenly spread, that are looked at"""
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingEstimate:
+    """What is known of a recording after a pass."""
+
+    recording: Recording
+    tracked: Sequence[FrameResult]
+    """as they came, frame after frame, ascending"""
+    evidence: Evidence
+    """what frames say, and what they share"""
+    poses: Floats[F, P]
+    """solver parameters"""
+    trellis: Lattice | None = None
+    """modes of each frame, joined; `poses` lie on its Viterbi path"""
+    solution: WholeEstimate | None = None
+    """all poses, and what they share, found together"""
+    calibrated: WholeEstimate | None = None
+    """the solution that corrected the cameras"""
+    hypotheses: tuple[Way, ...] = ()
+    """trajectories refined as a whole, the best first"""
+    results: tuple[FrameResult, ...] = ()
+
+    @property
+    def frames(self) -> list[int]:
+        return [result.frame for result in self.tracked]
+
+    @property
+    def solved(self) -> WholeEstimate:
+        """The solution, after `descend`."""
+        assert self.solution is not None, "passes come in order"
+        return self.solution
+
+    @property
+    def duration_s(self) -> float:
+        return self.evidence.seconds * len(self.tracked)
+
+    @property
+    def lets_joints_go(self) -> bool:
+        """Whether detected joints far off the model are let go at the end; a body's never are: one descent finds all."""
+        return self.evidence.wide
+
+
+Pass = Callable[[RecordingEstimate], RecordingEstimate | None]
+"""None: stopped"""
+
+
+@one_blas_thread
+def refine(recording: Recording, tracked: Sequence[FrameResult]) -> list[FrameResult]:
+    """Return frames that follow one another at the poses that are most probable together.
+
+    Parameters
+    ----------
+    recording
+        Model, settings and observations; keyframes and pins hold, and the frames beside follow. What all frames share is reported to its
+        `control`. Keyframes are not returned.
+    tracked
+        As they came, frame after frame, ascending. Where the hand was lost it goes on by its motion from both sides; what was observed
+        there is looked at again from such a pose, and counts where the hand is found in it.
+
+    Returns
+    -------
+    list
+        `tracked` itself where the hand was found in too few frames, or when stopped.
+    """
+    posed = recording.keyframes or recording.pinned
+    begun = with_keyframes(recording, tracked) if posed else tracked
+    if sum(result.status != Status.LOST for result in begun) < _FEWEST:
+        return list(tracked)
+    estimate: RecordingEstimate | None = bridge_gaps(recording, begun)
+    for one in PASSES:
+        estimate = one(estimate)
+        if estimate is None or recording.control.should_stop():
+            return list(tracked)
+    results = estimate.results
+    if posed:
+        again = refine_near(recording, results, [*recording.keyframes, *recording.pinned])
+        results = {r.frame: r for r in (*results, *again)}.values()
+    return [result for result in results if result.frame not in recording.keyframes]
+
+
+def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> RecordingEstimate:
+    """Return where the estimate begins: tracked poses, and between them straight on where the hand was lost."""
+    solver_params = recording.model.transform.solver_params
+    lost = frozenset(r.frame for r in tracked if r.status == Status.LOST)
+    numbers = [result.frame for result in tracked]
+    found = [n for n, number in enumerate(numbers) if number not in lost]
+    poses = _bridged(
+        np.array([solver_params(r.parameters) for r in tracked]),
+        np.array([number not in lost for number in numbers]),
+    )
+    around = dict(zip(numbers, poses, strict=True))
+    evidence = Evidence(
+        recording.model, recording.settings, recording.observe, around, frame_seconds(tracked), silent=lost
+    )  # fmt: skip
+    outlines = measured_outlines(evidence, [numbers[n] for n in found], poses[found])
+    evidence = replace(evidence, outline_mm=outlines)
+    evidence = replace(evidence, new=new_share(evidence, numbers, poses))
+    return RecordingEstimate(recording, tracked, evidence, poses)
+
+
+def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
+    """Return the estimate on the Viterbi path through the modes of its frames."""
+    tracked, numbers = estimate.tracked, estimate.frames
+    ways = Ways(estimate.evidence, tracked, estimate.poses, estimate.recording.control)
+    gathered = ways.gathered()
+    if gathered is None:
+        return None
+    trellis = ways.moving_as_found(gathered)
+    path = [row[k] for row, k in zip(trellis.minima, trellis.best.tolist(), strict=True)]
+    bridged = {n for n, one in zip(numbers, path, strict=True) if one.origin == "bridged"}
+    poses = trellis.way(trellis.best)
+    poor = _poor_still(estimate.evidence, tracked, poses)
+    changed = [n for n, one in enumerate(path) if one.origin != "tracked"]
+    evidence = estimate.evidence.elsewhere(
+        {numbers[n]: poses[n] for n in changed}, estimate.evidence.silent & bridged, frozenset(numbers[n] for n in poor)
+    )  # fmt: skip
+    for n in poor:
+        before = evidence.model.transform.solver_params(tracked[n].parameters)
+        poses[n] = min(poses[n], before, key=lambda pose: evidence.of(numbers[n]).at(pose).cost)
+    return replace(estimate, evidence=evidence, poses=poses, trellis=trellis)
+
+
+def open_shared_parameters(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate in which what some frames tell of the person and of the cameras' times and masks is to be found."""
+    evidence, who = estimate.evidence, estimate.recording.who
+    found = [r.frame for r in estimate.tracked if r.status != Status.LOST]
+    samples = _samples(evidence, found)
+    if who is not None and samples:
+        evidence = replace(evidence, person=PersonChange.of(evidence.model, samples, who))
+    points = [one for seen, _ in samples for one in seen.keypoints]
+    detected = any(isinstance(one, ImageKeypoints) for one in points)
+    evidence = replace(evidence, wide=detected and evidence.model.kind == "hand")
+    timed = estimate.recording.corrects_cameras and estimate.duration_s >= NEW_POSE_S
+    cameras = CameraChanges.seen([one for one, _ in samples])
+    cameras = cameras.finding(OUTLINE | TIME if timed else OUTLINE)
+    return replace(estimate, evidence=evidence.sharing(evidence.shared.through(cameras)))
+
+
+def descend(estimate: RecordingEstimate) -> RecordingEstimate | None:
+    """Return the estimate at the least cost nearby, of all poses and of what they share."""
+    control = estimate.recording.control
+    found = estimate_whole(
+        estimate.evidence, estimate.frames, estimate.poses, control.should_stop, control.on_refined
+    )
+    return found and replace(estimate, solution=found, calibrated=found)
+
+
+def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate with cameras corrected, where that explains more than as many numbers would of nothing."""
+    found, control, numbers = estimate.solved, estimate.recording.control, estimate.frames
+    if not (estimate.recording.corrects_cameras and found.cameras.count) or estimate.duration_s < _MOVED_S:  # fmt: skip
+        return estimate
+    cameras = found.cameras.finding(ALL)
+    evidence = estimate.evidence.sharing(found.shared.through(cameras))
+    nearest = _nearest_images(evidence, numbers, found.poses)
+    evidence = evidence.sharing(found.shared.through(nearest))
+    asked = _asked_gain(cameras)
+    promise = float(found.costs.mean()) - _PROMISED * asked
+    tried = estimate_whole(
+        evidence, numbers, found.poses, control.should_stop, sweeps=_TRIED, promise=promise
+    )
+    if tried is None or tried.costs.mean() >= promise:
+        return estimate
+    again = estimate_whole(
+        evidence.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.on_refined
+    )  # fmt: skip
+    if again is None or found.costs.mean() - again.costs.mean() <= asked:
+        return estimate
+    return replace(estimate, solution=again, calibrated=again)
+
+
+def let_outliers_go(estimate: RecordingEstimate) -> RecordingEstimate | None:
+    """Return the estimate once detected joints far off the model no longer pull, cameras standing where they were found."""
+    if not estimate.lets_joints_go:
+        return estimate
+    found, control = estimate.solved, estimate.recording.control
+    masks = found.shared.through(found.cameras.finding(OUTLINE))
+    evidence = replace(estimate.evidence.sharing(masks), wide=False)
+    again = estimate_whole(
+        evidence, estimate.frames, found.poses, control.should_stop, control.on_refined
+    )
+    return again and replace(estimate, evidence=evidence, solution=again)
+
+
+def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate on the best of the trajectories that one camera's joints leave open, where several are asked for."""
+    count, evidence = estimate.evidence.settings.tracker.hypotheses, estimate.evidence
+    if count <= 1 or evidence.new > MOSTLY_NEW:
+        return estimate
+    first = Way(estimate.solved, evidence, "followed")
+    several = several_ways(first, estimate.frames, count, estimate.recording.control)
+    best = several[0]
+    return replace(estimate, hypotheses=tuple(several), solution=best.found, evidence=best.evidence)
+
+
+def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate with each frame's result, of the person and by the cameras that were found; these are reported."""
+    found, who = estimate.solved, estimate.recording.who
+    refinement = Refinement.of(found, estimate.calibrated)
+    estimate.recording.control.on_shared(refinement.text)
+    evidence = estimate.evidence.sharing(found.shared)
+    if who is not None and refinement.scale is not None:
+        model = who.build(refinement.scale)
+        evidence = evidence.by(model, dict(zip(estimate.frames, found.poses, strict=True)))
+    tracked = estimate.tracked
+    results = [_result(evidence, found, n, tracked) for n in range(len(tracked))]
+    return replace(estimate, evidence=evidence, results=tuple(results))
+
+
+def keep_alternatives(estimate: RecordingEstimate) -> RecordingEstimate:
+    """Return the estimate whose frames have the other poses that all frames together leave open, and are as unsure."""
+    assert estimate.trellis is not None, "passes come in order"
+    results = with_other_ways(
+        estimate.evidence.model, estimate.results, estimate.trellis,
+        estimate.evidence.settings.tracker.hypotheses, estimate.hypotheses,
+    )  # fmt: skip
+    return replace(estimate, results=tuple(results))
+
+
+PASSES: tuple[Pass, ...] = (
+    choose_modes,
+    open_shared_parameters,
+    descend,
+    correct_cameras,
+    let_outliers_go,
+    flip_limbs,
+    assess_frames,
+    keep_alternatives,
+)
+
+
+@one_blas_thread
+def refine_near(
+    recording: Recording, tracked: Sequence[FrameResult], changed: Sequence[int]
+) -> list[FrameResult]:
+    """Return the frames that follow keyframes and pins; all others stand as they are; no frame when stopped.
+
+    tracked: refined before, ascending; changed: at which frames keyframes or pins were set since.
+    """
+    stood, seconds = {result.frame: result for result in tracked}, frame_seconds(tracked)
+    posed = {**recording.keyframes, **recording.pinned}
+    new = {frame: posed[frame] for frame in changed if frame in posed}
+    followed = with_keyframes(recording, tracked, new)
+    held, model = recording.keyframes, recording.model
+    touched = np.array([r is not stood.get(r.frame) and r.frame not in held for r in followed])
+    near = np.convolve(touched, np.ones(2 * _MEMORY + 1), "same") > 0
+    edges = np.flatnonzero(np.diff(np.r_[0, near, 0]))
+    found: list[FrameResult] = []
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        inside = followed[first:stop]
+        numbers = [result.frame for result in inside]
+        poses = np.array([model.transform.solver_params(r.parameters) for r in inside])
+        around = dict(zip(numbers, poses, strict=True))
+        evidence = Evidence(model, recording.settings, recording.observe, around, seconds)
+        stop_asked = recording.control.should_stop
+        whole = estimate_whole(evidence, numbers, poses, stop_asked, sweeps=0)
+        if whole is None or stop_asked():
+            return []
+        found += [
+            _result(evidence, whole, n, inside)
+            for n in np.flatnonzero(touched[first:stop]).tolist()
+        ]
+    return found
+
+
+def _asked_gain(cameras: CameraChanges) -> float:
+    """Return by how much corrections of the cameras must lower a frame's cost, to explain more than as many numbers would of nothing: half
+    a likelihood ratio, all frames telling as much as one. Masks that are all too wide would move good cameras, too.
+    """
+    from scipy.special import chdtri
+
+    seen = int((CALIBRATION & cameras.free).sum()) * len(cameras.cameras) - _UNSEEN
+    return 0.5 * float(chdtri(seen, _BY_CHANCE)) if seen > 0 else float("inf")
+
+
+def _samples(evidence: Evidence, posed: Sequence[int]) -> list[tuple[Observation, Floats[D3]]]:
+    """Return some frames and where the hand is in them, by which it is told what all share; none where images are looked at."""
+    if evidence.settings.looks_at_images:
+        return []
+    found = []
+    for k in np.unique(np.linspace(0, len(posed) - 1, _SAMPLES).round().astype(int)):
+        bones = evidence.model.bones(evidence.around[posed[k]])
+        found.append((evidence.observe(posed[k], bones), bones.position.mean(axis=0)))
+    return found
+
+
+def _poor_still(
+    evidence: Evidence, tracked: Sequence[FrameResult], poses: Floats[F, P]
+) -> list[int]:
+    """Return the rows of frames whose cloud was poor, and of which many beside them agree badly with the hand on the best way, too:
+    fingers in the wrong place let a good cloud seem poor; a sensor that is poor does not change from frame to frame.
+    """
+    once = [result.poor_cloud for result in tracked]
+    still = np.zeros(len(tracked), bool)
+    for n in np.flatnonzero(once).tolist():
+        terms = evidence.of(tracked[n].frame).terms
+        still[n] = poor_agreement(terms, poses[n], POOR) is not None
+    share = [still[max(n - _BESIDE, 0) : n + _BESIDE + 1].mean() for n in range(len(tracked))]
+    return [n for n in range(len(tracked)) if once[n] and share[n] > _STILL]
+
+
+def _bridged(poses: Floats[F, P], known: Array[F]) -> Floats[F, P]:
+    """Return poses with a straight way between those that are known, for a start; the root's turn by the shorter way."""
+    every, posed, poses = np.arange(len(poses)), np.flatnonzero(known), poses.copy()
+    for before, here in pairwise(posed):
+        poses[here, TURN] = closest_equivalent(poses[here, TURN], poses[before, TURN])
+    columns = [np.interp(every, posed, column[posed]) for column in poses.T]
+    return np.stack(columns, axis=1)
+
+
+def _result(
+    evidence: Evidence, found: WholeEstimate, n: int, tracked: Sequence[FrameResult]
+) -> FrameResult:
+    """Return a frame at its pose of all, with what all say of it."""
+    before, model = tracked[n], evidence.model
+    pose, frame = found.poses[n], evidence.of(before.frame)
+    change = np.eye(len(pose))
+    change[TURN, TURN] = by_turn(pose)
+    covariance = change @ found.covariance[n] @ change.T
+    spread = uncertainty(model, pose, np.linalg.inv(covariance))
+    found_at = Judgement(before.status, before.reason, spread.joint_covariance)
+    seen = frame.terms.has_seen
+    terms, problem = frame.seen_by(found.cameras, pose)
+    energies = problem.costs(pose) if seen else {}
+    if seen and before.frame not in evidence.silent | evidence.poor:
+        energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
+        moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
+        found_at = judged(
+            terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
+        )
+    result = judged_result(
+        model, Observation(frame.frame, frame.time_s), pose, found_at, spread.parameter_std,
+        float(found.costs[n]) if seen else float("nan"),
+        before.iterations + found.sweeps, energies,
+    )  # fmt: skip
+    return replace(result, views=frame.terms.views)
+
+
+def _nearest_images(
+    evidence: Evidence, numbers: Sequence[int], poses: Floats[F, P]
+) -> CameraChanges:
+    """Return the evidence's cameras with those images looked at beside a frame that fit its pose best, in the widest band and better in
+    the narrowest, too: of fingers that curl at one place the widest may tell any.
+
+    Only a start: poses that were found with a late camera lie between it and the others.
+    """
+    cameras = evidence.cameras
+    if not cameras.count or len(numbers) <= 2 * _MOST_LATE:
+        return cameras
+    best = _costs_of_images(evidence, numbers, poses, range(2 * _MOST_LATE + 1), 0).argmin(axis=1)
+    if (best == _MOST_LATE).all():
+        return cameras
+    tried = sorted({_MOST_LATE, *best.tolist()})
+    narrow = _costs_of_images(evidence, numbers, poses, tried, -1)
+    own = narrow[np.arange(len(best)), np.searchsorted(tried, best)]
+    later = np.where(own < narrow[:, tried.index(_MOST_LATE)], best - _MOST_LATE, 0)
+    # the recording's time is that of most cameras; of two, the first one's
+    common = min(later.tolist(), key=lambda one: int(np.abs(later - one).sum()))
+    return replace(cameras, ahead=tuple((common - later).tolist()))
+
+
+def _costs_of_images(
+    evidence: Evidence,
+    numbers: Sequence[int],
+    poses: Floats[F, P],
+    later: Sequence[int],
+    stage: int,
+) -> Floats[C, K]:
+    """Return what each camera's pictures of some frames cost at poses of frames beside them, the K-th `later` less _MOST_LATE frames after;
+    stage: of the bands, the widest first, −1 the narrowest.
+    """
+    names, model = evidence.cameras.names, evidence.shared.person.model
+    found = np.zeros((len(names), len(later)))
+    looks = np.unique(
+        np.linspace(_MOST_LATE, len(numbers) - 1 - _MOST_LATE, _LATE_SAMPLES).round().astype(int)
+    )
+    for n in looks.tolist():
+        terms = evidence.of(numbers[n]).terms
+        seen, _ = by_camera(terms.stage(stage % terms.stages, evidence.model.bones(poses[n])))
+        for c, name in enumerate(names):
+            problem = Problem(model, seen.get(name, []))
+            problem = replace(problem, observation_terms=terms_of(problem, model))
+            for k, frames in enumerate(later):
+                found[c, k] += problem.cost(poses[n + frames - _MOST_LATE])
+    return found
