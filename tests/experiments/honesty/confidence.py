@@ -28,7 +28,7 @@ from handtrack.tracking.frame.doubt.figures import Seen
 from handtrack.tracking.frame.doubt.stated import stated_covariance
 from handtrack.tracking.frame.doubt.wrong import Signs, moved_sign, part_of, probably_off
 from handtrack.tracking.frame.result import PARTS, Status
-from handtrack.tracking.whole import refined
+from handtrack.tracking.whole import recording_estimate
 from tests.experiments.honesty.recordings import HALVES
 
 _CHI2_90 = 6.251388631170325
@@ -76,7 +76,7 @@ class Judged:
 def tracked(session: Path) -> dict[str, Any]:
     """Return a recording's track and truth, and what its frames' judgements went by."""
     frames: dict[int, Judged] = {}
-    usual, judged_as_usual = judgement.stated_covariance, refined.judged
+    usual, judged_as_usual = judgement.stated_covariance, recording_estimate.judged
     asked: list[Any] = []
 
     def stated(model: Any, *given: Any) -> Floats:
@@ -94,13 +94,13 @@ def tracked(session: Path) -> dict[str, Any]:
         )  # fmt: skip
         return found
 
-    judgement.stated_covariance, refined.judged = stated, judged
+    judgement.stated_covariance, recording_estimate.judged = stated, judged
     try:
         run = TrackingRun.open(Session.open(session))
         start, pose = run.initial()
         track = run.result(run.track(run.session.frame_range, start, pose))
     finally:
-        judgement.stated_covariance, refined.judged = usual, judged_as_usual
+        judgement.stated_covariance, recording_estimate.judged = usual, judged_as_usual
     truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
     return {"track": track, "truth": truth, "frames": frames}
 
