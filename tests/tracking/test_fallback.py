@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
@@ -27,8 +28,8 @@ def views(sensor, seed=3):
     return list(depth_views(MODEL, TRUTH, sensor, np.random.default_rng(seed)))
 
 
-def tracked(seen, **settings):
-    tracker = Tracker(MODEL, TrackerSettings().with_values(settings))
+def tracked(seen, model=MODEL, **settings):
+    tracker = Tracker(model, TrackerSettings().with_values(settings))
     start = MODEL.transform.solver_params(TRUTH[0])
     return list(track_frames(tracker, lambda f, *_: seen[f], 0, start, range(len(seen))))
 
@@ -73,6 +74,25 @@ def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind):
         assert (result.parameters <= high + 1e-9).all()
         assert palm_mm(result, joint) < (10.0 if kind == "auto" else 40.0)
     assert (kind == "auto") != (f"({kind})" in results[-1].note)
+
+
+@pytest.mark.parametrize("kind", ["glove9", "ball6"])
+def test_a_simpler_hand_takes_the_place_of_a_measured_person_s(poor, kind):
+    """Whose palm is broader, whose fingers are longer, and of which a detector sees joints beside them: a simpler hand has none of these."""
+    person = HandScale(
+        1.1,
+        {"index": 0.97},
+        {"palm_breadth": 1.0, "finger_share": -0.5},
+        {"index_mcp": (1.0, 2.0, 3.0)},
+    )
+    fitted = load_model("hand26", scale=person)
+    results = tracked(poor[:3], fitted, **{"model.fallback": kind})
+    for result, joint in zip(results, TRUTH, strict=False):
+        assert result.is_simplified
+        assert palm_mm(result, joint) < 40.0
+        np.testing.assert_array_equal(
+            result.parameters[6:], fitted.joint_params(fitted.transform.solver_params(TRUTH[0]))[6:]
+        )
 
 
 def test_depths_are_doubted_not_directions(poor):

@@ -13,7 +13,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import closest_equivalent, wrapped
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.tracking.frame.control import Control
@@ -62,8 +62,11 @@ class Simplified:
 
 
 def simplified(model: ArticulatedModel, joint: Floats[S], kind: str) -> Simplified:
-    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters."""
-    few = load_model(kind, model.side, model.scale)
+    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters.
+
+    It is as large as the person's, with the same parts; a simpler hand has no internal proportions.
+    """
+    few = load_model(kind, model.side, HandScale(model.scale.overall, model.scale.parts))
 
     def whole(params: Floats) -> Floats:
         held = joint.copy()
