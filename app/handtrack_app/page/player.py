@@ -48,6 +48,11 @@ class InFlight:
         return len(self._frames) < _MOST
 
     @property
+    def is_watched(self) -> bool:
+        """Whether a page is there to see what is played."""
+        return bool(self._page.server.get_clients())
+
+    @property
     def is_drawing(self) -> bool:
         """Whether a frame was told and is not drawn yet: the next one waits for that."""
         return self._drawing is not None
@@ -124,15 +129,20 @@ class Player:
     def _work(self) -> None:
         state = self._state
         while not self._stopping.wait(0.03):
-            if not state.playing:
-                continue
+            if not (state.playing and self._in_flight.is_watched):
+                continue  # a page left open, and closed, is no work for anybody
             began, first = time.monotonic(), state.frame
             if first >= state.stop - 1:
                 first = state.start
             last_asked = -1
             self._in_flight.clear()
             pace = self.fps * state.speed
-            while state.playing and pace == self.fps * state.speed and not self._stopping.is_set():
+            while (
+                state.playing
+                and self._in_flight.is_watched
+                and pace == self.fps * state.speed
+                and not self._stopping.is_set()
+            ):
                 due = first + int((time.monotonic() - began) * pace)
                 if due > state.stop - 1:
                     began, first, due = time.monotonic(), state.start, state.start

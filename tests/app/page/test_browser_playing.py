@@ -92,5 +92,31 @@ def test_no_more_than_two_frames_are_on_their_way(tmp_path: Path) -> None:
         bench.stop()
 
 
+def test_nothing_is_played_while_no_page_is_open(tmp_path: Path) -> None:
+    """The demo plays by itself, and its page may be closed, or never be opened: the program rests then."""
+    bench = Workbench(tmp_path, port=0, opener=fake_document).start()
+    assert bench.wait_ready()
+    try:
+        asked, send = list[int](), bench.worker.send
+
+        def sent(call: Call) -> None:
+            asked.extend([1] if call.name == "show_frame" else [])
+            send(call)
+
+        bench.worker.send = sent
+        bench.page.play(True)
+        time.sleep(0.5)
+        assert not asked, "nobody sees it"
+        with WireClient(bench.url):
+            eventually(lambda: len(asked) > 2, "it plays to who comes")
+        eventually(lambda: not bench.server.get_clients(), "the page was closed")
+        time.sleep(0.2)
+        asked.clear()
+        time.sleep(0.5)
+        assert not asked, "nobody sees it any more"
+    finally:
+        bench.stop()
+
+
 def _questions(wire: WireClient) -> list[dict[str, Any]]:
     return [message for _, message in wire.messages if message.get("key") == "handtrack.drawn"]

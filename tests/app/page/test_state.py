@@ -52,7 +52,7 @@ def test_no_frame_is_played_over_who_edits() -> None:
         names=("a",), values=(0.5,), values_at=7, frame=8, start=0, stop=99, playing=True
     )
     asked, ended = list[float](), list[bool]()
-    drawn = SimpleNamespace(has_room=True, clear=lambda: None)
+    drawn = SimpleNamespace(is_watched=True, has_room=True, clear=lambda: None)
     player = Player(state, asked.append, drawn, lambda: ended.append(True))  # type: ignore[arg-type]
     player.start()
     try:
