@@ -12,6 +12,7 @@ from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import is_unmeasured, unmeasured_size
 from handtrack.session.first_pose.image_first_pose import pose_in_space
+from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -76,7 +77,7 @@ def posed_by_joints(
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:
             params = carried_over(hand, found.params, run.model)
-            posed.append(posed_result(run.model, seen, params, Status.DOUBTFUL, None))
+            posed.append(posed_result(run.model, seen, params, Judgement(Status.DOUBTFUL)))
     return posed if len(posed) >= FEWEST_BY_JOINTS else []
 
 

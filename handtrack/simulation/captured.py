@@ -42,6 +42,7 @@ from handtrack.simulation.seen_files import layout_of_model, points_of
 from handtrack.simulation.simulate import BODY_TRACKING, SCALE_FILE, KnownMotion, simulated_rig
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
@@ -112,12 +113,13 @@ def _frame(motion: Captured, frame: int, errors: Floats[J]) -> FrameResult:
     far = BODY_OFF_M if model.kind == "body" else FRAME_OFF_M
     known = np.isfinite(errors)
     status = Status.DOUBTFUL if errors[known].max(initial=0.0) > far else Status.TRACKED
-    std = spread.parameter_std
     if known.sum() < FEWEST:
-        status, std = Status.LOST, np.full_like(std, np.inf)
-    return posed_result(
-        model, Observation(frame, frame / clip.fps), params, status, None, system.cost, 0, std, spread.joint_covariance
-    )  # fmt: skip
+        status = Status.LOST
+    judgement = Judgement(status, None, spread.joint_covariance)
+    result = posed_result(
+        model, Observation(frame, frame / clip.fps), params, judgement, spread.parameter_std
+    )
+    return replace(result, energy=system.cost)
 
 
 def write_captured(folder: Path, motion: Captured, name: str) -> None:

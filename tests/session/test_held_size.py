@@ -15,7 +15,7 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.session.sizing import size_of_frames, tracked_for_size, who_is_open
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
-from handtrack.tracking.frame.doubt.judgement import judged
+from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
@@ -47,7 +47,9 @@ def fitted(missing: float, scale: HandScale = HandScale(), first=None):
     seen = list(depth_views(MEAN, POSES, sensor, np.random.default_rng(3)))
     run = run_of(scale, seen, first)
     posed = [
-        posed_result(run.model, one, run.model.transform.solver_params(joint), Status.TRACKED, None)
+        posed_result(
+            run.model, one, run.model.transform.solver_params(joint), Judgement(Status.TRACKED)
+        )
         for one, joint in zip(seen, POSES, strict=True)
     ]
     return run, size_of_frames(run, posed, 2, None, lambda share, words: None)  # type: ignore[arg-type]

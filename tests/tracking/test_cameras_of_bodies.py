@@ -12,6 +12,7 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.body_motion import body_motion
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -54,7 +55,7 @@ def test_cameras_that_were_turned_are_put_right_before_a_body(rng):
         return Observation(frame, frame / FPS, keypoints=tuple(seen))
 
     live = [
-        posed_result(BODY, observe(n, None), pose, Status.TRACKED, None) for n, pose in enumerate(poses)
+        posed_result(BODY, observe(n, None), pose, Judgement(Status.TRACKED)) for n, pose in enumerate(poses)
     ]  # fmt: skip
     told: list[str] = []
     refine(Recording(BODY, TrackerSettings(), observe, Control(on_shared=told.append)), live)

@@ -18,6 +18,7 @@ from handtrack.observation.observation import UNKNOWN, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -167,7 +168,7 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
     cameras = simulated_rig(3, (320, 240)).cameras
     seen = [mask_views(truth, pose, cameras, f) for f, pose in enumerate(joints)]
     live = [
-        posed_result(model, one, pose, Status.TRACKED, None)
+        posed_result(model, one, pose, Judgement(Status.TRACKED))
         for one, pose in zip(seen, joints, strict=True)
     ]
     who = OpenPerson(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)

@@ -15,6 +15,7 @@ from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, Status
@@ -99,7 +100,7 @@ def turning():
 
 def _tracked(poses, views):
     return [
-        replace(posed_result(HAND, seen, pose, Status.TRACKED, None, energy=30.0), views=2)
+        replace(posed_result(HAND, seen, pose, Judgement(Status.TRACKED)), energy=30.0, views=2)
         for pose, seen in zip(poses, views, strict=True)
     ]
 
@@ -150,8 +151,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     lattice = Lattice(rows, 100.0 * np.eye(len(pose)))
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
     results = [
-        posed_result(HAND, seen, pose, Status.TRACKED, None, joint_covariance=known)
-        for seen in views
+        posed_result(HAND, seen, pose, Judgement(Status.TRACKED, None, known)) for seen in views
     ]
     alone, two, apart = with_other_ways(HAND, results, lattice)
     assert not alone.alternatives
@@ -183,7 +183,7 @@ def test_poses_that_were_asked_for_differ_in_shape():
         for x, cost in ((pose, 0.0), *((x, 1.0) for x in alike), (turned, 9.0))
     ]
     lattice = Lattice([minima], 100.0 * np.eye(len(pose)))
-    result = posed_result(HAND, Observation(0, 0.0), pose, Status.TRACKED, None)
+    result = posed_result(HAND, Observation(0, 0.0), pose, Judgement(Status.TRACKED))
     (found,) = with_other_ways(HAND, [result], lattice, shown=2)
     np.testing.assert_array_equal(found.alternatives[1].parameters, HAND.joint_params(turned))
     assert len(found.alternatives) == 5, "others above 3 % stay as well"

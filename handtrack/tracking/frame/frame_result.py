@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, P, S
+from handtrack.arrays import Floats, P, S
 from handtrack.geometry.rotation import wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -54,32 +54,14 @@ def solved_result(
     spread = uncertainty(model, params, sure, alone.hessian)
     energies = problem.costs(params)
     found = judged(terms, params, system.cost, energies, spread.joint_covariance, previous)
-    result = judged_result(
-        model, observation, params, found, spread.parameter_std, system.cost, iterations, energies
+    result = replace(
+        posed_result(model, observation, params, found, spread.parameter_std),
+        energy=system.cost,
+        energies=energies,
+        iterations=iterations,
+        views=terms.views,
     )
-    return Solved(replace(result, views=terms.views), spread.covariance)
-
-
-def judged_result(
-    model: ArticulatedModel,
-    observation: Observation,
-    params: Floats[P],
-    found: Judgement,
-    std: Floats[S],
-    energy: float,
-    iterations: int,
-    energies: Mapping[str, float],
-) -> FrameResult:
-    """Return a frame's result as it was judged. std: of joint parameters; of a lost hand's nothing is said."""
-    lost = found.status == Status.LOST
-    result = posed_result(
-        model, observation, params, found.status, found.reason, energy, iterations,
-        std=np.full_like(std, np.inf) if lost else std,
-        joint_covariance=found.joint_covariance,
-    )  # fmt: skip
-    return replace(
-        result, energies=energies, p_off_25mm=found.p_off_25mm, p_off_10mm=found.p_off_10mm
-    )
+    return Solved(result, spread.covariance)
 
 
 def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
@@ -87,44 +69,47 @@ def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]
     cloud = terms.settings.cloud
     elsewhere = observation.cloud is not None and cloud.weight > 0
     reason = Reason("cloud elsewhere", number=cloud.crop_mm) if elsewhere else Reason("unseen")
-    return posed_result(terms.model, observation, params, Status.LOST, reason)
+    return posed_result(terms.model, observation, params, Judgement(Status.LOST, reason))
 
 
 def given_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
     """Return a first frame that is only to be compared with those after it, at the given pose."""
-    return posed_result(terms.model, observation, params, Status.DOUBTFUL, Reason("given"))
+    judgement = Judgement(Status.DOUBTFUL, Reason("given"))
+    return posed_result(terms.model, observation, params, judgement)
 
 
 def posed_result(
     model: ArticulatedModel,
     observation: Observation,
     params: Floats[P],
-    status: Status,
-    reason: Reason | None,
-    energy: float = float("nan"),
-    iterations: int = 0,
+    found: Judgement,
     std: Floats[S] | None = None,
-    joint_covariance: Floats[J, D3, D3] | None = None,
 ) -> FrameResult:
-    """Return a result at solver parameters. Without std and covariance, nothing is known: a metre."""
+    """Return a result at solver parameters as it was judged, as long as no solver tells its cost.
+
+    std: of joint parameters. Without it, and of a lost hand, they may be anything; without a covariance joints are known to a metre.
+    """
     joint = model.joint_params(params)
     joint[3:6] = wrapped(joint[3:6])
-    if std is None:
+    if std is None or found.status == Status.LOST:
         std = np.full(len(joint), np.inf)
-    if joint_covariance is None:
-        joint_covariance = np.tile(np.eye(3), (len(model.joint_names), 1, 1))
+    covariance = found.joint_covariance
+    if covariance is None:
+        covariance = np.tile(np.eye(3), (len(model.joint_names), 1, 1))
     bones = model.bones(params)
     return FrameResult(
         frame=observation.frame,
         time_s=observation.time_s,
         parameters=joint,
-        status=status,
-        energy=energy,
-        iterations=iterations,
+        status=found.status,
+        energy=float("nan"),
+        iterations=0,
         parameter_std=std,
-        joint_covariance=joint_covariance,
+        joint_covariance=covariance,
         T_world_bone=bones.T_world_bone,
         joint_positions=model.joint_positions(bones),
         keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-        reason=reason,
+        reason=found.reason,
+        p_off_25mm=found.p_off_25mm,
+        p_off_10mm=found.p_off_10mm,
     )

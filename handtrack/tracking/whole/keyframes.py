@@ -11,6 +11,7 @@ from handtrack.arrays import F, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
@@ -45,7 +46,9 @@ def with_keyframes(
     seconds = frame_seconds(tracked)
     known = {result.frame: result for result in tracked}
     posed = {
-        frame: posed_result(model, observe(frame, model.bones(pose)), pose, Status.KEYFRAME, None)
+        frame: posed_result(
+            model, observe(frame, model.bones(pose)), pose, Judgement(Status.KEYFRAME)
+        )
         for frame, pose in held.items()
     }
     numbers = sorted(known | posed)

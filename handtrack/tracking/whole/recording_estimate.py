@@ -15,7 +15,7 @@ from handtrack.parallel import one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
-from handtrack.tracking.frame.frame_result import judged_result
+from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.policy import POOR
 from handtrack.tracking.search.poor_cloud import poor_agreement
@@ -389,22 +389,24 @@ def _result(
     change[TURN, TURN] = by_turn(pose)
     covariance = change @ found.covariance[n] @ change.T
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
-    found_at = Judgement(before.status, before.reason, spread.joint_covariance)
+    judgement = Judgement(before.status, before.reason, spread.joint_covariance)
     seen = frame.terms.has_seen
     terms, problem = frame.seen_by(found.cameras, pose)
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
-        found_at = judged(
+        judgement = judged(
             terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
         )
-    result = judged_result(
-        model, Observation(frame.frame, frame.time_s), pose, found_at, spread.parameter_std,
-        float(found.costs[n]) if seen else float("nan"),
-        before.iterations + found.sweeps, energies,
-    )  # fmt: skip
-    return replace(result, views=frame.terms.views)
+    at = Observation(frame.frame, frame.time_s)
+    return replace(
+        posed_result(model, at, pose, judgement, spread.parameter_std),
+        energy=float(found.costs[n]) if seen else float("nan"),
+        energies=energies,
+        iterations=before.iterations + found.sweeps,
+        views=frame.terms.views,
+    )
 
 
 def _nearest_images(

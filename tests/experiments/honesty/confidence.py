@@ -85,6 +85,7 @@ def tracked(session: Path) -> dict[str, Any]:
 
     def judged(terms: Any, *given: Any) -> judgement.Judgement:
         found = judged_as_usual(terms, *given)
+        assert found.joint_covariance is not None
         rows = [terms.model.joint_names.index(name) for name in keypoint_names()]
         model, curled, covariance, misfit, _ = asked
         previous, moved_m = given[4:]

@@ -16,6 +16,7 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.descent import stage_problem
+from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -62,7 +63,9 @@ def _refined(
     live, tracker = tracked(model, {}, seen, poses[0]), Tracker(model, TrackerSettings())
     terms = frame_terms(model, tracker.settings, seen[OFF_FRAME], model.bones(off), None)
     cost = stage_problem(model, terms, terms.stages - 1, off).cost(off)
-    wrong = posed_result(model, seen[OFF_FRAME], off, Status.TRACKED, None, cost)
+    wrong = replace(
+        posed_result(model, seen[OFF_FRAME], off, Judgement(Status.TRACKED)), energy=cost
+    )
     live[OFF_FRAME] = replace(wrong, views=terms.views)
     return refine_recording(tracker, lambda frame, *_: seen[frame], live)
 

@@ -39,9 +39,9 @@ class Judgement:
     """How far a frame can be trusted."""
 
     status: Status
-    reason: Reason | None
-    joint_covariance: Floats[J, D3, D3]
-    """[m²] as it is stated: of all that is known to be wrong"""
+    reason: Reason | None = None
+    joint_covariance: Floats[J, D3, D3] | None = None
+    """[m²] as it is stated: of all that is known to be wrong; None where nothing is known of it"""
     p_off_25mm: float = float("nan")
     p_off_10mm: Floats[K] | None = None
 
