@@ -197,6 +197,7 @@ class Workbench:
         while not self._stopping.is_set():
             snapshot = self._snapshots.take(0.2)
             self.stage.clear_late()
+            self.layout.help.watch()
             if snapshot is None:
                 continue
             try:

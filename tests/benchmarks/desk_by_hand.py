@@ -266,7 +266,7 @@ def accept_all(person: Person, wanted: range, figures: dict[str, Any]) -> None:
     known = len(review.strip.accepted) if review.strip else 0
     person.tab("Review")
     person.actions += 1
-    person.view.row("Accept").get_by_text("Good", exact=True).click()
+    person.view.row("Accept").get_by_text("All confident", exact=True).click()
     person.until(lambda: review.strip is not None and len(review.strip.accepted) > known, "good ones")  # fmt: skip
     figures["good"] = len(review.strip.accepted) if review.strip else 0
     while (strip := review.strip) is not None and not set(wanted) <= strip.accepted:

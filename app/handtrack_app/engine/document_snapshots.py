@@ -192,7 +192,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
         document.accepted, queue(document), take_spans(document),
-        hidden_spans(document),
+        hidden_spans(document), document.is_posed,
     )  # fmt: skip
 
 

@@ -45,7 +45,7 @@ from handtrack_app.protocol.snapshots import (
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
 _LIVE = (
-    "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Find the "
+    "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Detect "
     "hand', or pose it, then 'Track live'."
 )
 

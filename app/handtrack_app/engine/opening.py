@@ -121,12 +121,12 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
 
 _BY_HAND = (
     "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
-    "'Nudge', then 'Fit to the images' and 'Save as first-frame pose'."
+    "'Nudge', then 'Fit this frame' and 'Save as first-frame pose'."
 )
 NO_POSE = {
-    "hand": "Press 'Find the hand', if it is open in some frame. Or pose it: "
+    "hand": "Press 'Detect hand' at the timeline, or in the tab Pose. Or pose it: "
     + _BY_HAND.format(kind="hand", pose="Fingers"),
-    "body": "Press 'Find the body', where a detector saw its joints. Or pose it: "
+    "body": "Press 'Detect body' at the timeline, where a detector saw its joints. Or pose it: "
     + _BY_HAND.format(kind="body", pose="Pose"),
 }
 """what to do where nobody said where the hand or the body is, by kind of model"""

@@ -27,6 +27,7 @@ from handtrack_app.page.posing.refit_switch import RefitSwitch
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import dress
 from handtrack_app.page.time.compared_hand import ComparedHand
+from handtrack_app.page.time.next_step import NextStep
 from handtrack_app.page.time.plots import PlotsPanel
 from handtrack_app.page.time.review import ReviewPanel
 from handtrack_app.page.time.takes import TakesPanel
@@ -72,6 +73,7 @@ class PageLayout:
         self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
         page.on(self.again, lambda _: start_again())
         self.messages = Messages(page)
+        card = gui.add_html("")
         gui.add_html("<div class='handtrack-rail'></div>")
         tabs, icon = gui.add_tab_group(), viser.Icon
         pose, review, track, view, more = (
@@ -107,7 +109,7 @@ class PageLayout:
         pins = PinPanel(page, stage.grips, self.keys)
         copies = CopyPanel(page, self.keys, stage.looking.view_axes)
         joints = posing.add_tab("Joints")
-        self.pose = PosePanel(page, joints, nudges, self.guesses, pins, copies)
+        self.pose = PosePanel(page, card, joints, nudges, self.guesses, pins, copies)
         self.library = Library(page, self.pose.take)
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
         self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits)
@@ -120,13 +122,26 @@ class PageLayout:
         self.settings = SettingsPanel(page, others.add_tab("Settings"), refits)
         self.masks = MaskPanel(page, others.add_tab("Masks"), stage)
         self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box)
+        self.help.marks = (
+            lambda: page.state.version,
+            lambda: (
+                () if self.pose.pose is None else tuple(pin.pixel for pin in self.pose.pose.pins)
+            ),
+            lambda: self.review.at,
+            lambda: self.plots.group.value,
+            lambda: self.export.delivered,
+        )
         self.messages.build(others.add_tab("Messages"))
         page.heard.append(self.messages.take)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
 
         below = gui.add_panel()
-        self.timeline = TimelinePanel(page, below.add_tab("Timeline"))
+        timeline = below.add_tab("Timeline")
+        with timeline:
+            self.next = NextStep(page, self.tracking, self.guesses, self.review)
+        self.review.moved = self.next.show
+        self.timeline = TimelinePanel(page, timeline)
         self.timeline.add_keys(self.keys)
         self.timeline.moved = self.plots.draw
         below.float(x=16, y=-16, width=560)
@@ -169,10 +184,11 @@ class PageLayout:
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""
         self.timeline.show_timeline(strip)
-        self.messages.see_pose(bool(strip.by_hand) or bool((strip.status >= 0).any()))
+        self.messages.see_pose(strip.is_posed)
         self.review.show_timeline(strip)
         self.takes.show_timeline(strip)
         self.tracking.show_timeline(strip)
+        self.next.show()
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
@@ -182,6 +198,7 @@ class PageLayout:
         put(self.failure, visible=failed and bool(self.failure.content))
         self.tracking.show(progress)
         self.guesses.show_progress(progress)
+        self.next.show()
         put(self.head, content=head(self.snapshot, progress, self.saved))
 
     def show_work(self, work: WorkSnapshot) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import html
+import json
 import logging
 import math
 import operator
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
 
 log = logging.getLogger(__name__)
+_OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => [...document.querySelectorAll('[role="tab"]')].find(
+  (one) => one.textContent.trim() === name)?.click(), 300 * n));"""
+"""viser opens tabs by clicks alone; one within another is drawn after it"""
 _ASKED_S = 60.0  # a browser is waited for
 
 
@@ -92,6 +96,11 @@ class Page:
             del self._dialogs[gone]
         if opened is not None:
             opened.close()
+
+    def open_tab(self, client: viser.ClientHandle | None, *names: str) -> None:
+        """Open a tab of one page, and a tab within it."""
+        if client is not None:
+            internals.run_javascript(client, _OPEN_TAB.replace("%s", json.dumps(names)))
 
     def has_dialog(self, client: viser.ClientHandle) -> bool:
         """Return whether a page has a dialog open."""

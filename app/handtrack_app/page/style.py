@@ -61,7 +61,15 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root {
   min-width: 28px; background: rgba(128, 128, 128, .16) !important; color: inherit !important; }
 .handtrack-lane { position: absolute; left: 4px; display: flex; align-items: center; gap: .6em; line-height: 1.1; font-size: 11px;
   white-space: nowrap; pointer-events: none; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
-.handtrack-lane[style*="right"] { left: auto; padding: 2px 6px; }
+/* the next step: over an empty timeline in its middle, else at its right end */
+div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 66px; top: 3px; z-index: 2;
+  padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
+div:has(> .handtrack-next) + div { top: 24px; }
+div:has(> .handtrack-next.handtrack-aside) + div { top: 3px; text-align: right; padding-right: 4px !important; }
+div:has(> .handtrack-next) + div .mantine-Button-root { width: auto !important; height: 27px !important; padding: 0 1.1em !important;
+  pointer-events: auto; box-shadow: 0 0 6px var(--mantine-color-body); }
+.handtrack-bar { height: 5px; border-radius: 3px; background: rgba(128, 128, 128, .3); margin: .35em 0; }
+.handtrack-bar > div { height: 100%; border-radius: 3px; background: #009e73; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 320px) !important; }
 /* the rail: an icon over its name, five side by side */
 div:has(> .handtrack-rail) + div [role="tablist"] { flex-wrap: nowrap !important; background-image: none !important;
@@ -84,6 +92,7 @@ div[style*="width: 7.25em"] { width: 5.9em !important; }
 /* legible: 13 px and 4.5 : 1 */
 p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color: var(--mantine-color-text) !important; opacity: .9; }
 .mantine-Input-input, .mantine-Button-label, .mantine-Checkbox-label { font-size: 13px !important; }
+.mantine-Button-root[data-variant="filled"]:not([style*="gray"]):not([style*="orange"]) { color: #fff !important; }
 [role="tab"] { opacity: 1 !important; color: var(--mantine-color-text) !important; }
 [role="tab"][aria-selected="true"] { font-weight: 600; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important; padding: .25em .6em !important; font-size: .8em; }
@@ -140,8 +149,13 @@ if (document.getElementById("handtrack-style") === null) {
       if (words) { one.setAttribute("aria-label", words); if (sign) one.title = sign; }
     }
   };
+  const entitle = () => {
+    const parts = [".handtrack-title", ".handtrack-frame"].map((one) => document.querySelector(one)?.textContent).filter(Boolean);
+    const title = [...parts, "handtrack"].join(" · ");
+    if (document.title !== title) document.title = title;
+  };
   let due = 0;
-  new MutationObserver(() => { clearTimeout(due); due = setTimeout(name, 300); }).observe(document.body, {childList: true, subtree: true});
+  new MutationObserver(() => { clearTimeout(due); due = setTimeout(() => { name(); entitle(); }, 300); }).observe(document.body, {childList: true, subtree: true});
   name();
 }
 """

@@ -66,6 +66,8 @@ class TimelineSnapshot:
     """what the track is composed of, ascending"""
     hidden: tuple[TakeSpan, ...] = ()
     """likewise, of takes that cannot show: they were tracked with another model than the one in force"""
+    is_posed: bool = False
+    """somebody said where the model is: by a first pose, by hand, or by tracking"""
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,12 @@ def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench: Workbench) -> No
     with WireClient(bench.url) as client:
         client.set_value(review.go, "Next")
         eventually(lambda: state.frame == 7, "gone to")
-        client.set_value(review.accept, "Stretch")
+        client.set_value(review.accept, "Interval")
         eventually(lambda: document.accepted == {7}, "accepted")
-        eventually(lambda: not review.stretches and "Nothing is left" in review.head.content, "done")  # fmt: skip
+        eventually(lambda: not review.stretches and "No doubtful" in review.head.content, "done")  # fmt: skip
         eventually(lambda: "and locked" in review.here.content, "said so")
         assert "Accepted" in bench.layout.pose.card.content
-        client.set_value(review.accept, "Good")
+        client.set_value(review.accept, "All confident")
         eventually(lambda: len(document.accepted) == FRAMES, "all")
         client.set_value(review.release, "Frame")
         eventually(lambda: 7 not in document.accepted and len(review.stretches) == 1, "let go")

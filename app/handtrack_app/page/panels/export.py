@@ -21,6 +21,8 @@ class ExportPanel:
 
     page: Page
     tab: viser.GuiTabHandle
+    delivered: int = 0
+    """files so far"""
 
     def __post_init__(self) -> None:
         gui, page = self.page.gui, self.page
@@ -66,6 +68,7 @@ class ExportPanel:
         """Send a file to the client that asked for it."""
         client = self.page.server.get_clients().get(download.client_id)
         if client is not None:
+            self.delivered += 1
             client.send_file_download(download.name, download.data, save_immediately=True)
             size = len(download.data) / 1024
             self.page.notify(

@@ -18,7 +18,7 @@ from handtrack_app.protocol.snapshots import (
     SessionSnapshot,
 )
 
-_HERE, _ANYWHERE = "this frame", "any frame"
+_HERE, _ANYWHERE = "this frame", "best frame"
 _HINTS = {
     "hand": "Looks for an open or half-open hand in silhouettes, clouds and a detector's joints, without any first pose.",
     "body": "Looks at the joints that a detector saw, without any first pose.",
@@ -42,9 +42,9 @@ class GuessesPanel:
         """Add the widgets where the page builds now."""
         gui, page = self.page.gui, self.page
         self.find = gui.add_button_group(
-            "Find the hand", (_HERE, _ANYWHERE), hint=_HINTS["hand"],
+            "Detect hand", (_HERE, _ANYWHERE), hint=_HINTS["hand"],
         )  # fmt: skip
-        page.words.on(self.find, label="Find the {kind}")
+        page.words.on(self.find, label="Detect {kind}")
         self.fetch = gui.add_button(
             f"Get the detector ({DOWNLOAD_MB} MB) and find", icon=viser.Icon.DOWNLOAD, color="gray", visible=False,
             hint="Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
@@ -53,8 +53,8 @@ class GuessesPanel:
         self.cancel = gui.add_button(
             "Cancel the search", icon=viser.Icon.PLAYER_STOP, color="red", visible=False
         )
-        page.on(self.find, lambda event: self._find(event.target.value))
-        page.on(self.fetch, lambda _: self._find(_HERE, fetch=True))
+        page.on(self.find, lambda event: self.search(event.target.value == _ANYWHERE))
+        page.on(self.fetch, lambda _: self.search(fetch=True))
         page.on(self.cancel, lambda _: page.engine.cancel())
         self.folder = gui.add_folder("Other poses", visible=False)
         with self.folder:
@@ -70,10 +70,11 @@ class GuessesPanel:
         page.on(self.takes, lambda event: self._take(event.target.value))
         page.on(self.ghosts, lambda event: page.draw("ghosts", bool(event.target.value)))
 
-    def _find(self, where: object, fetch: bool = False) -> None:
+    def search(self, anywhere: bool = False, fetch: bool = False) -> None:
+        """Detect the model in the frame shown, or in the surest of several."""
         state = self.page.state
         state.playing = False
-        self.page.engine.find_hand(state.frame if where == _HERE else None, fetch)
+        self.page.engine.find_hand(None if anywhere else state.frame, fetch)
 
     def _take(self, pressed: object) -> None:
         words = str(pressed)

@@ -37,6 +37,8 @@ class PosePanel:
     """Handles of the pose tab."""
 
     page: Page
+    card: viser.GuiHtmlHandle
+    """stands where it is seen whatever tab is open"""
     tab: viser.GuiTabHandle
     nudges: NudgePanel
     guesses: GuessesPanel
@@ -57,7 +59,6 @@ class PosePanel:
     def __post_init__(self) -> None:
         page, gui = self.page, self.page.gui
         with self.tab:
-            self.card = gui.add_html("")
             self.edit_buttons = gui.add_button_group(
                 "Edit",
                 ("Undo", "Redo", _FLIP),
@@ -77,7 +78,7 @@ class PosePanel:
                 hint="The whole library as it looks; a click takes a pose.",
             )  # fmt: skip
             fit = gui.add_button(
-                "Fit to the images", icon=viser.Icon.FOCUS_2, color="gray",
+                "Fit this frame", icon=viser.Icon.FOCUS_2, color="gray",
                 hint="Solves this frame from the pose you see. Undo brings your pose back.",
             )  # fmt: skip
             save = gui.add_button(
@@ -89,7 +90,7 @@ class PosePanel:
             self.copies.build()
             self.nudges.build()
         page.on(fit, lambda _: self._fit())
-        self.nudges.keys.add("Fit to the images", "F", page.from_user(lambda _: self._fit()))
+        self.nudges.keys.add("Fit this frame", "F", page.from_user(lambda _: self._fit()))
         page.on(self.edit_buttons, lambda event: self._edit(str(event.target.value)))
         page.on(take, lambda event: self.take(event.target.value))
         page.on(self.library, self._choose)
@@ -160,7 +161,7 @@ class PosePanel:
         with self.tab:
             for i, named in enumerate(_rows(list(groups))):
                 row = self.page.gui.add_button_group(
-                    "Sliders of" if i == 0 else " ", named, order=self.sliders_at,
+                    "Edit joints of" if i == 0 else " ", named, order=self.sliders_at,
                     hint="One group's sliders at a time: all of them are on the screen.",
                 )  # fmt: skip
                 self.page.on(row, lambda event: self.open(str(event.target.value)))

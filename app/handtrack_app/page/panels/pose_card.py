@@ -71,7 +71,7 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     if score is not None and score.is_of(pose.frame, pose.values):
         facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
     rows = "".join(
-        f"<div style='display:flex;justify-content:space-between'><span style='opacity:.65'>{html.escape(k)}</span>"
+        f"<div style='display:flex;justify-content:space-between'><span style='opacity:.85'>{html.escape(k)}</span>"
         f"<b>{html.escape(v)}</b></div>"
         for k, v in facts
     )
@@ -84,9 +84,9 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     if pose.note:
         rows += f"<div style='opacity:.8;line-height:1.3;margin-top:.2em'>{html.escape(pose.note)}</div>"
     return (
-        "<div style='padding:.35em .9em .2em;font-size:.85em;line-height:1.6'>"
+        "<div style='padding:.2em .9em .3em;font-size:.85em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:center'>"
-        f"<b style='font-size:1.15em'>Frame {pose.frame}</b>"
+        f"<b class='handtrack-frame' style='font-size:1.1em'>Frame {pose.frame}</b>"
         f"<span style='background:{colour};color:{_ink(colour)};border-radius:1em;padding:0 .7em;font-size:.9em'>"
         f"{html.escape(word)}</span></div>{rows}</div>"
     )

@@ -253,14 +253,13 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str
         frames = "live" if session.live else f"{session.stop - session.start} frames"
         counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
         facts = f"<div style='opacity:.85' title='{html.escape(session.model)}'>{counts}</div>"
-        if saved in _SAVED:
-            facts += f"<div style='margin-top:.2em'>{_SAVED[saved]}</div>"
+        facts += f"<div>{_SAVED[saved]}</div>" if saved in _SAVED else ""
     elif progress.state == "failed":
         title = "No session"
     return (
-        "<div style='padding:.3em .9em .5em;font-size:.85em;line-height:1.5'>"
+        "<div style='padding:.2em .9em 0;font-size:.85em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
-        f"<span style='font-size:1.1em;font-weight:600'>{title}</span>"
+        f"<span class='handtrack-title' style='font-size:1.1em;font-weight:600'>{title}</span>"
         f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
         f"border-radius:50%;background:{colour};margin-right:.4em'></span>{word}</span></div>{facts}"
         f"{_activity(progress)}</div>"

@@ -196,8 +196,11 @@ class TrackingPanel:
     def start(self, which: str) -> None:
         """Track: `all`, `here`, `range`, or as a button of the panel says."""
         order = self.order(which)
-        if order is None and which != "live":
-            return
+        if order is not None or which == "live":
+            self.begin(order)
+
+    def begin(self, order: Order | None) -> None:
+        """Track frames; None: what running cameras show."""
         self.page.play(False)
         if order is None:
             self.page.engine.track_live()

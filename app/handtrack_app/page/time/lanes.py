@@ -107,7 +107,7 @@ def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window
         f"<style>:root{{--handtrack-lanes:{top + _AXIS}px;"
         f"--handtrack-below:calc({top + _AXIS + _REST}px * var(--mantine-scale))}}</style>"
         f"<div style='position:relative;height:{top + _AXIS}px'>{labels}"
-        f"<div class='handtrack-lane' style='right:0;top:0'>{_legends(strip)}</div>"
+        f"<div class='handtrack-lane' style='left:30%;top:2px'>{_legends(strip)}</div>"
         f"<svg viewBox='0 0 {WIDTH} {top + _AXIS}' preserveAspectRatio='none' "
         f"style='width:100%;height:100%;display:block'>{_grid(window, top)}{''.join(parts)}</svg>{_numbers(window, top)}</div></div>"
     )

@@ -1,8 +1,9 @@
-"""Review: the stretches that are worth a look, the worst first; next, previous, accept."""
+"""Review: the intervals that are worth a look, the worst first; next, previous, accept."""
 
 from __future__ import annotations
 
 import html
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import viser
@@ -13,8 +14,8 @@ from handtrack_app.protocol.timeline import StretchCard
 
 _ROWS = 8  # of the list, on one page
 _GO: tuple[str, ...] = ("Previous", "Next")
-_ACCEPT: tuple[str, ...] = ("Stretch", "Frame", "Good")
-_LET_GO: tuple[str, ...] = ("Stretch", "Frame", "All")
+_ACCEPT: tuple[str, ...] = ("Interval", "Frame", "All confident")
+_LET_GO: tuple[str, ...] = ("Interval", "Frame", "All")
 
 
 @dataclass
@@ -27,11 +28,19 @@ class ReviewPanel:
     at: int | None = None
     """the place in the queue that was gone to"""
     rows: list[viser.GuiButtonHandle] = field(default_factory=list)
+    moved: Callable[[], None] = lambda: None
+    """called when another interval is gone to"""
+    _met: dict[tuple[int, int], None] = field(default_factory=dict)
+    """intervals that were in the queue, first and last frame: those that are accepted by now are done"""
 
     def __post_init__(self) -> None:
         page, gui = self.page, self.page.gui
         with self.tab:
             self.head = gui.add_html(head_words(None, None))
+            self.accept_next = gui.add_button(
+                "Accept and next", icon=viser.Icon.CHECK, visible=False,
+                hint="Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.",
+            )  # fmt: skip
             self.go = gui.add_button_group(
                 "Go to",
                 _GO,
@@ -40,11 +49,11 @@ class ReviewPanel:
             )
             self.accept = gui.add_button_group(
                 "Accept", _ACCEPT, visible=False,
-                hint="The stretch that was gone to, the frame shown, or all tracked frames of which nothing is doubted. No tracking "
-                "or refining changes them; your own edits do. Undo takes it back. Key Shift Y: the stretch, or the frame outside of one.",
+                hint="The interval that was gone to, the frame shown, or all tracked frames of which nothing is doubted. No tracking "
+                "or refining changes them; your own edits do. Undo takes it back.",
             )  # fmt: skip
             self.release = gui.add_button_group(
-                "Let go", _LET_GO, visible=False,
+                "Release", _LET_GO, visible=False,
                 hint="Tracking and refining may change these again.",
             )  # fmt: skip
             self.here = gui.add_html(here_words(0, False, None))
@@ -54,6 +63,7 @@ class ReviewPanel:
                 self.rows.append(row)
             self.more = gui.add_html("")
         page.on(self.go, lambda event: self.step(1 if event.target.value == "Next" else -1))
+        page.on(self.accept_next, lambda _: self.do_accept(""))
         page.on(self.accept, lambda event: self.do_accept(event.target.value))
         page.on(self.release, lambda event: self.let_go(event.target.value))
 
@@ -62,8 +72,8 @@ class ReviewPanel:
         user = self.page.from_user
         keys.add("Review: next in the queue", "Z", user(lambda _: self.step(1)), "shift")
         keys.add("Review: previous in the queue", "U", user(lambda _: self.step(-1)), "shift")
-        keys.add("Review: accept", "Y", user(lambda _: self.do_accept("")), "shift")
-        keys.add("Review: let the frame go", None, user(lambda _: self.let_go("Frame")))
+        keys.add("Review: accept and next", "Y", user(lambda _: self.do_accept("")), "shift")
+        keys.add("Review: release the frame", None, user(lambda _: self.let_go("Frame")))
 
     # ---- the queue
 
@@ -95,6 +105,7 @@ class ReviewPanel:
             self.page.play(False)
             self.page.go_to(self.stretches[place].worst)
             self._show()
+            self.moved()
 
     def _chosen(self, row: int) -> None:
         self.visit(self._first_row + row)
@@ -110,7 +121,7 @@ class ReviewPanel:
         comes the next.
         """
         stretch, frame = self.current, self.page.state.frame
-        if what == "Good":
+        if what == "All confident":
             self.page.engine.accept(tuple(undoubted(self.strip)))
         elif stretch is not None and what != "Frame":
             self.page.engine.accept(((stretch.first, stretch.last),))
@@ -129,7 +140,7 @@ class ReviewPanel:
         first = last = frame
         if what == "All" and accepted:
             first, last = accepted[0], accepted[-1]
-        elif what == "Stretch":
+        elif what == "Interval":
             known = set(accepted)
             while first - 1 in known:
                 first -= 1
@@ -150,7 +161,15 @@ class ReviewPanel:
             places = [n for n, s in enumerate(strip.stretches) if s.first <= frame <= s.last]
             self.at = places[0] if places else min(self.at, max(len(strip.stretches) - 1, 0))
         self.strip = strip
+        self._met.update(dict.fromkeys((s.first, s.last) for s in strip.stretches))
         self._show()
+
+    @property
+    def done(self) -> int:
+        """How many intervals of the queue were accepted."""
+        accepted = set() if self.strip is None else self.strip.accepted
+        left = {(s.first, s.last) for s in self.stretches}
+        return sum(accepted.issuperset(range(a, b + 1)) for a, b in self._met if (a, b) not in left)
 
     def show_frame(self) -> None:
         """Say what is to be said of the frame shown."""
@@ -163,7 +182,8 @@ class ReviewPanel:
         if strip is None:
             return
         tracked = bool((strip.status >= 0).any() or strip.by_hand)
-        put(self.head, content=head_words(strip, self.at))
+        put(self.head, content=head_words(strip, self.at, self.done))
+        put(self.accept_next, visible=bool(self.stretches))
         put(self.go, visible=bool(self.stretches))
         put(self.accept, visible=tracked)
         put(self.release, visible=bool(strip.accepted))
@@ -189,19 +209,23 @@ def row_words(stretch: StretchCard) -> str:
     return f"{frames}, {stretch.brief}"
 
 
-def head_words(strip: TimelineSnapshot | None, at: int | None) -> str:
-    """Return how much there is to be looked at, and how much was accepted."""
+def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) -> str:
+    """Return how much there is to be looked at, and how much was accepted. done: intervals of the queue that are."""
     if strip is None or not ((strip.status >= 0).any() or strip.by_hand):
         return _words("Track some frames: what is worth a look is listed here, the worst first.")
     count, stretches = len(strip.status), len(strip.stretches)
-    look = "Nothing is left that is doubted." if not stretches else (
-        f"<b>{stretches} {'stretch is' if stretches == 1 else 'stretches are'} worth a look</b>, those first of which most frames are "
-        "expected to be off."
+    total = stretches + done
+    share = 100.0 * done / total if total else 100.0
+    place = (
+        "" if at is None or not stretches else f"Interval {min(done + at + 1, total)} of {total} · "
+    )
+    look = "<b>No doubtful frames left.</b>" if not stretches else (
+        f"<b>{place}{done} of {total} accepted</b><div class='handtrack-bar'><div style='width:{share:.0f}%'></div></div>"
+        "Sorted by the expected number of wrong frames."
     )  # fmt: skip
-    place = f" This is number {at + 1}." if at is not None and stretches else ""
-    done = len(strip.accepted)
-    locked = f"<br>{done} of {count} frames are accepted: neither tracking nor refining changes them." if done else ""  # fmt: skip
-    return _words(look + place + locked)
+    locked_frames = len(strip.accepted)
+    locked = f"<br>{locked_frames} of {count} frames are accepted: neither tracking nor refining changes them." if locked_frames else ""  # fmt: skip
+    return _words(look + locked)
 
 
 def here_words(frame: int, accepted: bool, stretch: StretchCard | None) -> str:
@@ -209,7 +233,7 @@ def here_words(frame: int, accepted: bool, stretch: StretchCard | None) -> str:
     text = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
     if stretch is not None:
         text += (
-            f"<b>{row_words(stretch).partition(',')[0]}</b>: about {stretch.expected:.1f} frames off; worst {stretch.worst}: "
+            f"<b>{row_words(stretch).partition(',')[0]}</b>: ≈ {stretch.expected:.0f} frames wrong; worst {stretch.worst}: "
             f"{html.escape(stretch.words)}."
         )
     return f"<div class='handtrack-queue'>{_words(text) if text else ''}</div>"

@@ -38,15 +38,8 @@ class TimelinePanel:
 
     def __post_init__(self) -> None:
         with self.tab:
-            self.hidden = self.page.gui.add_html("", visible=False)
-            self.show_hidden = self.page.gui.add_button(
-                "Show them", icon=viser.Icon.EYE, visible=False,
-                hint="Uses the model that they were tracked with. Undo goes back.",
-            )  # fmt: skip
             self.picture = self.page.gui.add_html("")
             self.cursor = self.page.gui.add_html("")
-
-        self.page.on(self.show_hidden, lambda _: self._show_hidden())
 
     def fit(self, session: SessionSnapshot) -> None:
         """Make the timeline fit a session's frames; built once."""
@@ -137,14 +130,7 @@ class TimelinePanel:
         before, self.strip = self.frames, strip
         if before != self.frames:  # frames are counted, or come, while the page is open
             self.window = whole(self.frames)
-        put(self.hidden, content=hidden_words(strip), visible=bool(strip.hidden))
-        put(self.show_hidden, visible=bool(strip.hidden))
         self._redraw()
-
-    def _show_hidden(self) -> None:
-        hidden = () if self.strip is None else self.strip.hidden
-        if hidden:
-            self.page.engine.show_take(max(span.take for span in hidden))
 
     def _redraw(self) -> None:
         """Send all lanes again."""
@@ -164,17 +150,3 @@ class TimelinePanel:
             self._shown = frame
             pose = self._pose if self._pose is not None and self._pose.frame == frame else None
             put(self.cursor, content=cursor_picture(self._lanes, frame, pose))
-
-
-def hidden_words(strip: TimelineSnapshot) -> str:
-    """Return which tracked frames do not show, and why; empty where all do."""
-    if not strip.hidden:
-        return ""
-    count = sum(span.last - span.first + 1 for span in strip.hidden)
-    takes = sorted({span.take for span in strip.hidden})
-    named = f"take{'' if len(takes) == 1 else 's'} {', '.join(map(str, takes))}"
-    return (
-        f"<div class='handtrack-hidden' style='padding:.2em .9em;font-size:.85em'><b>{count} tracked "
-        f"{'frame does' if count == 1 else 'frames do'} not show</b> ({named}): the model has other joints now, such as "
-        "a forearm, than the one that they were tracked with.</div>"
-    )

@@ -1,4 +1,4 @@
-"""One page of help, and a tour of five steps for who comes for the first time; both for one page alone, and left at once."""
+"""One page of help, and a tour of five things to do for who comes for the first time; both for one page alone, and left at once."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import viser
 
+from handtrack_app.page.html import text
 from handtrack_app.page.page import Keys, Page
 
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
@@ -27,17 +28,22 @@ _GESTURES = (
     ("Arrows, arcs", "Of the handle: move and turn the {kind}"),
 )
 TOUR = (
-    ("The recording", "A {kind}, filmed by several cameras. The line below shows every frame and how well it is explained. Space plays, "
-     "the arrow keys step."),
-    ("Through a camera", "Press 1: you see the first camera's picture and the {kind} over it. The wheel enlarges, C finds the {kind} "
-     "again, G shows all cameras, 0 lets you look freely."),
-    ("Put it right", "In the tab Pose, drag the arrows and arcs, or choose a {part} and move its sliders. Ctrl Z "
-     "takes anything back."),
-    ("Let it follow", "F fits the frame to the images; Shift T tracks from here on; Shift N goes to the next doubtful frame."),
-    ("Take it along", "Shift V saves, More, Export has files for other programs. Shift H shows all keys, Ctrl K finds every command "
-     "by its name."),
-)  # fmt: skip
-"""title and words of each step"""
+    (
+        "Move a {part}",
+        "In the tab Pose, move a slider. The numbers above it follow, and Ctrl Z takes it back.",
+    ),
+    (
+        "Pin a joint",
+        "Press 1 to look through a camera, then drag a joint to where the picture has it.",
+    ),
+    (
+        "Review",
+        "Shift Z shows the most doubtful interval. <b>Accept and next</b>, in the tab Review, locks it.",
+    ),
+    ("Plot", "Review, then Plots: choose what to see over time."),
+    ("Export", "More, then Export: download joint angles and positions."),
+)
+"""what is to be done, and how"""
 
 
 @dataclass
@@ -50,12 +56,14 @@ class Help:
     """to who comes for the first time"""
     leave: Callable[[viser.ClientHandle], None] = lambda client: None
     """leaves a camera's view"""
-    _steps: dict[int, tuple[viser.GuiFolderHandle, int]] = field(default_factory=dict)
+    marks: tuple[Callable[[], object], ...] = ()
+    """for each step of the tour what differs once it is done"""
+    _steps: dict[int, tuple[viser.GuiFolderHandle, int, object]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for words, key, act in (
             ("Help: all keys", "H", self.show),
-            ("Tour: five steps through the page", None, self.tour),
+            ("Tour: five things to do", None, self.tour),
             ("Close the dialog, or leave the camera", "escape", self.escape),
         ):
             from_user = self.page.from_user(
@@ -104,11 +112,20 @@ class Help:
         if number >= len(TOUR):
             client.local_storage.set_item(_KEPT_AS, "yes")
             return
-        title, words = TOUR[number]
+        title, words = (self.page.words.of(one) for one in TOUR[number])
         with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
-            client.gui.add_markdown(self.page.words.of(words))
-            on = client.gui.add_button("Next" if number + 1 < len(TOUR) else "Done")
+            client.gui.add_html(text(words, faint=False))
+            on = client.gui.add_button("Skip this", color="gray")
             leave = client.gui.add_button("Leave the tour", color="gray")
         on.on_click(lambda _: self._step(client, number + 1))
         leave.on_click(lambda _: self._step(client, len(TOUR)))
-        self._steps[client.client_id] = folder, number
+        self._steps[client.client_id] = folder, number, self.marks[number]()
+
+    def watch(self) -> None:
+        """Go on where a step of the tour was done."""
+        here = self.page.server.get_clients()
+        for one, (_, number, before) in list(self._steps.items()):
+            if one not in here:
+                del self._steps[one]
+            elif self.marks[number]() != before:
+                self._step(here[one], number + 1)

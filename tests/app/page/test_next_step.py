@@ -1,0 +1,56 @@
+"""The button over the timeline leads a newcomer from the first pose to the end, and goes on after a cancelled tracking."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from handtrack_app.workbench import Workbench
+from tests.app.fake_run import FRAMES, fake_document
+from tests.app.waiting import eventually
+from tests.app.wire import WireClient
+
+
+def _status(bench: Workbench) -> np.ndarray:
+    strip = bench.layout.timeline.strip
+    assert strip is not None
+    return strip.status
+
+
+def test_it_leads_from_the_pose_over_tracking_to_the_review(bench: Workbench) -> None:
+    layout = bench.layout
+    with WireClient(bench.url) as client:
+        eventually(lambda: layout.next.button.visible, "a step is offered")
+        client.set_value(layout.next.button, True)
+        eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible, "tracked")
+        client.set_value(layout.next.button, True)
+        eventually(lambda: bench.state.frame == 7, "the doubtful frame")
+        eventually(lambda: not layout.next.button.visible, "it has done its work")
+        client.set_value(layout.review.accept_next, True)
+        eventually(lambda: layout.review.done == 1, "accepted")
+        eventually(lambda: layout.next.button.visible, "and what comes after")
+        client.set_value(layout.pose.edit_buttons, "Undo")
+        eventually(lambda: layout.review.done == 0, "it is to be looked at again")
+
+
+def test_a_cancelled_tracking_is_gone_on_with(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.05))
+    bench.start()
+    assert bench.wait_ready()
+    try:
+        next_step, progress = bench.layout.next, bench.layout
+        with WireClient(bench.url) as client:
+            bench.engine.track(3, FRAMES, 3)
+            eventually(lambda: (_status(bench) >= 0).sum() > 2, "some frames")
+            assert not next_step.button.visible, "it is under way"
+            bench.engine.cancel()
+            eventually(lambda: progress.progress.state == "idle", "cancelled")
+            before = np.flatnonzero(_status(bench) >= 0)
+            assert before[-1] < FRAMES - 1
+            eventually(lambda: next_step.button.visible, "it can go on")
+            client.set_value(next_step.button, True)
+            eventually(lambda: all(_status(bench)[3:] >= 0), "to the end")
+            assert (_status(bench)[:3] < 0).all(), "only from where it ended"
+    finally:
+        bench.stop()
