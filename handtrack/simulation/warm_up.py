@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 
 import numpy as np
 
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.parallel import thread_count
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
@@ -15,35 +20,46 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
-KINDS = ("silhouettes", "a point cloud", "joints in images", "several hypotheses")
+# the settings that each kind is tracked with, the longest to compile first
+KINDS: dict[str, dict[str, object]] = {
+    "silhouettes": {},
+    "several hypotheses": {"tracker.hypotheses": 2},
+    "a point cloud": {"silhouettes.weight": 0.0},
+    "joints in images": {},
+}
 _SIZE = (160, 120)
 
 
 def warm_up() -> Iterator[str]:
-    """Yield each of KINDS before a frame of it is tracked, searches included; what it found is thrown away."""
+    """Yield each of KINDS when a frame of it was tracked, searches included; what it found is thrown away.
+
+    Numba compiles in one thread of a process, so the kinds share the cores as processes, and meet in its cache.
+    """
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(min(thread_count(), len(KINDS)), context) as pool:
+        for done in as_completed([pool.submit(track_small_frame, kind) for kind in KINDS]):
+            yield done.result()
+
+
+def track_small_frame(kind: str) -> str:
+    """Track a simulated frame of one of KINDS, and return it."""
     model = load_model()
     pose = model.rest_params()
     pose[1] -= 0.09
+    tracker = Tracker(model, TrackerSettings().with_values(KINDS[kind]))
+    tracker.step(TrackerState.beginning_at(pose), _seen(kind, model, pose))
+    return kind
+
+
+def _seen(kind: str, model: ArticulatedModel, pose: Floats) -> Observation:
     cameras = simulated_rig(2, _SIZE).cameras
-    masks = mask_views(model, pose, cameras)
-    cloud = next(
-        depth_views(model, model.joint_params(pose)[None], Sensor(_SIZE), np.random.default_rng(0))
-    )
+    if kind == "silhouettes":
+        return mask_views(model, pose, cameras)
+    if kind == "a point cloud":
+        poses = model.joint_params(pose)[None]
+        return next(depth_views(model, poses, Sensor(_SIZE), np.random.default_rng(0)))
+    if kind == "several hypotheses":  # from one camera, whose depth stays open
+        cameras = cameras[:1]
     places = model.joint_positions(model.bones(pose))
     joints = tuple(ImageKeypoints(c, model.joint_names, c.project(places), 2.0) for c in cameras)
-    seen = (
-        masks,
-        cloud,
-        Observation(0, 0.0, keypoints=joints),
-        Observation(0, 0.0, keypoints=joints[:1]),
-    )
-    settings: tuple[dict[str, object], ...] = (
-        {},
-        {"silhouettes.weight": 0.0},
-        {},
-        {"tracker.hypotheses": 2},
-    )
-    for kind, observation, values in zip(KINDS, seen, settings, strict=True):
-        yield kind
-        tracker = Tracker(model, TrackerSettings().with_values(values))
-        tracker.step(TrackerState.beginning_at(pose), observation)
+    return Observation(0, 0.0, keypoints=joints)

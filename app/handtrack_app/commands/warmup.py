@@ -14,7 +14,7 @@ def run(args: argparse.Namespace) -> int:
     """Track a small frame of every kind; numba keeps what it compiles for later runs."""
     begun = time.perf_counter()
     for kind in warm_up():
-        say(f"compiling for {kind} …")
+        say(f"compiled for {kind}")
     seconds = time.perf_counter() - begun
     words = f"ready after {seconds:.0f} s; kept for this machine and this version"
     answer(args, {"seconds": round(seconds, 1)}, words)

@@ -79,7 +79,7 @@ def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
         assert takes[1].about.labels.refinement == told
         worker.engine.undo(1)
         eventually(lambda: worker.document.run.scale == live, "undone")  # noqa: B023
-        assert whole_track(worker.document).refinement is None
+        eventually(lambda: whole_track(worker.document).refinement is None, "undone")  # noqa: B023
 
 
 def test_only_what_a_new_keyframe_touches_is_refined_again(desk: tuple[Worker, Listener]) -> None:
