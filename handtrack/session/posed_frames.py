@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import scale_from
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.store.store import ACCEPTED, Store
 from handtrack.tracking.frame.result import FrameResult, Status
 
 _POSE = "pose/"  # of a key of the store's state; the frame follows
+_SIZE, _FOREARM = "size", "forearm"
 _LED = ("pinned", "refitted")  # the solver led there; a person did not pose it
 _FAR = 100.0  # [m] no hand is further from the world's origin
 
@@ -23,6 +28,8 @@ _FAR = 100.0  # [m] no hand is further from the world's origin
 class PosedFrames:
     """Poses that tracking keeps, or starts again from; joint parameters by frame."""
 
+    run: TrackingRun
+    """with the size and forearm for which a person set the poses"""
     fixed: dict[int, FrameResult]
     """keyframes and accepted frames"""
     guides: dict[int, Floats[S]]
@@ -31,13 +38,18 @@ class PosedFrames:
     def without(self, frame: int) -> PosedFrames:
         """Return all but a frame's pose."""
         fixed = {f: result for f, result in self.fixed.items() if f != frame}
-        return PosedFrames(fixed, {f: pose for f, pose in self.guides.items() if f != frame})
+        return PosedFrames(
+            self.run, fixed, {f: pose for f, pose in self.guides.items() if f != frame}
+        )
 
 
 def posed_frames(run: TrackingRun) -> PosedFrames:
     """Return what a person decided in the workbench for frames of a recording. Poses of another model count by names."""
-    store, model = Store(run.session.folder / TRACKS_FOLDER), run.model
+    store = Store(run.session.folder / TRACKS_FOLDER)
     state, frames = store.history().state, run.session.known_frames
+    if any(key.startswith(_POSE) and not value.get("carried") for key, value in state.items()):
+        run = _sized(run, state)
+    model = run.model
     fixed, guides = dict[int, FrameResult](), dict[int, Floats]()
     rest = model.joint_params(run.initial()[1] if run.first is not None else model.rest_params())
     for key, value in state.items():
@@ -56,7 +68,18 @@ def posed_frames(run: TrackingRun) -> PosedFrames:
     for frame in accepted & guides.keys():
         fixed[frame] = keyframe_result(run, frame, guides.pop(frame))
     fixed |= _tracked(store, model, (accepted & set(frames)) - fixed.keys())
-    return PosedFrames(dict(sorted(fixed.items())), dict(sorted(guides.items())))
+    return PosedFrames(run, dict(sorted(fixed.items())), dict(sorted(guides.items())))
+
+
+def _sized(run: TrackingRun, state: Mapping[str, Any]) -> TrackingRun:
+    """Return the run with the size and forearm that were found or set in the workbench; one still to be fitted does not count."""
+    size, arm = state.get(_SIZE), state.get(_FOREARM)
+    if arm is not None and arm != run.arm:
+        run = run.with_forearm(np.inf if arm is True else arm)
+    if size is None or size.get("pending", False):
+        return run
+    parts = {key: part for key, part in size.items() if key not in ("pending", "live")}
+    return run.with_scale(scale_from(parts, Path("the size of the workbench")))
 
 
 def _tracked(store: Store, model: ArticulatedModel, wanted: set[int]) -> dict[int, FrameResult]:

@@ -232,6 +232,16 @@ class TrackingRun:
         arm_m = self.arm_m if self.forearm else 0.0
         return replace(self, scale=scale, model=_model(self.session, self.settings, scale, arm_m))
 
+    def with_limits_of(self, other: TrackingRun) -> TrackingRun:
+        """Return the run whose joints have the limits that they have in another run."""
+        names, limits = other.model.parameter_names, self.model.limits
+        known = dict(zip(names, other.model.limits.interval, strict=True))
+        found = [known.get(n, own) for n, own in zip(self.model.parameter_names, limits.interval, strict=True)]  # fmt: skip
+        if np.array_equal(found, limits.interval):
+            return self
+        limits = replace(limits, interval=np.array(found))
+        return replace(self, model=replace(self.model, limits=limits))
+
     def with_arm_in_view(self, frame: int, params: Floats[P]) -> TrackingRun:
         """Return the run with a forearm in its model, if that is left to the program and the silhouettes of a
         frame show one beyond the hand's pose; without a first pose nothing else can tell.

@@ -45,6 +45,8 @@ class TrackingRequest:
     """all frames are optimised jointly once they are tracked, where the settings ask for it"""
     track_again: bool = True
     """frames are tracked again where they show another size (`fit_size = "later"`) or forearm than they were tracked with"""
+    run: TrackingRun | None = None
+    """the run for the person whom the poses were set for; the one that is tracked unless given"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +182,10 @@ def request_for(
         posed = posed.without(first)  # where tracking starts, it is solved
     fixed = {f: result for f, result in posed.fixed.items() if f in frames}
     guides = {f: pose for f, pose in posed.guides.items() if f in frames}
-    return TrackingRequest(frames, first, pose if from_init else None, fixed, guides)
+    start, is_sized = pose if from_init else None, posed.run.scale is not run.scale
+    return TrackingRequest(
+        frames, first, start, fixed, guides, fit_size=not is_sized, run=posed.run
+    )
 
 
 def track_session(
@@ -216,7 +221,7 @@ def track_session(
         for input that cannot be used, before the first frame; after it, `Ended.problem` says so
     """
     request = request_for(run) if request is None else request
-    yield from _Tracking(run, request, control, on_progress, take).events()
+    yield from _Tracking(request.run or run, request, control, on_progress, take).events()
 
 
 def refine_frames(
@@ -344,6 +349,7 @@ class _Tracking:
             if sized is None or self._stops():
                 yield self._ended()
                 return
+            sized = sized.with_limits_of(run)
             self._use(sized)
             yield SizeFitted(sized)
         yield from self._pass()
@@ -388,8 +394,11 @@ class _Tracking:
             done, self._steps = self._steps, []
             for step in done if take is not None else ():
                 take.add(step)  # pyright: ignore[reportOptionalMemberAccess]
-        tracked = {frame for segment in segments for frame in segment.frames}
-        resumed = {s.result.frame: s.result for s in done if s.result.frame in tracked}
+        resumed = {
+            step.result.frame: step.result
+            for step in done
+            if any(step.result.frame in segment.frames for segment in segments)
+        }
         self._results, self._refined, self._problem = dict(resumed), None, ""
         yield PassBegan(run, request.frames, segments, [*resumed.values()])
         known = run.session.known_frames

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -40,9 +40,10 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.state import Step
+from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.document import Document
-from handtrack_app.engine.run import Run
+from handtrack_app.engine.document import Document, renamed
 
 FRAMES = 12
 
@@ -219,6 +220,22 @@ class FakeRun:
     def fit_of(self, frame: int, params: Floats) -> tuple[Reason | None, OutlineFit | None]:
         return self.doubt, None
 
+    sizes_first = size_is_open = True
+
+    def with_limits_of(self, other: FakeRun) -> FakeRun:
+        return self
+
+    def joint_params_from(self, other: FakeRun, joint_params: Floats) -> Floats:
+        names = self.model.parameter_names
+        return renamed(joint_params, other.model.parameter_names, names, self.model.rest)
+
+    @property
+    def tracker(self) -> Tracker:
+        return Tracker(self.model, self.settings.with_values({"tracker.hypotheses": 1}))
+
+    def seen_at(self, result: FrameResult) -> Observation:
+        return self.session.observation(result.frame)
+
     @property
     def scale(self) -> HandScale:
         return self.model.scale
@@ -254,7 +271,12 @@ class FakeRun:
         return self.track_with(control, frames, start_frame, start_params)
 
     def track_with(
-        self, control: Control, frames: range, start_frame: int, start_params: Floats
+        self,
+        control: Control,
+        frames: range,
+        start_frame: int,
+        start_params: Floats,
+        done: Sequence[Step] = (),
     ) -> Iterator[FrameResult]:
         path = [*range(start_frame, frames.stop), *range(start_frame - 1, frames.start - 1, -1)]
         for frame in path:
@@ -346,9 +368,5 @@ def fake_document(
     truth = Truth(np.arange(FRAMES), None, points, (), None)
     session = FakeSession(folder, truth=truth)
     first = FirstPose(3, dict(zip(model.parameter_names, model.rest.tolist(), strict=True)))
-    return Document(FakeRun(session, model, first=first, **options), 3, params, size_pending)
-
-
-def _both_are_runs(fake: FakeRun, real: TrackingRun) -> tuple[Run, Run]:
-    """Never called: the type checker sees here that the workbench's type of a run fits both."""
-    return fake, real
+    run = cast("TrackingRun", FakeRun(session, model, first=first, **options))
+    return Document(run, 3, params, size_pending)

@@ -5,10 +5,14 @@ from __future__ import annotations
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from handtrack.arrays import Floats
+from handtrack.model.model_file import load_model
 from handtrack.session.formats.tables import write_npz
 from handtrack.session.posed_frames import keyframe_result, posed_frames
 from handtrack.session.run import TrackingRun
@@ -18,6 +22,7 @@ from handtrack.session.track_session import (
     Ended,
     FrameTracked,
     PassBegan,
+    TrackingRequest,
     request_for,
     track_session,
     tracking_segments,
@@ -25,7 +30,7 @@ from handtrack.session.track_session import (
 from handtrack.store.history import Change
 from handtrack.store.store import ACCEPTED, WritableStore
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.result import FrameResult, Status
 from tests.app.command_line import small_recording
 
 
@@ -109,3 +114,59 @@ def test_nothing_is_tracked_where_every_frame_is_fixed(folder: Path) -> None:
     pose = run.model.joint_params(run.initial()[1])
     fixed = {frame: keyframe_result(run, frame, pose) for frame in request.frames}
     assert tracking_segments(run, replace(request, fixed=fixed)) == ()
+
+
+def _segments(
+    frames: range, first: int, fixed=(), guides=(), both_ends=False
+) -> list[tuple[int, int, int, float]]:
+    """Return where segments begin and end, from which frame they go, and the frame whose pose they start from (0: the start)."""
+    model = load_model("hand26")
+
+    def pose(frame: int) -> Floats:
+        values = model.rest.copy()
+        values[0] = frame
+        return values
+
+    run = cast("TrackingRun", SimpleNamespace(model=model))
+    posed = {frame: cast("FrameResult", SimpleNamespace(parameters=pose(frame))) for frame in fixed}
+    led = {frame: pose(frame) for frame in guides}
+    request = TrackingRequest(frames, first, pose(0), posed, led, both_ends)
+    return [
+        (one.frames.start, one.frames.stop, one.first, float(one.params[0]))
+        for one in tracking_segments(run, request)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("first", "fixed", "expected"),
+    [
+        (3, (), [(0, 12, 3, 0)]),
+        (3, (7,), [(0, 7, 3, 0), (8, 12, 8, 7)]),
+        (5, (1, 8), [(2, 8, 5, 0), (9, 12, 9, 8), (0, 1, 0, 1)]),
+        (3, (3,), [(4, 12, 4, 3), (0, 3, 2, 3)]),
+        (3, (3, 4, 6), [(0, 3, 2, 3), (5, 6, 5, 4), (7, 12, 7, 6)]),
+        (1, (1, 11), [(2, 11, 2, 1), (0, 1, 0, 1)]),
+        (3, (40,), [(0, 12, 3, 0)]),
+    ],
+)
+def test_each_fixed_frame_starts_a_segment(first, fixed, expected) -> None:
+    assert _segments(range(12), first, fixed) == expected
+
+
+def test_each_guide_starts_a_segment_and_is_tracked_itself() -> None:
+    assert _segments(range(12), 5, (), (1, 8)) == [(2, 8, 5, 0), (8, 12, 8, 8), (0, 2, 1, 1)]
+    assert _segments(range(12), 5, (8,), (9,))[-1] == (9, 12, 9, 9)
+
+
+@pytest.mark.parametrize("fixed", [(), (0,), (5,), (2, 3, 9), (0, 11), tuple(range(12))])
+@pytest.mark.parametrize("first", [0, 5, 11])
+def test_every_other_frame_is_tracked_once(first, fixed) -> None:
+    frames = [f for low, high, *_ in _segments(range(12), first, fixed) for f in range(low, high)]
+    assert sorted(frames) == [f for f in range(12) if f not in fixed]
+
+
+def test_between_fixed_frames_half_is_tracked_from_each() -> None:
+    assert _segments(range(2, 10), 2, (2, 9), both_ends=True) == [(3, 6, 3, 2), (6, 9, 8, 9)]
+    assert _segments(range(2, 5), 2, (2, 4), both_ends=True) == [(3, 4, 3, 2)]
+    halves = _segments(range(2, 10), 2, (2,), (8,), both_ends=True)
+    assert [segment[:2] for segment in halves] == [(3, 6), (6, 8), (8, 10)]

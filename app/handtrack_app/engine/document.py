@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
-from handtrack.errors import unknown_name
+from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import scale_from, scale_table
 from handtrack.model.pose_library import pose_names
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.posed_frames import solver_params_of
+from handtrack.session.run import TrackingRun
 from handtrack.session.seen.views import MaskChoice
 from handtrack.session.session_file import SessionFile
 from handtrack.session.takes.take_about import files_read
@@ -25,11 +27,17 @@ from handtrack.store.spans import Span
 from handtrack.store.store import spans_of
 from handtrack_app.engine.masks import mask_state
 from handtrack_app.engine.posing import pin_state
-from handtrack_app.engine.posing.page_values import params_of, renamed
-from handtrack_app.engine.run import Run
 from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.shelf import TakeShelf
 from handtrack_app.engine.timeline import TrackedRows
+
+
+def renamed(
+    values: Floats[S], names: Sequence[str], new_names: Sequence[str], others: Floats[S]
+) -> Floats[S]:
+    """Return joint parameters of another model by name; those that are not known are `others`."""
+    known: dict[str, float] = dict(zip(names, values.tolist(), strict=True))
+    return np.array([known.get(name, other) for name, other in zip(new_names, others, strict=True)])
 
 
 class Document:
@@ -40,7 +48,11 @@ class Document:
     """
 
     def __init__(
-        self, run: Run, first_frame: int, first_params: Floats[P], size_pending: bool = False
+        self,
+        run: TrackingRun,
+        first_frame: int,
+        first_params: Floats[P],
+        size_pending: bool = False,
     ) -> None:
         self.run = run
         self.frames: range = run.session.known_frames
@@ -171,7 +183,7 @@ class Document:
         if keys.START in values and self.run.first is None:
             self._start_at(values[keys.START])
 
-    def _run_with(self, values: Mapping[str, Value]) -> Run:
+    def _run_with(self, values: Mapping[str, Value]) -> TrackingRun:
         run = self.run
         if keys.FOREARM in values:
             wanted = values[keys.FOREARM]
@@ -230,7 +242,7 @@ class Document:
         live = (size or {}).get("live")
         self.live_scale = None if live is None else self._size_of(live)[0]
 
-    def _use(self, run: Run, resized: bool = False) -> None:
+    def _use(self, run: TrackingRun, resized: bool = False) -> None:
         """Change to another run; poses go by their names. What was made with a model comes back with it."""
         old, new = self.model.parameter_names, run.model.parameter_names
         untouched = np.allclose(self.shown, self.start)
@@ -260,7 +272,7 @@ class Document:
             self._derive_poses()
             self._lay()
             self.shown = self.pose_at(self.frame)
-        self.shown = self.model.joint_params(params_of(self.model, self.shown))
+        self.shown = self.model.joint_params(solver_params_of(self.model, self.shown))
 
     def _lay(self) -> None:
         """Compose the current track; takes of another model do not show (`hidden`)."""
@@ -375,31 +387,45 @@ class Document:
             self.first_frame, self.start = frame, values.copy()
             self.run = replace(self.run, first=FirstPose(frame, known))
 
-    def start_params(self, frame: int, anew: bool = False) -> Floats[P]:
-        """Return solver parameters that tracking from a frame starts with.
+    def start_pose(self, frame: int, anew: bool = False) -> Floats[S] | None:
+        """Return the pose that tracking from a frame starts with.
 
-        anew: at the first frame, its saved pose as `handtrack track` takes it, unless the user has moved it since.
+        anew: None at the first frame: its saved pose as `handtrack track` takes it, unless the user has moved it since.
         """
         first = self.run.first
-        if anew and first is not None and first.frame == frame and frame not in self.by_hand:
-            return self.run.initial()[1]
-        return params_of(self.model, self.pose_at(frame))
+        is_saved = anew and first is not None and first.frame == frame
+        return None if is_saved and frame not in self.by_hand else self.pose_at(frame)
+
+    def start_params(self, frame: int, anew: bool = False) -> Floats[P]:
+        """Return the same as solver parameters."""
+        pose = self.start_pose(frame, anew)
+        return self.run.initial()[1] if pose is None else solver_params_of(self.model, pose)
 
     @property
     def is_posed(self) -> bool:
         """Whether anybody said where the hand is: else it stands somewhere in view."""
         return self.run.first is not None or bool(self.by_hand) or bool(self.results.layers)
 
-    def keyframes(self, frames: range) -> dict[int, Floats[P]]:
-        """Return the poses set by hand at some of the frames, as solver parameters; not those to which the solver led."""
-        return self._posed_at(f for f in self.by_hand if f in frames and not self.is_led(f))
+    def keyframes(self, frames: range) -> dict[int, Floats[S]]:
+        """Return the poses set by hand at some of the frames; not those to which the solver led."""
+        return {
+            f: self.by_hand[f] for f in sorted(self.by_hand) if f in frames and not self.is_led(f)
+        }
 
-    def led(self, frames: range) -> dict[int, Floats[P]]:
-        """Return the poses to which the solver led at some of the frames, by pins or settings, as solver parameters."""
-        return self._posed_at(f for f in self.by_hand if f in frames and self.is_led(f))
+    def guides(self, frames: range) -> dict[int, Floats[S]]:
+        """Return the poses to which the solver led at some of the frames, by pins or settings."""
+        return {f: self.by_hand[f] for f in sorted(self.by_hand) if f in frames and self.is_led(f)}
 
-    def _posed_at(self, frames: Iterable[int]) -> dict[int, Floats[P]]:
-        return {frame: params_of(self.model, self.by_hand[frame]) for frame in sorted(frames)}
+    def is_locked(self, frame: int) -> bool:
+        """Return whether a frame was accepted, and its pose shows: not under another model."""
+        return frame in self.accepted and (frame in self.by_hand or frame in self.results)
+
+    def refuse_to_fit(self, frame: int) -> None:
+        """Raise HandtrackError for a frame that was accepted."""
+        if frame in self.accepted:
+            raise HandtrackError(
+                f"Frame {frame} is accepted, so no fit changes it. Let it go first: in the tab Review."
+            )
 
     # ---- clouds
 

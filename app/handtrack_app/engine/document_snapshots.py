@@ -12,15 +12,15 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import shape_numbers
+from handtrack.session.posed_frames import driving_joints, solver_params_of
+from handtrack.session.session import Session
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.pose_pictures import pose_titles
 from handtrack_app.engine.posing.inverse_kinematics import stem_bones
-from handtrack_app.engine.posing.page_values import drivers, params_of
 from handtrack_app.engine.posing.pin_cards import pin_cards
 from handtrack_app.engine.review.glance import hidden_spans, numbers_of, queue, take_spans
-from handtrack_app.engine.run import RunSession
 from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.snapshots import (
     BEFORE,
@@ -68,7 +68,7 @@ TERM_WORDS = {
 def session_snapshot(document: Document) -> SessionSnapshot:
     """Return everything the page is built from."""
     session, model = document.run.session, document.model
-    driving = {model.parameter_names[s] for s in drivers(model)}
+    driving = {model.parameter_names[s] for s in driving_joints(model)}
     flesh, offered = model.flesh["fine"], document.offered_scale
     return SessionSnapshot(
         name=session.name,
@@ -107,7 +107,7 @@ def session_snapshot(document: Document) -> SessionSnapshot:
     )
 
 
-def seen_kinds(session: RunSession) -> frozenset[str]:
+def seen_kinds(session: Session) -> frozenset[str]:
     """Return what a recording has of what can be seen of the model."""
     cameras = [view.settings for view in session.views]
     there = {
@@ -140,7 +140,7 @@ def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
 def pose_snapshot(document: Document) -> PoseSnapshot:
     """Return the hand as it is shown."""
     model, frame = document.model, document.frame
-    bones = model.bones(params_of(model, document.seen))
+    bones = model.bones(solver_params_of(model, document.seen))
     posed = model.flesh["fine"].posed(bones)
     result = document.results.get(frame)
     is_now = document.before is None
@@ -220,7 +220,7 @@ def _followed(document: Document) -> TrackedRows:
 
 def _given_error(document: Document, frame: int) -> float:
     def error(values: Floats) -> float:
-        bones = document.model.bones(params_of(document.model, values))
+        bones = document.model.bones(solver_params_of(document.model, values))
         return _error_mm(document, frame, bones)
 
     return document.rows.given_error(frame, document.by_hand[frame], error)

@@ -5,9 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 from handtrack.errors import HandtrackError
+from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.run import TrackingRun
+from handtrack.session.track_session import (
+    FramesRefined,
+    FrameTracked,
+    PassBegan,
+    ProvisionalFrame,
+    SizeFitted,
+    TrackingRequest,
+    Warned,
+)
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.compile_watch import CompileWatch
@@ -19,31 +29,31 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
 )
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.job_words import Moved, Outcome, end_words, found_words
+from handtrack_app.engine.job_words import (
+    Moved,
+    Outcome,
+    end_words,
+    found_words,
+    offer_words,
+    size_words,
+)
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     Carried,
-    Ended,
     FindingJob,
     Found,
-    Questioned,
-    Refined,
+    JobEnded,
     RefiningJob,
     Report,
-    Sized,
     SizingJob,
-    Tracked,
     TrackingJob,
     Watch,
 )
 from handtrack_app.engine.live.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
-from handtrack_app.engine.posing.given import Given, RefinedWith
-from handtrack_app.engine.posing.legs import Leg, legs
-from handtrack_app.engine.posing.page_values import params_of
-from handtrack_app.engine.review.frozen_frames import given_poses, refuse_to_fit
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.engine.tracking_request import RefinedWith, tracking_request
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
@@ -83,12 +93,12 @@ class JobControl:
         self._document, self._store, self._live = document, store, live
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
-        self._then: Callable[[], None] | None = None
         self._outcomes: dict[int, Outcome] = {}
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moved = Moved()
+        self._offered: SizeFitted | None = None  # fitted after tracking
         self._refined_with: RefinedWith | None = None  # the latest
-        self._given = RefinedWith.of(document)  # when the job began
+        self._given = RefinedWith.of(document)  # when the pass began
         self._count, self._shared = 0, -1.0
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
@@ -129,8 +139,10 @@ class JobControl:
 
     def leave(self) -> None:
         """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
-        if (job := self._job) is not None and job.kind in _QUIET:
-            self._ended(job, Ended(job.number, cancelled=True))
+        job = self._job
+        is_sizing = isinstance(job, TrackingJob) and job.stage == "size"
+        if job is not None and (is_sizing or job.kind in _QUIET):
+            self._ended(job, JobEnded(cancelled=True))
 
     # ---- starting
 
@@ -149,26 +161,18 @@ class JobControl:
             )
         if document.live_scale is not None and anew and not document.by_hand:
             self._store.do("Size as before refining", edits.size(document.live_scale))
+        if len(frames) == 1:
+            document.refuse_to_fit(frames.start)
         later = document.run.settings.model.fit_size == "later"
         if document.size_pending and not later and len(frames) > 1:
             document.begin_at(first)
-            if document.run.first is not None:
-                self.fit_size(partial(self.track, start, stop, first, anew, both_ends))
-                return
-        params = document.start_params(first, anew)
-        if len(frames) == 1:
-            refuse_to_fit(document, frames.start)
-        given = Given() if len(frames) == 1 else given_poses(document, frames)
-        if anew and first not in document.accepted:
-            given = given.without(first)  # where tracking starts by itself it is only a start
-        path = legs(frames, first, params, given, both_ends)
-        if not path:
-            raise HandtrackError(
-                "All these frames are set by hand, found or accepted; there is nothing to track."
-            )
-        self._store.begin_take(frames, first, params, tuple(given.held))
-        job = TrackingJob(self._next(), document.run, frames, path, self._post, self._watch, given)
-        self._begin(job)
+        request = tracking_request(document, frames, first, anew, both_ends)
+        sizes = request.fit_size and (later or document.run.first is not None)
+        self._track(replace(request, fit_size=sizes))
+
+    def _track(self, request: TrackingRequest) -> None:
+        run = self._document.run
+        self._begin(TrackingJob(self._next(), run, request, self._post, self._watch))
 
     def refine(self) -> None:
         """Begin to refine all tracked frames together; where nothing but keyframes and pins has changed since, those that they
@@ -176,13 +180,13 @@ class JobControl:
         """
         self._refuse()
         document = self._document
-        given = given_poses(document, document.frames)
-        tracked = [document.results[f] for f in document.results if f not in given.held]
+        request = tracking_request(document, document.frames, document.first_frame)
+        tracked = [document.results[f] for f in document.results if f not in request.fixed]
         if len(tracked) < 2:
             raise HandtrackError("There is nothing to refine: track some frames first.")
         before = self._refined_with
         changed = None if before is None else before.changed(RefinedWith.of(document))
-        job = RefiningJob(self._next(), document.run, tracked, given, changed, self._post)
+        job = RefiningJob(self._next(), document.run, request, tracked, changed, self._post)
         self._begin(job)
 
     def track_live(self) -> None:
@@ -191,23 +195,19 @@ class JobControl:
         document, feed = self._document, self._document.run.session.live
         if feed is None:
             raise HandtrackError("This is a recording, and no live source: track its frames.")
-        start = params_of(document.model, document.shown)
         feed.begin_counting()
         first = feed.known.stop
         endless = range(first, first + _ENDLESS)
-        path = [Leg(endless, first, start)]
-        self._store.begin_take(endless, first, start)
-        self._begin(TrackingJob(self._next(), document.run, endless, path, self._post, self._watch))
+        self._track(TrackingRequest(endless, first, document.shown, fit_size=False, refine=False))
 
-    def fit_size(self, then: Callable[[], None] | None = None) -> None:
-        """Begin to fit the hand's size, and afterwards perhaps to track."""
+    def fit_size(self) -> None:
+        """Begin to fit the size."""
         self._refuse()
         if self._document.run.first is None:
             raise HandtrackError(
                 "The size is fitted from the first-frame pose on, and this session has none yet. Find or pose it, "
                 "and press 'Save as first-frame pose'."
             )
-        self._then = then
         self._begin(SizingJob(self._next(), self._document.run, self._post))
 
     def take_size(self, first: int) -> None:
@@ -250,6 +250,7 @@ class JobControl:
     def _begin(self, job: BackgroundJob) -> None:
         self._job, self._outcomes, self._latest = job, {}, {}
         self._moved, self._given = Moved(), RefinedWith.of(self._document)
+        self._offered = None
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
         self.show_progress()
@@ -261,27 +262,41 @@ class JobControl:
         job = self._job
         if job is None or job.number != report.job:
             return
-        match report:
-            case Tracked():
-                self._tracked(report)
-            case Refined():
-                self._refined(report)
-            case Sized():
-                self._sized(job, report)
-            case Found():
-                self._found(report)
-            case Questioned():
-                self._publish(Notice("warning", "A camera contradicts the others", report.text))
-            case Carried():
-                self._store.do("Corrected masks carried on", report.values)
-                many = f"To {len(report.values)} frames; undo takes it back."
+        match report.event:
+            case ProvisionalFrame(result) | FrameTracked(result):
+                self._tracked(result)
+            case PassBegan() as began:
+                self._pass_began(job, began)
+            case FramesRefined() as refined:
+                self._refined(job, refined)
+            case SizeFitted() as sized:
+                self._sized(sized)
+            case Warned(text):
+                self._publish(Notice("warning", "About this recording", text))
+            case Found(candidates):
+                self._found(candidates)
+            case Carried(values):
+                self._store.do("Corrected masks carried on", values)
+                many = f"To {len(values)} frames; undo takes it back."
                 self._publish(Notice("done", "The correction is carried on", many))
-            case Ended():
-                self._ended(job, report)
+            case JobEnded() as end:
+                self._ended(job, end)
 
-    def _tracked(self, done: Tracked) -> None:
+    def _pass_began(self, job: BackgroundJob, began: PassBegan) -> None:
+        """Begin a take; it is of the size that may just have been found."""
+        self._store.end_take(finished=False)
+        self._given = RefinedWith.of(self._document)
+        start = began.segments[0]
+        try:
+            self._store.begin_take(began.frames, start.first, start.params, _fixed(job))
+        except HandtrackError:
+            job.cancel()
+            raise
+        for result in began.resumed:
+            self._store.add(result)
+
+    def _tracked(self, result: FrameResult) -> None:
         document, now = self._document, time.monotonic()
-        result = done.result
         if self._latest.get(result.frame) is result:
             return  # it stands as it was solved
         self._latest[result.frame] = result
@@ -295,22 +310,21 @@ class JobControl:
         self._store.add(result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
-            document.show(done.result.frame)
+            document.show(result.frame)
             self._publish(pose_snapshot(document))
         if now - self._stripped > _STRIP_EVERY_S:
             self._stripped = now
             self._publish(timeline_change(document))
         self.show_progress()
 
-    def _refined(self, done: Refined) -> None:
+    def _refined(self, job: BackgroundJob, done: FramesRefined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
-        document, job = self._document, self._job
-        held = job.given.held if isinstance(job, TrackingJob | RefiningJob) else {}
+        document = self._document
         if not self._moved.frames:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
             params = document.start_params(first, anew=True)
-            self._store.begin_take(frames, first, params, tuple(held), True, done.shared)
+            self._store.begin_take(frames, first, params, _fixed(job), True, done.refinement)
         for result in done.results:
             self._moved.note(document.results.get(result.frame), result)
             self._outcomes[result.frame] = Outcome.of(result)
@@ -318,34 +332,40 @@ class JobControl:
         self._refined_with = replace(self._given, spans=document.state.get(keys.SPANS))
         self._publish(timeline_change(document))
 
-    def _sized(self, job: BackgroundJob, sized: Sized) -> None:
-        document = self._document
-        if not isinstance(job, SizingJob) or not job.is_late:
-            self._store.do("Size", edits.size(sized.scale) | edits.arm(document, sized.arm))
-            self._publish(session_snapshot(document))
-            self._publish(pose_snapshot(document))
-        elif (
-            sized.scale != document.run.scale
-        ):  # what was tracked stays as it is until the user takes it
-            document.offered_scale, document.offered_arm = sized.scale, sized.arm
-            self._publish(session_snapshot(document))
+    def _sized(self, sized: SizeFitted) -> None:
+        document, run = self._document, sized.run
+        if sized.after_tracking:
+            self._offered = sized  # once tracking has ended
+            return
+        self._store.do("Size", edits.size(run.scale) | edits.arm(document, run.arm))
+        self._publish(session_snapshot(document))
+        self._publish(pose_snapshot(document))
+        self._publish(Notice("done", "Size fitted", size_words(document.run)))
 
-    def _found(self, found: Found) -> None:
-        if not found.candidates:
+    def _offer(self, run: TrackingRun) -> None:
+        """Offer the size that tracked frames show; they stay as they are until the user takes it."""
+        document, offered = self._document, None
+        if run.scale != document.run.scale:
+            document.offered_scale, document.offered_arm = run.scale, run.arm
+            self._publish(session_snapshot(document))
+            offered = run.scale
+        self._publish(Notice("done", "Size fitted", offer_words(document.run, offered)))
+
+    def _found(self, candidates: list[FirstPoseCandidate]) -> None:
+        if not candidates:
             self._publish(found_words([], self._document.model.kind))
             return
-        self.guesses.keep(found.candidates)
-        best = found.candidates[0]
+        self.guesses.keep(candidates)
+        best = candidates[0]
         self._document.show(best.frame)
         snapshot = self.guesses.snapshot(is_new=True)
         self._publish(pose_snapshot(self._document))
         if snapshot is not None:
             self._publish(snapshot)
-        self._publish(found_words(found.candidates, self._document.model.kind))
+        self._publish(found_words(candidates, self._document.model.kind))
 
-    def _ended(self, job: BackgroundJob, end: Ended) -> None:
+    def _ended(self, job: BackgroundJob, end: JobEnded) -> None:
         self._job = None
-        then, self._then = self._then, None
         document = self._document
         document.show(document.frame)
         self._publish(pose_snapshot(document))
@@ -355,22 +375,9 @@ class JobControl:
         said = end_words(job, end, document, list(self._outcomes.values()), self._moved, self._live)
         if said is not None:
             self._publish(said)
-        if then is not None and not end.cancelled and not end.error:
-            document.size_pending = False
-            then()
-        elif self._sizes_now(job, end):
-            self._begin(
-                SizingJob(self._next(), document.run, self._post, list(document.results.values()))
-            )
-        else:
-            self.show_progress()
-
-    def _sizes_now(self, job: BackgroundJob, end: Ended) -> bool:
-        """Whether the hand's size, put off before, is to be fitted to what has just been tracked."""
-        document = self._document
-        wanted = document.size_pending and document.run.settings.model.fit_size == "later"
-        done = job.kind == "tracking" and job.total > 1 and not end.cancelled and not end.error
-        return wanted and done
+        if self._offered is not None and not end.cancelled:
+            self._offer(self._offered.run)
+        self.show_progress()
 
     def tick(self) -> None:
         """Tell what is compiled while the job's first frame waits for it; called now and then."""
@@ -389,7 +396,7 @@ class JobControl:
             self._publish(ProgressSnapshot("idle", "Ready"))
             return
         state = "paused" if job.paused else "tracking" if job.done else "preparing"
-        quiet = not job.paused and (job.kind in _QUIET or job.share > 0)
+        quiet = not job.paused and (job.kind in _QUIET or bool(job.words))
         words, done, total = _WORDS[job.kind if quiet else state], job.done, job.total
         if state == "preparing" and self._ticked > self._compiled_before:
             words = self._compiles.words
@@ -398,6 +405,11 @@ class JobControl:
             done, total = round(100 * job.share), 100
         eta_s = job.eta_s()
         self._publish(ProgressSnapshot(state, words, done, total, eta_s, job.kind, job.frame))
+
+
+def _fixed(job: BackgroundJob) -> tuple[int, ...]:
+    """Return the frames whose poses were fixed."""
+    return tuple(job.request.fixed) if isinstance(job, TrackingJob | RefiningJob) else ()
 
 
 def looks_elsewhere(jobs: JobControl, **_: object) -> None:

@@ -11,12 +11,12 @@ import numpy as np
 
 from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.assessment import OutlineFit, hand_words
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.jobs import BackgroundJob, Ended, SizingJob
+from handtrack_app.engine.jobs import BackgroundJob, JobEnded
 from handtrack_app.engine.live.live_control import LiveControl
-from handtrack_app.engine.run import Run
 from handtrack_app.protocol.snapshots import Notice
 
 _TOLD_MM = 5.0  # a joint's move that one sees: half a finger's breadth
@@ -92,20 +92,21 @@ def summary(results: Sequence[Outcome], total: int, by_hand: int, seconds: float
     return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"
 
 
-def size_words(run: Run, offered: HandScale | None, is_late: bool) -> str:
-    """Return how fitting the hand's size went. offered: what was found after tracking, and is not taken; is_late: it was
-    looked for then.
-    """
-    size = run.scale.overall
-    if offered is not None:
-        return (
-            f"The {run.model.kind} is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
-            "Track, 'Track again' takes the new size."
-        )
-    if is_late:
-        return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
+def size_words(run: TrackingRun) -> str:
+    """Return how fitting the size before tracking went."""
     known = hand_words(run.model).removeprefix("hand ")
-    return f"The {run.model.kind} is {size:.2f} times an adult's mean{known and f': {known}'}."
+    return f"The {run.model.kind} is {run.scale.overall:.2f} times an adult's mean{known and f': {known}'}."
+
+
+def offer_words(run: TrackingRun, offered: HandScale | None) -> str:
+    """Return how fitting the size after tracking went. offered: what was found, where it is another."""
+    size = run.scale.overall
+    if offered is None:
+        return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
+    return (
+        f"The {run.model.kind} is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
+        "Track, 'Track again' takes the new size."
+    )
 
 
 @dataclass
@@ -144,7 +145,7 @@ class Moved:
 
 def end_words(
     job: BackgroundJob,
-    end: Ended,
+    end: JobEnded,
     document: Document,
     outcomes: Sequence[Outcome],
     moved: Moved,
@@ -157,15 +158,14 @@ def end_words(
     if end.error:
         title = "Not carried on" if job.kind == "carrying" else "Tracking stopped"
         return Notice("error", title, end.error)
-    if job.kind in ("finding", "carrying"):
+    if job.kind in ("finding", "carrying", "sizing") or (
+        cancelled and not outcomes and live is None
+    ):
         return Notice("done", "Cancelled", "") if cancelled else None
     if job.kind == "refining":
         return (
             Notice("done", "Cancelled", "") if cancelled else Notice("done", "Refined", moved.words)
         )
-    if isinstance(job, SizingJob):
-        text = size_words(document.run, document.offered_scale, job.is_late)
-        return Notice("done", "Cancelled", "") if cancelled else Notice("done", "Size fitted", text)
     if live is not None and job.total == 0:
         return Notice("done", "Tracking ended", live.words())
     one = document.results.get(job.frames.start) if len(job.frames) == 1 else None

@@ -6,63 +6,40 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import cast
+from dataclasses import dataclass, replace
 
 from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
 from handtrack.errors import HandtrackError, not_enough_memory
-from handtrack.model.articulated import HandScale
-from handtrack.session.doctor.check_tracked import doubt_of_cameras
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
+from handtrack.session.track_session import (
+    Ended,
+    Event,
+    FramesRefined,
+    FrameTracked,
+    PassBegan,
+    Progress,
+    ProvisionalFrame,
+    SizeFitted,
+    TrackingRequest,
+    Warned,
+    refine_frames,
+    track_session,
+)
 from handtrack.store.history import Value
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.posing.given import Given
-from handtrack_app.engine.posing.legs import Leg
-from handtrack_app.engine.run import Run
 
 log = logging.getLogger(__name__)
 
-_KEPT = 64  # tracked frames, at most, by which cameras are judged
 _TOGETHER = 100  # refined frames that are handed over at once
 
 
 @dataclass(frozen=True)
-class Tracked:
-    """A frame is solved, or its result is settled: the same result again, or a better one."""
-
-    job: int
-    result: FrameResult
-
-
-@dataclass(frozen=True)
-class Sized:
-    """The hand's size is found, and its forearm."""
-
-    job: int
-    scale: HandScale
-    arm: bool | float
-    """see TrackingRun.arm"""
-
-
-@dataclass(frozen=True)
-class Refined:
-    """Some of the frames, ascending, refined together with all others."""
-
-    job: int
-    results: list[FrameResult]
-    shared: Refinement | None = None
-    """what they share; the hand's size, where it was found anew with them"""
-
-
-@dataclass(frozen=True)
-class Ended:
+class JobEnded:
     """The job is over; `error` says why, if not as asked."""
 
-    job: int
     cancelled: bool
     error: str = ""
     internal: bool = False
@@ -70,34 +47,33 @@ class Ended:
 
 @dataclass(frozen=True)
 class Found:
-    """Poses that explain a frame, the surest first."""
+    """Poses that explain a frame, the most probable first."""
 
-    job: int
     candidates: list[FirstPoseCandidate]
-
-
-@dataclass(frozen=True)
-class Questioned:
-    """A camera that the others contradict by what was tracked, in words."""
-
-    job: int
-    text: str
 
 
 @dataclass(frozen=True)
 class Carried:
     """Corrections of masks, carried to the frames beside."""
 
-    job: int
     values: dict[str, Value]
     """of the session's state"""
 
 
-Report = Tracked | Refined | Sized | Found | Questioned | Carried | Ended
-Watch = Callable[[Run, FrameResult], None]
+@dataclass(frozen=True, eq=False)
+class Report:
+    """Something that a job did."""
+
+    job: int
+    event: Event | ProvisionalFrame | Found | Carried | JobEnded
+
+
+Watch = Callable[[TrackingRun, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
 
+_SIZING = "Fitting the size: "
+_REFINING = "Refining all frames together …"
 _GIVES_WAY_S = 0.3
 """that a job waits after each place to which somebody moves the hand; a page sends one every 0.05 s, and each is to be answered
 before the next"""
@@ -117,9 +93,9 @@ class BackgroundJob:
         self.frame: int | None = None
         """done last"""
         self.share, self.words = 0.0, ""
-        """of all the work, and what is done now; for jobs that do not count frames"""
+        """of a stage that counts no frames, and what is done in it"""
         self._first_done, self._first_share = self.began, 0.0
-        self.post = post
+        self._post = post
         self._stop, self._hold = threading.Event(), threading.Event()
         self._way_until = 0.0
         self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
@@ -173,7 +149,11 @@ class BackgroundJob:
     def _waits(self) -> bool:
         return self._hold.is_set() or time.monotonic() < self._way_until
 
-    def tell(self, share: float, words: str) -> None:
+    def report(self, event: Event | ProvisionalFrame | Found | Carried | JobEnded) -> None:
+        """Hand an event over to the worker."""
+        self._post(Report(self.number, event))
+
+    def show_progress(self, share: float, words: str) -> None:
         """Take how far the work is: the share that is done, 0 to 1, and what is done in words."""
         if not self.share:
             self._first_done, self._first_share, self.waited = time.monotonic(), share, 0.0
@@ -190,150 +170,118 @@ class BackgroundJob:
         except Exception as problem:  # reported to the user: the page must go on
             log.exception("%s failed", self.kind)
             error, internal = f"{type(problem).__name__}: {problem}", True
-        self.post(Ended(self.number, self._stop.is_set(), error, internal))
+        self.report(JobEnded(self._stop.is_set(), error, internal))
 
 
 class TrackingJob(BackgroundJob):
-    """Tracks frames in legs, each from a pose of its own."""
+    """Tracks frames (`track_session`)."""
 
     kind = "tracking"
 
     def __init__(
         self,
         number: int,
-        run: Run,
-        frames: range,
-        path: Sequence[Leg],
+        run: TrackingRun,
+        request: TrackingRequest,
         post: Callable[[Report], None],
         watch: Watch | None = None,
-        given: Given | None = None,
     ) -> None:
-        super().__init__(number, frames, post)
-        self._run, self._path, self._watch, self.given = run, path, watch, given or Given()
-        self.total = 0 if run.session.live is not None else sum(len(leg.frames) for leg in path)
+        super().__init__(number, request.frames, post)
+        self._run, self.request, self._watch = run, request, watch
+        self._is_live = run.session.live is not None
+        self.total = 0 if self._is_live else len(request.frames)
+        self.stage = ""
+        """`size` or `refine` where no frames are tracked"""
         self._solved: set[int] = set()
-        self._some: list[FrameResult] = []
 
     def give_way(self) -> None:
         """Wait a moment; not before running cameras, which do not wait either."""
-        if self._run.session.live is None:
+        if not self._is_live:
             super().give_way()
 
     def work(self) -> None:
-        run = self._run
-        recorded = run.session.live is None
-        control = Control(self.should_stop, on_early=self._early, waits=recorded, refines=False)
-        refines, found = (
-            run.settings.refines and recorded and self.total > 1,
-            dict[int, FrameResult](),
-        )
-        for leg in self._path:
-            self.share = 0.0
-            for result in run.track_with(control, leg.frames, leg.first, leg.params):
-                self.post(Tracked(self.number, result))
-                if refines:
-                    found[result.frame] = result
-                self._some = [*self._some, result] if len(self._some) < _KEPT else self._some[::2]
-                if self._watch is not None:
-                    self._watch(run, result)
-                if self.should_stop():
-                    return
-            if self.should_stop():
-                return
-        tracked = [found[frame] for frame in sorted(found)]
-        told = refines and refine(self, run, tracked, self.given)
-        if (
-            recorded
-            and not told
-            and isinstance(run, TrackingRun)
-            and (text := doubt_of_cameras(run, self._some))
-        ):
-            self.post(Questioned(self.number, text))
+        control = Control(self.should_stop, waits=not self._is_live)
+        for event in track_session(self._run, self.request, control, self._progressed):
+            self.stage, self.words, self.share = "", "", 0.0
+            if isinstance(event, FramesRefined):
+                report_refined(self, event)
+                continue
+            self.report(event)
+            if isinstance(event, PassBegan):
+                self._run = event.run
+                if not self._is_live:
+                    self.total = sum(len(segment.frames) for segment in event.segments)
+            elif isinstance(event, FrameTracked) and self._watch is not None:
+                self._watch(self._run, event.result)
+            elif isinstance(event, Ended) and event.problem:
+                raise HandtrackError(event.problem)
 
-    def _early(self, result: FrameResult) -> None:
-        self._solved.add(result.frame)  # frames may come again
-        self.done, self.frame = len(self._solved), result.frame
+    def _progressed(self, now: Progress | ProvisionalFrame) -> None:
+        if isinstance(now, Progress):
+            if now.stage != self.stage:
+                self.stage, self.share = now.stage, 0.0
+            words = _REFINING if now.stage == "refine" else _SIZING + now.message
+            self.show_progress(now.share, words)
+            return
+        self._solved.add(now.result.frame)  # frames may come again
+        self.done, self.frame = len(self._solved), now.result.frame
         if self.done == 1:
             self._first_done, self.waited = time.monotonic(), 0.0
-        self.post(Tracked(self.number, result))
+        self.report(now)
 
 
 class RefiningJob(BackgroundJob):
-    """Refines tracked frames together; where keyframes have changed since, those alone that they touch."""
+    """Refines tracked frames together; where keyframes have changed since, those alone that they affect (`refine_frames`)."""
 
     kind = "refining"
 
     def __init__(
         self,
         number: int,
-        run: Run,
+        run: TrackingRun,
+        request: TrackingRequest,
         tracked: Sequence[FrameResult],
-        given: Given,
         changed: Sequence[int] | None,
         post: Callable[[Report], None],
     ) -> None:
-        """tracked: ascending; changed: at which frames what was given is new since they were refined, or let go; None: all
-        frames are to be refined.
-        """
         super().__init__(number, range(0), post)
-        self._run, self._tracked, self.given, self._changed = run, tracked, given, changed
+        self._run, self.request, self._tracked, self._changed = run, request, tracked, changed
 
     def work(self) -> None:
-        refine(self, self._run, self._tracked, self.given, self._changed)
+        control, tracked = Control(self.should_stop), self._tracked
+        found = refine_frames(
+            self._run, self.request, tracked, control, self._progressed, self._changed
+        )
+        report_refined(self, found)
+        for words in [] if found.refinement is None else found.refinement.words:
+            self.report(Warned(words))
+
+    def _progressed(self, now: Progress | ProvisionalFrame) -> None:
+        if isinstance(now, Progress):
+            self.show_progress(now.share, _REFINING)
 
 
-def refine(
-    job: BackgroundJob,
-    run: Run,
-    tracked: Sequence[FrameResult],
-    given: Given,
-    changed: Sequence[int] | None = None,
-) -> bool:
-    """Refine frames on a job's thread, and post those that are not as they were; return whether a camera was found to be off,
-    which is posted, too.
-    """
-    shared: list[Refinement] = []
-    control = Control(
-        job.should_stop,
-        on_refined=lambda share: job.tell(share, "Refining all frames together …"),
-        on_shared=lambda text: shared.append(Refinement.read(text)),
-    )
-    before = {result.frame: result for result in tracked}
-    results = run.refined(tracked, control, given.held, changed, given.led)
-    results = [result for result in results if result is not before.get(result.frame)]
-    for first in range(0, len(results), _TOGETHER):
-        found = shared[-1] if shared else None
-        job.post(Refined(job.number, results[first : first + _TOGETHER], found))
-    told = [words for found in shared for words in found.words]
-    for words in told:
-        job.post(Questioned(job.number, words))
-    return bool(told)
+def report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
+    """Hand refined frames over in parts, so that the worker serves edits in between."""
+    for first in range(0, len(refined.results), _TOGETHER):
+        job.report(replace(refined, results=refined.results[first : first + _TOGETHER]))
 
 
 class SizingJob(BackgroundJob):
-    """Fits the hand's size to frames that are tracked, or to those near the first pose (None), which it tracks."""
+    """Fits the size to the frames near the first pose."""
 
     kind = "sizing"
 
-    def __init__(
-        self,
-        number: int,
-        run: Run,
-        post: Callable[[Report], None],
-        tracked: Sequence[FrameResult] | None = None,
-    ) -> None:
+    def __init__(self, number: int, run: TrackingRun, post: Callable[[Report], None]) -> None:
         super().__init__(number, range(0), post)
-        self._run, self._tracked = run, tracked
-        self.is_late = tracked is not None
-        """the frames were tracked with the size of before"""
+        self._run = run
 
     def work(self) -> None:
-        found = self._run.fit_size(self.should_stop, tell=self._tell, tracked=self._tracked)
+        found = self._run.fit_size(
+            self.should_stop, tell=lambda share, words: self.show_progress(share, _SIZING + words)
+        )
         if not self.should_stop():
-            self.post(Sized(self.number, found.scale, found.arm))
-
-    def _tell(self, share: float, words: str) -> None:
-        self.tell(share, f"Fitting the size: {words}")
+            self.report(SizeFitted(found))
 
 
 class FindingJob(BackgroundJob):
@@ -344,7 +292,7 @@ class FindingJob(BackgroundJob):
     def __init__(
         self,
         number: int,
-        run: Run,
+        run: TrackingRun,
         frame: int | None,
         fetch: bool,
         post: Callable[[Report], None],
@@ -354,14 +302,13 @@ class FindingJob(BackgroundJob):
 
     def work(self) -> None:
         if self._fetch:
-            self.tell(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
+            self.show_progress(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
             try:
                 fetch_weights(self.should_stop)
             except HandtrackError:
                 if self.should_stop():
                     return
                 raise
-        run = cast(TrackingRun, self._run)  # only a session of files can be searched
-        found = find_first_poses(run, self._frame, self.should_stop, self.tell)
+        found = find_first_poses(self._run, self._frame, self.should_stop, self.show_progress)
         if not self.should_stop():
-            self.post(Found(self.number, found))
+            self.report(Found(found))

@@ -19,7 +19,6 @@ from handtrack.session.session import Session
 from handtrack.tracking.search.initialize import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import scene_centre
-from handtrack_app.engine.run import Run
 
 # the share of points that are nearest, and how far behind them a hand may reach
 _NEAR, _DEEP_M = (0.02, 0.15)
@@ -138,7 +137,7 @@ _NOTHING = (
 )
 
 
-def nothing_seen(run: Run) -> str:
+def nothing_seen(run: TrackingRun) -> str:
     """Return what to do about a session in which nothing is observed; empty where something is."""
     session, settings = run.session, run.settings
     if session.has_clouds or settings.looks_at_images:

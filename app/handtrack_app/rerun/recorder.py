@@ -22,6 +22,7 @@ from handtrack.diagnostics.residual_points import dots, image_residuals, space_r
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
+from handtrack.session.run import TrackingRun
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
@@ -29,7 +30,6 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.terms.appearance_terms import Before
-from handtrack_app.engine.run import Run
 from handtrack_app.protocol.snapshots import Notice, RerunPage
 from handtrack_app.rerun.space import JudgedFrame, SpaceEntry
 from handtrack_app.rerun.stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
@@ -56,7 +56,7 @@ class Step(NamedTuple):
 class _Entry(NamedTuple):
     """A tracked frame that waits to be painted."""
 
-    run: Run
+    run: TrackingRun
     result: FrameResult
     steps: list[Step]
 
@@ -66,7 +66,7 @@ class ResidualRecorder:
 
     def __init__(
         self,
-        run: Run,
+        run: TrackingRun,
         live: bool = False,
         path: Path | None = None,
         closely: int | None = None,
@@ -125,7 +125,7 @@ class ResidualRecorder:
                 self._waiting.append(_Entry(self._run, result, steps))
                 self._changed.notify()
 
-    def go_on_with(self, run: Run) -> None:
+    def go_on_with(self, run: TrackingRun) -> None:
         """Record what is handed in from now on as frames of another run of the same session."""
         self._run, self._steps = run, []
 
@@ -224,7 +224,7 @@ class ResidualRecorder:
 class _Painter:
     """Pictures of one frame at different poses: the observation and bands as the solver's last stage has them."""
 
-    def __init__(self, run: Run, frame: int, params: Floats, before: Before | None) -> None:
+    def __init__(self, run: TrackingRun, frame: int, params: Floats, before: Before | None) -> None:
         """params: (P,) the frame's pose, which fixes the bands and where the forearm is cut off."""
         self.params = params
         self._model = run.model
@@ -312,14 +312,14 @@ class _Painter:
         return SpaceEntry.of(self._model, bones, points, residuals)
 
 
-def _solved(run: Run, result: FrameResult) -> Before:
+def _solved(run: TrackingRun, result: FrameResult) -> Before:
     """Return a tracked frame as texture is carried from it."""
     images = tuple(run.session.images(result.frame))
     seen = Observation(result.frame, result.time_s, images=images)
     return Before(seen, run.model.bones(run.model.transform.solver_params(result.parameters)))
 
 
-def _error_mm(run: Run, result: FrameResult) -> float:
+def _error_mm(run: TrackingRun, result: FrameResult) -> float:
     truth = run.session.truth
     row = -1 if truth is None else next(iter(np.flatnonzero(truth.frame == result.frame)), -1)
     if truth is None or row < 0:
@@ -350,11 +350,11 @@ class LiveRecorder:
 
     def __init__(self, publish: Callable[[Notice | RerunPage], None]) -> None:
         self._publish = publish
-        self._run: Run | None = None
+        self._run: TrackingRun | None = None
         self._recorder: ResidualRecorder | None = None
         self._told_problem = False
 
-    def show(self, run: Run, result: FrameResult) -> None:
+    def show(self, run: TrackingRun, result: FrameResult) -> None:
         """Show one tracked frame. Called on the tracking thread; returns at once."""
         recorder = self._recorder
         if recorder is None or run is not self._run:
@@ -364,7 +364,7 @@ class LiveRecorder:
             self._told_problem = True
             self._publish(Notice("warning", "Nothing goes to rerun", recorder.problem))
 
-    def _begin(self, run: Run) -> ResidualRecorder:
+    def _begin(self, run: TrackingRun) -> ResidualRecorder:
         before = self._recorder
         if before is not None:  # it may still have pictures to paint: not on this thread
             threading.Thread(target=before.close, name="rerun-close", daemon=True).start()

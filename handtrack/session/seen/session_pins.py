@@ -86,6 +86,10 @@ class SessionPins:
             by_camera.setdefault(pin.camera, []).append(pin)
         return tuple(ImagePins(self._flat[name], tuple(own)) for name, own in by_camera.items())
 
+    def as_written(self, pin: Pin) -> Pin:
+        """Return a pin as it is read from the file: whoever opens the session tracks by the same numbers. Raises HandtrackError."""
+        return self._pin(self._row(0, pin), "a pin")[1]
+
     def hold(self, frame: int, pins: Iterable[Pin]) -> None:
         """Let pins of a frame count from now on; none: no pins. The file is written by `write`."""
         pins = tuple(pins)

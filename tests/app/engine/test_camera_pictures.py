@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.geometry.camera import Camera
+from handtrack.session.posed_frames import solver_params_of
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet, smaller
-from handtrack_app.engine.posing.page_values import params_of
 from tests.app.fake_run import fake_document
 
 
@@ -32,7 +32,7 @@ def test_the_sheet_has_every_picture_side_by_side() -> None:
 def test_a_thumbnail_has_the_models_outline(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
     maker = CameraPictures(document.run.session)
-    bones = document.model.bones(params_of(document.model, document.shown))
+    bones = document.model.bones(solver_params_of(document.model, document.shown))
     flesh = document.model.flesh["fine"].posed(bones)
     plain = maker.thumbnail("front", 0)
     assert np.ptp(plain) == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack_app.engine.posing.page_values import renamed
+from handtrack_app.engine.document import renamed
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker

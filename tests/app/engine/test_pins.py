@@ -164,6 +164,6 @@ def test_copied_pins_move_as_what_was_tracked_moves(tmp_path: Path, left_open: N
         _pixel(document, document.results[f].joint_positions[at]) for f in (5, 7)
     ]  # fmt: skip
     np.testing.assert_allclose(
-        np.subtract(copy.pixel, pin.pixel), np.subtract(moves[1], moves[0]), atol=1e-6
+        np.subtract(copy.pixel, pin.pixel), np.subtract(moves[1], moves[0]), atol=2e-3
     )
     assert np.linalg.norm(np.subtract(*moves)) > 0.1, "it moves"

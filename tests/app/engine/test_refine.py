@@ -15,8 +15,8 @@ from handtrack.observation.pins import Pin
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.job_words import Moved
-from handtrack_app.engine.posing.given import RefinedWith
 from handtrack_app.engine.store.tracks import whole_track
+from handtrack_app.engine.tracking_request import RefinedWith
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener, _desk, _pose
@@ -109,11 +109,11 @@ def test_which_keyframes_changed() -> None:
     pin = Pin("front", (1.0, 2.0), "index_tip")
     known = RefinedWith(run, {"takes": 1}, held, {7: (pin,)})  # type: ignore[arg-type]
     now = {3: np.zeros(2), 5: np.zeros(2), 9: np.ones(2)}
-    assert known.changed(replace(known, held=now)) == [5, 9]
-    assert known.changed(replace(known, held={3: np.zeros(2)})) is None
-    assert known.changed(replace(known, held=dict(held))) is None
-    assert known.changed(replace(known, held=now, spans={"takes": 2})) is None
-    assert known.changed(replace(known, held=now, run=object())) is None  # type: ignore[arg-type]
+    assert known.changed(replace(known, keyframes=now)) == [5, 9]
+    assert known.changed(replace(known, keyframes={3: np.zeros(2)})) is None
+    assert known.changed(replace(known, keyframes=dict(held))) is None
+    assert known.changed(replace(known, keyframes=now, spans={"takes": 2})) is None
+    assert known.changed(replace(known, keyframes=now, run=object())) is None  # type: ignore[arg-type]
     assert known.changed(replace(known, pins={})) is None
     assert known.changed(replace(known, pins={7: (pin, pin), 8: (pin,)})) == [7, 8]
 

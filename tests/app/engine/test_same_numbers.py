@@ -1,4 +1,4 @@
-"""The workbench and the command line track with the same engine: the same numbers, the hand's size fitted and all."""
+"""Workbench, command line, batch and Python track alike: the same numbers, the hand's size fitted and all."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.posed_frames import posed_frames
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.session.track_session import Ended, track_session
+from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine.store import edits
+from handtrack_app.engine.store.tracks import whole_track
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call
 from tests.app.calls import call
 from tests.app.command_line import FRAMES as COUNT
-from tests.app.command_line import small_recording
+from tests.app.command_line import CommandLine, small_recording
 
 FRAMES = range(COUNT)
 
@@ -104,3 +108,57 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder: P
     again = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
     assert again.forearm == document.run.forearm
     np.testing.assert_array_equal(again.initial()[1], document.start_params(0, anew=True))
+
+
+def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_accepted_frames(
+    tmp_path: Path, handtrack: CommandLine
+) -> None:
+    folder = small_recording(tmp_path / "session")
+    corrected(folder)
+    copies = [Path(shutil.copytree(folder, tmp_path / name)) for name in ("a", "b", "c", "d")]
+    *_, end = track_session(TrackingRun.open(Session.open(copies[0])))
+    assert isinstance(end, Ended)
+    expected = end.track
+    assert expected.status.tolist().count(Status.KEYFRAME) == 1
+    assert handtrack("track", copies[1]).code == 0
+    assert handtrack("batch", copies[2], "--jobs", 1, "--out", tmp_path / "out").code == 0
+    worker, seen = opened(copies[3])
+    before = worker.document.results[1]
+    tracked_by(worker, seen, call("track", 0, COUNT, worker.document.first_frame, anew=True))
+    found = [whole_track(worker.document), *(read_npz(c / "tracks/poses.npz") for c in copies[1:3])]
+    worker.stop()
+    for track in found:
+        for name in ("frame", "status", "parameters", "parameter_std", "joint_covariance"):
+            assert getattr(track, name).tobytes() == getattr(expected, name).tobytes(), name
+    assert expected.parameters[1].tobytes() == before.parameters.tobytes(), "it was accepted"
+
+
+def corrected(folder: Path) -> None:
+    """Track a recording in the workbench, accept a frame, pose one by hand, and pin a joint in another."""
+    worker, seen = opened(folder)
+    document, engine = worker.document, worker.engine
+    tracked_by(worker, seen, call("track", 0, COUNT, document.first_frame, anew=True))
+    engine.accept(((1, 1),))
+    model = document.model
+    pose = document.results[2].parameters.copy()
+    pose[model.parameter_names.index("index_mcp_flex")] += 0.2
+    engine.set_pose(2, tuple(pose), 1)
+    bones = model.bones(model.transform.solver_params(document.results[4].parameters))
+    tip = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
+    camera = document.run.session.rig.cameras[0]
+    column, row = camera.project(tip[None])[0]
+    engine.set_pin(4, camera.name, (column + 3.0, row), 2, joint="middle_tip")
+    until = time.monotonic() + 60
+    while not document.run.session.pins.of(4):
+        assert time.monotonic() < until, "no pin"
+        time.sleep(0.02)
+    worker.stop()
+    assert posed_frames(TrackingRun.open(Session.open(folder))).guides.keys() == {4}
+
+
+def opened(folder: Path) -> tuple[Worker, list[snapshots.Snapshot]]:
+    seen: list[snapshots.Snapshot] = []
+    worker = Worker(folder, seen.append)
+    worker.start()
+    assert worker.wait_opened(60.0) is None
+    return worker, seen

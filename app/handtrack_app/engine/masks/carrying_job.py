@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from handtrack.capture.masks.mask_correction import carried
 from handtrack.errors import HandtrackError
 from handtrack.session.seen.corrected_masks import encoded
+from handtrack.session.seen.views import View
 from handtrack.store.history import Value
 from handtrack_app.engine.jobs import BackgroundJob, Carried, Report
 from handtrack_app.engine.masks.mask_state import correction_value
-from handtrack_app.engine.run import CameraSource
 from handtrack_app.engine.store import keys
 
 
@@ -22,7 +22,7 @@ class CarryingJob(BackgroundJob):
     def __init__(
         self,
         number: int,
-        views: Sequence[CameraSource],
+        views: Sequence[View],
         frame: int,
         frames: range,
         is_painted: Callable[[str, int], bool],
@@ -44,7 +44,9 @@ class CarryingJob(BackgroundJob):
                 for key, value in self._carried(view, way):
                     values[key] = value
                     done += 1
-                    self.tell(min(done / total, 0.99), f"carrying the correction of {view.name}")
+                    self.show_progress(
+                        min(done / total, 0.99), f"carrying the correction of {view.name}"
+                    )
                     if self.should_stop():
                         return
         if not values:
@@ -52,9 +54,9 @@ class CarryingJob(BackgroundJob):
                 "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
                 "are corrected themselves."
             )
-        self.post(Carried(self.number, values))
+        self.report(Carried(values))
 
-    def _carried(self, view: CameraSource, way: range) -> Iterator[tuple[str, Value]]:
+    def _carried(self, view: View, way: range) -> Iterator[tuple[str, Value]]:
         own = view.own_frame(self._frame)
         layer = None if own is None else view.corrections.layer(own)
         before = view.image(self._frame)

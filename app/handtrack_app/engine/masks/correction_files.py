@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from handtrack.errors import HandtrackError
+from handtrack.session.session import Session
 from handtrack.store.history import Change, Value
 from handtrack_app.engine.masks.mask_state import correction_of, correction_value
-from handtrack_app.engine.run import RunSession
 from handtrack_app.engine.store import keys
 
 
@@ -17,9 +17,7 @@ class CorrectionFiles:
     def __init__(self) -> None:
         self._ours: dict[str, bytes | None] = {}
 
-    def changed_elsewhere(
-        self, session: RunSession, state: Mapping[str, Value]
-    ) -> dict[str, Value]:
+    def changed_elsewhere(self, session: Session, state: Mapping[str, Value]) -> dict[str, Value]:
         """Return values for what files say otherwise than the state, which was written after them."""
         found: dict[str, Value] = {}
         for key, value in state.items():
@@ -38,7 +36,7 @@ class CorrectionFiles:
                 found[key] = correction_value(stands)
         return found
 
-    def write(self, session: RunSession, changes: Iterable[Change]) -> None:
+    def write(self, session: Session, changes: Iterable[Change]) -> None:
         """Write what an action changed, before the action itself. Raises HandtrackError."""
         for change in changes:
             kind, name = keys.parts(change.key)

@@ -13,11 +13,10 @@ from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import METHODS, mask_method_table
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.session.seen.corrected_masks import encoded
-from handtrack.session.seen.views import MaskChoice
+from handtrack.session.seen.views import MaskChoice, View
 from handtrack.store.history import Value
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.mask_state import choice_value, correction_value, usual_values
-from handtrack_app.engine.run import CameraSource
 from handtrack_app.engine.store import keys
 from handtrack_app.protocol.masks import FILES, NO_MASKS
 
@@ -45,7 +44,7 @@ def masks(document: Document, camera: str, values: Mapping[str, object]) -> Valu
     return found
 
 
-def _changed(document: Document, view: CameraSource, values: dict[str, object]) -> Value:
+def _changed(document: Document, view: View, values: dict[str, object]) -> Value:
     choice = choice_value(document.masks[view.name])
     if "method" in values:
         choice["masks"] = _begun(document, view, str(values.pop("method")))
@@ -62,7 +61,7 @@ def _changed(document: Document, view: CameraSource, values: dict[str, object]) 
     return choice
 
 
-def _begun(document: Document, view: CameraSource, name: str) -> str | dict[str, object] | None:
+def _begun(document: Document, view: View, name: str) -> str | dict[str, object] | None:
     """Return a method as it begins: as session.toml has it, else as it is usual. Raises HandtrackError where it cannot be."""
     saved = document.saved_masks[view.name][0]
     if name == NO_MASKS:
@@ -88,7 +87,7 @@ def _begun(document: Document, view: CameraSource, name: str) -> str | dict[str,
     return {"method": name, **usual_values(kind), **given}
 
 
-def possible_methods(document: Document, view: CameraSource) -> tuple[str, ...]:
+def possible_methods(document: Document, view: View) -> tuple[str, ...]:
     """Return the methods that a camera has what it takes for; files where session.toml names some."""
     settings, saved = view.settings, document.saved_masks[view.name][0]
     found = [name for name, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
@@ -147,7 +146,7 @@ def is_painted(document: Document, camera: str, own_frame: int) -> bool:
     return value is not None and not value.get("carried", False)
 
 
-def _place(document: Document, camera: str, frame: int) -> tuple[CameraSource, int]:
+def _place(document: Document, camera: str, frame: int) -> tuple[View, int]:
     view = document.run.session.view(camera)
     own = view.own_frame(document.clamped(frame))
     if own is None:
@@ -155,7 +154,7 @@ def _place(document: Document, camera: str, frame: int) -> tuple[CameraSource, i
     return view, own
 
 
-def _as_taken(view: CameraSource, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
+def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
     """Return where points of the undistorted image (N, 2) lie in the image as it was taken [px]."""
     places = np.asarray(points, dtype=float)
     if view.camera.is_distorted:

@@ -11,8 +11,9 @@ from handtrack.arrays import D3, Bytes, H, W
 from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.diagnostics.residual_image import mask_picture
 from handtrack.errors import HandtrackError
+from handtrack.session.seen.views import View
+from handtrack.session.session import Session
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
-from handtrack_app.engine.run import CameraSource, RunSession
 from handtrack_app.protocol.masks import MaskPicture
 
 _SMALL_PX = 240  # height, as of the other small pictures
@@ -25,7 +26,7 @@ class MaskMoment:
     """What pictures of a frame's masks are made from."""
 
     frame: int
-    session: RunSession
+    session: Session
     on_all: bool
     """over all cameras' small pictures"""
     screens: tuple[str, ...]
@@ -35,7 +36,7 @@ class MaskMoment:
 class MaskRenderer:
     """On the render thread only."""
 
-    def __init__(self, session: RunSession) -> None:
+    def __init__(self, session: Session) -> None:
         self._maker = CameraPictures(session)
 
     def picture(self, moment: MaskMoment) -> MaskPicture:
@@ -64,7 +65,7 @@ class MaskRenderer:
         )
         return MaskPicture(moment.frame, small, sheet, screens, corrected, " ".join(wrong))
 
-    def _painted(self, view: CameraSource, frame: int) -> Bytes[H, W, D3]:
+    def _painted(self, view: View, frame: int) -> Bytes[H, W, D3]:
         image, silhouette = self._maker.plain(view.name, frame), view.silhouette(frame)
         if silhouette is None:
             return image
@@ -87,7 +88,7 @@ def _small(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)  # type: ignore[return-value]
 
 
-def _words(view: CameraSource, frame: int) -> str:
+def _words(view: View, frame: int) -> str:
     frames, own = view.corrections.frames, view.own_frame(frame)
     here = "corrected here" if own in frames else "not corrected here"
     return f"{here}; {len(frames)} frame{'s' if len(frames) != 1 else ''} in all"

@@ -10,13 +10,13 @@ from dataclasses import MISSING, dataclass, fields
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError
 from handtrack.session.seen.corrected_masks import CorrectedMasks, decoded
-from handtrack.session.seen.views import MaskChoice
+from handtrack.session.seen.views import MaskChoice, View
+from handtrack.session.session import Session
 from handtrack.store.history import Value
-from handtrack_app.engine.run import CameraSource, RunSession
 from handtrack_app.engine.store import keys
 
 
-def choice_of(view: CameraSource) -> MaskChoice:
+def choice_of(view: View) -> MaskChoice:
     """Return where a camera's masks come from, and its region of interest."""
     return view.settings.masks, view.settings.roi
 
@@ -54,7 +54,7 @@ class Correction:
     """as a PNG file; None: not corrected"""
 
 
-def correction_of(session: RunSession, name: str, value: Value) -> Correction:
+def correction_of(session: Session, name: str, value: Value) -> Correction:
     """Return the correction that a value of the state is. name: camera and its own frame. Raises HandtrackError or ValueError."""
     camera, _, frame = name.rpartition("/")
     view = session.view(camera)
@@ -75,7 +75,7 @@ def correction_value(content: bytes | None, is_carried: bool = False) -> Value:
     return {"png": base64.b64encode(content).decode("ascii"), "carried": is_carried}
 
 
-def corrections_in(session: RunSession, values: Mapping[str, Value]) -> list[Correction]:
+def corrections_in(session: Session, values: Mapping[str, Value]) -> list[Correction]:
     """Return all corrections among values of the state. Raises HandtrackError or ValueError."""
     return [
         correction_of(session, name, value)
@@ -85,7 +85,7 @@ def corrections_in(session: RunSession, values: Mapping[str, Value]) -> list[Cor
     ]
 
 
-def corrected_value(session: RunSession, name: str, known: Value) -> Value:
+def corrected_value(session: Session, name: str, known: Value) -> Value:
     """Return the correction in force, also of a file that the state does not know. known: what the state says."""
     if known is not None:
         return known

@@ -17,9 +17,9 @@ from handtrack.diagnostics.residual_image import (
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.observation.observation import Silhouette
+from handtrack.session.session import Session
 from handtrack_app.engine.pictures.close_up import close_up
 from handtrack_app.engine.pictures.cloud_pictures import depth_picture
-from handtrack_app.engine.run import RunSession
 
 _THUMBNAIL = 240  # [px] height of a frustum's image
 _GAP, _PAPER = 8, 36  # [px] between pictures of a contact sheet, and its grey, that of the page
@@ -71,7 +71,7 @@ def _padded(row: list[Bytes], width: int, cell: int) -> Bytes:
     return strip
 
 
-def _depth(session: RunSession, name: str, frame: int) -> Array | None:
+def _depth(session: Session, name: str, frame: int) -> Array | None:
     """Return what a depth camera gave (H, W) [m]; None where it is none, or its lens would have to be undone."""
     for view in session.views:
         if view.name == name and view.depth is not None and not view.camera.is_distorted:
@@ -82,7 +82,7 @@ def _depth(session: RunSession, name: str, frame: int) -> Array | None:
 class CameraPictures:
     """Makes pictures of a session's cameras; keeps the last ones, for posing redraws the same frame."""
 
-    def __init__(self, session: RunSession) -> None:
+    def __init__(self, session: Session) -> None:
         self._session = session
         self._maps: dict[str, tuple[Array, Array] | None] = {}
         self._kept: OrderedDict[tuple[str, int], Bytes] = OrderedDict()

@@ -20,6 +20,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import CloudTermSettings
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
@@ -33,7 +34,6 @@ from handtrack_app.engine.pictures.cloud_pictures import (
     stereo_pictures,
     stereo_words,
 )
-from handtrack_app.engine.run import RunSession
 from handtrack_app.protocol.snapshots import (
     CloudPicture,
     CloudSelection,
@@ -55,7 +55,7 @@ class RenderInput:
 
     frame: int
     version: int
-    session: RunSession
+    session: Session
     model: ArticulatedModel
     bones: BonePoses
     previous: BonePoses | None

@@ -9,12 +9,12 @@ from itertools import combinations
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.seen.skin_samples import painted_skin
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
 from handtrack_app.engine.pictures.render_thread import RenderThread
-from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import command
@@ -83,11 +83,11 @@ class CloudService:
     def _moment(self) -> RenderInput:
         document = self._document
         model, session, frame = document.model, document.run.session, document.frame
-        bones = model.bones(params_of(model, document.seen))
+        bones = model.bones(solver_params_of(model, document.seen))
         before = frame - 1
         previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
-            previous = model.bones(params_of(model, document.pose_at(before)))
+            previous = model.bones(solver_params_of(model, document.pose_at(before)))
         return RenderInput(
             frame, document.version, session, model, bones, previous, session.cloud_filters,
             self._wanted, document.run.settings.cloud,

@@ -10,9 +10,9 @@ import numpy as np
 from handtrack.arrays import D2, Floats, N
 from handtrack.diagnostics.residual_image import joint_pairs, joints_picture
 from handtrack.model.kinematics import BonePoses
+from handtrack.session.posed_frames import solver_params_of
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
-from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
 
 _PAINT_EVERY_S = 0.08  # at most this often: the hand itself comes first
@@ -73,7 +73,7 @@ class Painter:
         """Yield the large pictures, and all of them at last; None in between, where painting may end."""
         document, maker = self._document, self._maker
         session, frame = document.run.session, document.frame
-        bones = document.model.bones(params_of(document.model, document.seen))
+        bones = document.model.bones(solver_params_of(document.model, document.seen))
         flesh = document.model.flesh["fine"].posed(bones)
         skeleton = document.model.skeleton
         aside = skeleton.bone("forearm") if document.model.has_forearm else None

@@ -9,8 +9,8 @@ import numpy as np
 from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose, pose_names, pose_title, pose_turn
+from handtrack.session.posed_frames import solver_params_of
 from handtrack.simulation.body_motion import BODY_POSES, body_pose
-from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.protocol.library import PoseName
 from handtrack_app.protocol.palette import colour_of
 
@@ -37,7 +37,7 @@ def pose_picture(model: ArticulatedModel, name: str) -> str:
     values[:6] = 0.0
     if model.kind != "body":
         values[3:6] = pose_turn(name, model.side)
-    flesh = model.flesh["fine"].posed(model.bones(params_of(model, values)))
+    flesh = model.flesh["fine"].posed(model.bones(solver_params_of(model, values)))
     kept = ~model.is_forearm(flesh.bone)
     centre, radii = flesh.centre[kept], flesh.radii[kept]
     scaled = flesh.rotation[kept] * radii[:, None, :]

@@ -11,10 +11,10 @@ from handtrack.arrays import D2, Floats, K, P, S
 from handtrack.errors import HandtrackError
 from handtrack.observation.observation import Observation
 from handtrack.observation.pins import Pin
+from handtrack.session.posed_frames import solver_params_of
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.posing.pin_state import pins_value
 from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.edits import Values, set_pose
@@ -85,7 +85,7 @@ def copied(document: Document, frame: int, others: Iterable[int]) -> Values:
 def begun(document: Document, frame: int, tag: str) -> Pull:
     """Begin a pull at a frame, from the pose that shows there."""
     model, frame = document.model, document.clamped(frame)
-    params = params_of(model, document.pose_at(frame))
+    params = solver_params_of(model, document.pose_at(frame))
     seen = document.run.observation(frame, model.bones(params))
     return Pull(tag, frame, params, seen)
 
@@ -96,7 +96,7 @@ def _led(document: Document, pull: Pull, pins: Sequence[Pin], by_images: bool) -
     names = model.joint_names, model.skeleton.bone_names
     held = session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
     seen = replace(pull.seen, pins=held)
-    params = params_of(model, document.pose_at(pull.frame))
+    params = solver_params_of(model, document.pose_at(pull.frame))
     tells = bool(seen.silhouettes or seen.keypoints or seen.cloud or seen.images)
     found = pulled(model, document.run.settings, seen, params, by_images and tells, pull.stood)
     posed = set_pose(document, pull.frame, model.joint_params(found), pinned=True)
@@ -120,7 +120,7 @@ def _pixels(document: Document, values: Floats[S], pins: Sequence[Pin]) -> Float
     """Return where the pinned places of a pose lie in their cameras' undistorted images [px]."""
     model, rig = document.model, document.run.session.rig
     bone, point = pinned_places(model, pins)
-    places = model.bones(params_of(model, values)).to_world(bone, point)
+    places = model.bones(solver_params_of(model, values)).to_world(bone, point)
     flat = {camera.name: camera.without_distortion() for camera in rig}
     at = np.full((len(pins), 2), np.nan)
     for n, pin in enumerate(pins):

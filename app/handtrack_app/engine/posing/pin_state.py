@@ -9,8 +9,8 @@ import numpy as np
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.observation.pins import Pin
 from handtrack.session.seen.session_pins import SessionPins
+from handtrack.session.session import Session
 from handtrack.store.history import Value
-from handtrack_app.engine.run import RunSession
 from handtrack_app.engine.store import keys
 
 _SAME_PX = 0.01
@@ -27,22 +27,23 @@ def pins_value(pins: Iterable[Pin]) -> Value:
     return {"pins": rows} if rows else None
 
 
-def pins_from(session: RunSession, value: Value) -> tuple[Pin, ...]:
+def pins_from(session: Session, value: Value) -> tuple[Pin, ...]:
     """Return the pins that a value of the state is. Raises HandtrackError, KeyError, TypeError or ValueError."""
     return tuple(_pin(session, row) for row in (() if value is None else value["pins"]))
 
 
-def _pin(session: RunSession, row: Value) -> Pin:
+def _pin(session: Session, row: Value) -> Pin:
     camera, (x, y) = str(row["camera"]), (float(part) for part in row["pixel"])
     if camera not in session.rig:
         raise unknown_name("camera", camera, session.rig.names, "a pin")
     i, j, k = (float(part) for part in row.get("point", (0.0, 0.0, 0.0)))
     if not np.isfinite([x, y, i, j, k]).all():
         raise HandtrackError(f"a pin: expected a pixel's column and row, found {row['pixel']}.")
-    return Pin(camera, (x, y), str(row.get("joint", "")), str(row.get("bone", "")), (i, j, k))
+    pin = Pin(camera, (x, y), str(row.get("joint", "")), str(row.get("bone", "")), (i, j, k))
+    return session.pins.as_written(pin)
 
 
-def pins_in(session: RunSession, values: Mapping[str, Value]) -> dict[int, tuple[Pin, ...]]:
+def pins_in(session: Session, values: Mapping[str, Value]) -> dict[int, tuple[Pin, ...]]:
     """Return the pins among values of the state, by frame. Raises what `pins_from` does."""
     return {
         int(name): pins_from(session, value)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 from handtrack.arrays import Floats, P
 from handtrack.diagnostics.score import Score, score
+from handtrack.session.posed_frames import solver_params_of
+from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import energy_parts
-from handtrack_app.engine.posing.page_values import params_of
-from handtrack_app.engine.run import Run
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import Snapshot
 
@@ -32,7 +32,7 @@ class LiveScore:
     """when a pose was shown that has no score yet"""
     _frame: int | None = None
     """scored last: what was seen of it is at hand"""
-    _fitted: tuple[FrameResult, Run, Score] | None = None
+    _fitted: tuple[FrameResult, TrackingRun, Score] | None = None
     """judged by the settings in force, as what is compared with it"""
 
     def shown(self) -> None:
@@ -52,12 +52,12 @@ class LiveScore:
         """Score the pose shown, and the one that was fitted to its frame last."""
         document, self._since = self.document, None
         self._frame = frame = document.frame
-        params = params_of(document.model, document.seen)
+        params = solver_params_of(document.model, document.seen)
         now, result = self._score(frame, params), document.results.get(frame)
         if result is None or len(result.parameters) != len(document.shown):
             self._fitted = None
         elif self._fitted is None or self._fitted[:2] != (result, document.run):
-            then = self._score(frame, params_of(document.model, result.parameters))
+            then = self._score(frame, solver_params_of(document.model, result.parameters))
             self._fitted = result, document.run, then
         fitted = None if self._fitted is None else self._fitted[2]
         self.publish(

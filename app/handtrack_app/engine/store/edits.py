@@ -13,6 +13,7 @@ from handtrack.model.model_file import scale_table
 from handtrack.model.size import with_number
 from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.session.posed_frames import solver_params_of
 from handtrack.store.history import Value
 from handtrack.store.spans import Span, beside_accepted, resolved
 from handtrack.store.store import spans_of
@@ -21,7 +22,6 @@ from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.pose_pictures import library_pose
 from handtrack_app.engine.posing.inverse_kinematics import reach
-from handtrack_app.engine.posing.page_values import params_of
 from handtrack_app.engine.store import keys
 
 Values = dict[str, Value]
@@ -37,7 +37,9 @@ def pose(document: Document, frame: int, values: Sequence[float], found: bool = 
     model, given = document.model, np.asarray(values, dtype=float)
     if given.shape != (len(model.parameter_names),):
         return {}  # sent before the model changed
-    return set_pose(document, frame, model.joint_params(params_of(model, given)), found=found)
+    return set_pose(
+        document, frame, model.joint_params(solver_params_of(model, given)), found=found
+    )
 
 
 def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Values:
@@ -72,7 +74,7 @@ def pulled_place(
     (bone,), (point,) = pinned_places(model, [place])
     if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
         raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
-    params = params_of(model, document.pose_at(document.clamped(frame)))
+    params = solver_params_of(model, document.pose_at(document.clamped(frame)))
     reached = reach(model, params, int(bone), point, meant)
     return pose(document, frame, model.joint_params(reached).tolist())
 
@@ -180,7 +182,7 @@ def clouds(settings: CloudSettings | None) -> Values:
 
 def seen_arm(document: Document) -> Values:
     """Give the model a forearm if the frame shown has one beyond the hand."""
-    params = params_of(document.model, document.shown)
+    params = solver_params_of(document.model, document.shown)
     return arm(document, document.run.with_arm_in_view(document.frame, params).arm)
 
 

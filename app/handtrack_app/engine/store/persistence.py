@@ -25,7 +25,6 @@ from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.correction_files import CorrectionFiles
 from handtrack_app.engine.posing.pin_state import changed_elsewhere
-from handtrack_app.engine.review.frozen_frames import is_locked
 from handtrack_app.engine.store import edits, keys
 from handtrack_app.engine.store.brought_back import brought_back
 from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
@@ -254,8 +253,9 @@ class Persistence:
     def add(self, result: FrameResult) -> None:
         """Keep a tracked frame, whatever happens to this program; half a second later at most it is on disk."""
         take = self._take
-        assert take is not None, "no take was begun"
-        if is_locked(self.document, result.frame) and result.frame not in take.shelf:
+        if take is None:
+            return  # it could not be begun, which was reported
+        if self.document.is_locked(result.frame) and result.frame not in take.shelf:
             return  # accepted while tracking ran
         try:
             take.keep(result)

@@ -11,11 +11,10 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError, not_enough_memory
+from handtrack.session.posed_frames import solver_params_of
+from handtrack.session.run import TrackingRun
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.posing.page_values import params_of
-from handtrack_app.engine.review.frozen_frames import refuse_to_fit
-from handtrack_app.engine.run import Run
 from handtrack_app.engine.store.edits import Values, set_pose
 
 log = logging.getLogger(__name__)
@@ -25,7 +24,7 @@ log = logging.getLogger(__name__)
 class _Order:
     """A frame to be fitted, and all that it goes by."""
 
-    run: Run
+    run: TrackingRun
     frame: int
     stood: Floats[S]
     """the pose that it begins with"""
@@ -63,7 +62,7 @@ class Refits:
         document = self.document
         if not self.on or document.run.session.live is not None:
             return
-        refuse_to_fit(document, document.frame)
+        document.refuse_to_fit(document.frame)
         order = _Order(document.run, document.frame, document.shown.copy(), tag)
         with self._waits:
             self._newest = order
@@ -118,7 +117,7 @@ class Refits:
     def _fitted(self, order: _Order) -> Refitted:
         run = order.run
         try:
-            params = params_of(run.model, order.stood)
+            params = solver_params_of(run.model, order.stood)
             seen = run.observation(order.frame, run.model.bones(params))
             stop = lambda: self._newest is not order  # noqa: E731
             return Refitted(order, fitted_again(run.model, run.settings, seen, params, stop))

@@ -7,50 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack_app.engine.posing.given import Given
-from handtrack_app.engine.posing.legs import legs
 from handtrack_app.page.panels.tracking import frozen_ends, keyframe_words, odd_frames
 from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import _desk, _pose
 from tests.app.fake_run import FRAMES
-
-START = np.zeros(1)
-
-
-def _path(
-    frames: range, first: int, held: tuple[int, ...], pinned: tuple[int, ...] = ()
-) -> list[tuple[int, int, int, float]]:
-    given = Given(*({k: np.array([float(k)]) for k in poses} for poses in (held, pinned)))
-    found = legs(frames, first, START, given)
-    return [(leg.frames.start, leg.frames.stop, leg.first, float(leg.params[0])) for leg in found]
-
-
-@pytest.mark.parametrize(
-    ("first", "held", "expected"),
-    [
-        (3, (), [(0, 12, 3, 0.0)]),
-        (3, (7,), [(0, 7, 3, 0.0), (8, 12, 8, 7.0)]),
-        (5, (1, 8), [(2, 8, 5, 0.0), (9, 12, 9, 8.0), (0, 1, 0, 1.0)]),
-        (3, (3,), [(4, 12, 4, 3.0), (0, 3, 2, 3.0)]),
-        (3, (3, 4, 6), [(0, 3, 2, 3.0), (5, 6, 5, 4.0), (7, 12, 7, 6.0)]),
-        (0, (0, 11), [(1, 11, 1, 0.0)]),
-        (3, (40,), [(0, 12, 3, 0.0)]),
-    ],
-)
-def test_each_keyframe_starts_a_leg_of_its_own(first, held, expected) -> None:
-    assert _path(range(12), first, held) == expected
-
-
-def test_each_frame_with_pins_starts_a_leg_and_is_tracked_itself() -> None:
-    assert _path(range(12), 5, (), (1, 8)) == [(2, 8, 5, 0.0), (8, 12, 8, 8.0), (0, 2, 1, 1.0)]
-    assert _path(range(12), 5, (8,), (9,))[-1] == (9, 12, 9, 9.0)
-
-
-@pytest.mark.parametrize("held", [(), (0,), (5,), (2, 3, 9), (0, 11), tuple(range(12))])
-@pytest.mark.parametrize("first", [0, 5, 11])
-def test_every_other_frame_is_tracked_once(first, held) -> None:
-    frames = [f for low, high, *_ in _path(range(12), first, held) for f in range(low, high)]
-    assert sorted(frames) == [f for f in range(12) if f not in held]
 
 
 def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> None:
@@ -115,17 +75,6 @@ def test_the_page_names_keyframes_and_leads_to_doubtful_frames() -> None:
     both = keyframe_words((2, 5, 7), (5,))
     assert "Frames 2, 7 set by hand; " in both
     assert "Frame 5 found. Tracking leaves them, and starts again from each." in both
-
-
-def test_between_keyframes_half_is_tracked_from_each() -> None:
-    poses = {k: np.array([float(k)]) for k in (2, 9)}
-    found = legs(range(2, 10), 2, START, Given(poses), both_ends=True)
-    told = [(leg.frames.start, leg.frames.stop, leg.first, float(leg.params[0])) for leg in found]
-    assert told == [(3, 6, 3, 2.0), (6, 9, 8, 9.0)]
-    (one,) = legs(range(2, 5), 2, START, Given({2: START, 4: START}), both_ends=True)
-    assert one.frames == range(3, 4)
-    with_pins = legs(range(2, 10), 2, START, Given({2: START}, {8: START}), both_ends=True)
-    assert [leg.frames for leg in with_pins] == [range(3, 6), range(6, 8), range(8, 10)]
 
 
 @pytest.mark.parametrize(
