@@ -1,4 +1,4 @@
-"""How hard the solver tries; light to import, as the page and the command line read it without solving."""
+"""Settings of the solver; light to import, as the page and the command line read them without solving."""
 
 from __future__ import annotations
 
@@ -10,19 +10,16 @@ from handtrack.setting import setting
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How hard to try on a frame.
-
-    What is not declared as a setting is the same in all of tracking; callers may choose it.
-    """
+    """Iterations, limits and damping. Fields that are no `setting` are the same in all of tracking."""
 
     iterations: int = setting(
-        30, "Linearisations a frame at most, all bands together.", label="Iterations", level="user", low=1,
+        30, "Most linearisations per frame, over all bands.", label="Iterations", level="user", low=1,
         slider=(1, 100, 1),
     )  # fmt: skip
     limits: Literal["bounds", "projection", "none"] = setting(
-        "bounds", "`bounds`: no step leaves the limits, found together with it, and those that move with another parameter "
-        "are followed; `projection`: a step that knows no limits is moved back to them afterwards (the 2004 paper's), which "
-        "can stick where joints work together; `none`: a joint may bend anywhere (the 2007 paper's).",
+        "bounds", "Joint limits. `bounds`: each step is solved within them, also those that depend on another angle. `projection`: an "
+        "unconstrained step is projected on them afterwards (the 2004 paper), which can stick where joints are coupled. "
+        "`none`: no limits (the 2007 paper).",
     )  # fmt: skip
     damping: float = 1e-2
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three

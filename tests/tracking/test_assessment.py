@@ -124,7 +124,7 @@ def test_a_hand_out_of_all_views_is_lost(seen):
     nothing = [replace(s, mask=np.zeros_like(s.mask)) for s in seen.silhouettes]
     status, note = assessed(replace(seen, silhouettes=tuple(nothing)), shifted(2.0))
     assert status == Status.LOST
-    assert note == "neither model nor silhouette is in any view"
+    assert note == "model and silhouette are outside all views"
 
 
 def test_keypoints_alone_are_doubtful():
@@ -132,13 +132,13 @@ def test_keypoints_alone_are_doubtful():
     given = Observation(0, 0.0, (), (Keypoints(MODEL.joint_names, points, 0.005),))
     status, note = assessed(given)
     assert status == Status.DOUBTFUL
-    assert note == "nothing was seen; only given keypoints hold the pose"
+    assert note == "no observation; only the input keypoints constrain the pose"
 
 
 def test_a_fit_much_worse_than_usual_is_doubtful(seen):
     status, note = assessed(seen, energy=300.0, previous=earlier(100.0))
     assert status == Status.DOUBTFUL
-    assert note == "the model fits 3.0 times worse than usual; a finger may be lost"
+    assert note == "the residual is 3.0 times the usual one; a finger may be lost"
     assert assessed(seen, energy=150.0, previous=earlier(100.0))[0] == Status.TRACKED
 
 
@@ -226,12 +226,15 @@ def test_a_hand_that_cannot_be_is_not_tracked(scale, said):
 
 def test_what_is_open_is_named():
     open_fingers = spread_mm(MODEL, ring_mcp=5.0, little_mcp=5.0, ring=40.0, little=40.0)
-    ring_and_little = "what was seen leaves the ring and little finger open: ± 40 mm"
+    ring_and_little = "the observations do not constrain the ring and little finger: ± 40 mm"
     assert open_parts(MODEL, open_fingers, 15.0) == ring_and_little
     thumb = spread_mm(MODEL, thumb_cmc=2.0, thumb=60.0)
-    assert open_parts(MODEL, thumb, 15.0) == "what was seen leaves the thumb open: ± 60 mm"
+    assert open_parts(MODEL, thumb, 15.0) == "the observations do not constrain the thumb: ± 60 mm"
     all_of_it = spread_mm(MODEL, **dict.fromkeys(MODEL.joint_names, 20.0))
-    assert open_parts(MODEL, all_of_it, 15.0) == "what was seen leaves the whole hand open: ± 20 mm"
+    assert (
+        open_parts(MODEL, all_of_it, 15.0)
+        == "the observations do not constrain the whole hand: ± 20 mm"
+    )
 
 
 def test_it_is_the_mean_joint_that_counts():
@@ -249,7 +252,9 @@ def test_nothing_is_open_to_those_who_do_not_ask():
 def test_a_hand_of_few_joints_is_open_as_a_whole(name):
     model = load_model(name)
     far = spread_mm(model, **dict.fromkeys(model.joint_names, 30.0))
-    assert open_parts(model, far, 15.0) == "what was seen leaves the whole hand open: ± 30 mm"
+    assert (
+        open_parts(model, far, 15.0) == "the observations do not constrain the whole hand: ± 30 mm"
+    )
 
 
 def seen_by(cameras, frame):
@@ -269,7 +274,7 @@ def test_a_single_camera_leaves_the_hand_open_and_nothing_else_changes():
     stepped = [t.step(begun, seen_by(CAMERAS[:1], 0)) for t in (told, silent)]
     doubted, tracked = results = [result for _, result in stepped]
     assert doubted.status == Status.DOUBTFUL
-    assert doubted.note.startswith("what was seen leaves the whole hand open: ± ")
+    assert doubted.note.startswith("the observations do not constrain the whole hand: ± ")
     assert tracked.status == Status.TRACKED
     assert doubted.parameters.tobytes() == tracked.parameters.tobytes()
     assert doubted.fits

@@ -124,7 +124,7 @@ def test_nothing_seen_is_lost_holds_the_last_estimate_and_goes_on():
         assert lost.iterations == 0
         assert np.isfinite(lost.joint_covariance).all()
         np.testing.assert_allclose(lost.parameters, results[4].parameters, atol=1e-12)
-        assert lost.note == "no camera saw anything in this frame"
+        assert lost.note == "no camera has an observation of this frame"
     assert [r.status for r in results[8:]] == [Status.TRACKED] * (COUNT - 8)
     assert errors_mm(results[8:]).max() < 0.4  # measured 0.26 mm
 

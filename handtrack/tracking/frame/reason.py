@@ -59,43 +59,43 @@ def _poor_cloud(reason: Reason) -> str:
 def _odd_size(reason: Reason) -> str:
     if reason.part:
         size = f"its {reason.part} is {reason.number:.2f} times as long as usual for its length"
-        causes = "masks may lack it where it is shaded or curled, or"
+        causes = "masks may miss it where it is shaded or curled;"
     else:
         size = f"{reason.number:.0f} mm from wrist to fingertip, not {SMALLEST_HAND_MM:g} to {LARGEST_HAND_MM:g}"
-        causes = "unit,"
-    return f"nobody has such a hand: {size}; {causes} lenses (was a coefficient lost?) or the cameras' places may be wrong"
+        causes = "the unit,"
+    return f"implausible hand size: {size}; {causes} lens coefficients or camera poses may be wrong"
 
 
 SIGNS = {
-    "open": "what was seen leaves it open",
-    "curled": "closed fingers hide each other",
-    "moved": "the frames after moved it",
+    "open": "the observations do not constrain it",
+    "curled": "closed fingers occlude each other",
+    "moved": "later frames moved it",
 }
-"""what tells that a pose may be wrong, in words: the telling sign stands in the place of a camera's name"""
+"""why a pose may be wrong, in words: the sign stands in the place of a camera's name"""
 
 KINDS: dict[str, Callable[[Reason], str]] = {
-    "unseen": lambda r: "no camera saw anything in this frame",
+    "unseen": lambda r: "no camera has an observation of this frame",
     "cloud elsewhere": lambda r: (
         f"the cloud has hardly any points within {r.number:g} mm of where the hand was expected"
     ),
-    "given": lambda r: "the pose is the given one; its texture is carried from here on",
-    "given keypoints": lambda r: "nothing was seen; only given keypoints hold the pose",
-    "out of view": lambda r: "neither model nor silhouette is in any view",
+    "given": lambda r: "input pose; its texture is carried from here on",
+    "given keypoints": lambda r: "no observation; only the input keypoints constrain the pose",
+    "out of view": lambda r: "model and silhouette are outside all views",
     "overlap": lambda r: (
         f"model and silhouette overlap by {_percent(r.number)} in {r.camera}"
     ),
     "filled mask": lambda r: (
-        f"more than half of the image is hand in {r.camera}: is the mask inverted, or white all over?"
+        f"the mask covers more than half of the image in {r.camera}: is it inverted or all white?"
     ),
     "part outside": lambda r: (
         f"{_percent(r.number)} of the {r.part} and the bone before it lie outside the silhouette in {r.camera}"
     ),
     "beside": lambda r: (
-        f"a piece of {r.number:.0f} mm² of the silhouette in {r.camera} lies beside the model, as large as a finger's end or larger, "
-        f"though they overlap by {_percent(r.other)} where least"
+        f"{r.number:.0f} mm² of the silhouette in {r.camera} are not covered by the model, a fingertip or more; "
+        f"the lowest overlap is {_percent(r.other)}"
     ),
     "start": lambda r: (
-        f"it fits, but tracking began with a pose that was {_percent(r.number)} sure, and too few frames in a row have confirmed it"
+        f"it fits, but the first pose had a confidence of {_percent(r.number)}, and too few consecutive frames have confirmed it"
     ),
     "keypoints": lambda r: (
         f"{_percent(r.number)} of {r.other:.0f} keypoints lie within {NEAR_SIGMAS:g} sigma of the model"
@@ -105,43 +105,43 @@ KINDS: dict[str, Callable[[Reason], str]] = {
     ),
     "poor cloud": _poor_cloud,
     "energy": lambda r: (
-        f"the model fits {r.number:.1f} times worse than usual; a finger may be lost"
+        f"the residual is {r.number:.1f} times the usual one; a finger may be lost"
     ),
     "size": _odd_size,
     "off": lambda r: (
-        f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that a joint is 25 mm off): "
+        f"the {r.part} may be wrong, ± {r.number:.0f} mm (P = {r.other:.2f} that a joint's error exceeds 25 mm): "
         f"{SIGNS.get(r.camera, SIGNS['open'])}"
     ),
     "far off": lambda r: (
-        f"the {r.part} may be off, ± {r.number:.0f} mm by what is stated (P = {r.other:.2f} that it is 230 mm off): what was seen "
-        "leaves it open"
+        f"the {r.part} may be wrong, ± {r.number:.0f} mm (P = {r.other:.2f} that its error exceeds 230 mm): "
+        "the observations do not constrain it"
     ),
     "other way": lambda r: (
-        f"by another way through the recording, {_percent(r.number)} probable, its {r.part} is {r.other:.0f} mm away"
+        f"an alternative trajectory ({_percent(r.number)} probable) has the {r.part} {r.other:.0f} mm away"
     ),
-    "open": lambda r: f"what was seen leaves the {r.part} open: ± {r.number:.0f} mm",
+    "open": lambda r: f"the observations do not constrain the {r.part}: ± {r.number:.0f} mm",
 }  # fmt: skip
-"""what each kind says; the only place where a doubt is worded"""
+"""what each kind says; the only place where low confidence is worded"""
 
 BRIEF: dict[str, Callable[[Reason], str]] = {
-    "unseen": lambda r: "not seen",
+    "unseen": lambda r: "no observation",
     "cloud elsewhere": lambda r: "cloud elsewhere",
-    "given": lambda r: "the pose given",
-    "given keypoints": lambda r: "held by given keypoints alone",
+    "given": lambda r: "input pose",
+    "given keypoints": lambda r: "input keypoints alone",
     "out of view": lambda r: "out of view",
     "overlap": lambda r: f"{r.camera} overlap {r.number:.2f}",
     "filled mask": lambda r: f"{r.camera}'s mask fills the image",
     "part outside": lambda r: f"{r.part}, {_percent(r.number)} outside in {r.camera}",
-    "beside": lambda r: f"{r.number:.0f} mm² of {r.camera} beside the model",
-    "start": lambda r: f"first pose {_percent(r.number)} sure",
+    "beside": lambda r: f"{r.number:.0f} mm² of {r.camera} uncovered",
+    "start": lambda r: f"first pose, confidence {_percent(r.number)}",
     "keypoints": lambda r: f"{_percent(r.number)} of keypoints near",
     "cloud": lambda r: f"{_percent(r.number)} of the cloud near",
     "poor cloud": lambda r: f"poor cloud, {_percent(r.number)} measured",
-    "energy": lambda r: f"fits {r.number:.1f} times worse than usual",
-    "size": lambda r: f"odd {r.part or 'length of hand'}",
-    "off": lambda r: f"{r.part}, P {r.other:.2f} off, ± {r.number:.0f} mm",
-    "far off": lambda r: f"{r.part}, P {r.other:.2f} far off, ± {r.number:.0f} mm",
-    "other way": lambda r: f"{r.part}, {_percent(r.number)} for {r.other:.0f} mm away",
-    "open": lambda r: f"{r.part} open, ± {r.number:.0f} mm",
+    "energy": lambda r: f"residual {r.number:.1f} times the usual",
+    "size": lambda r: f"implausible {r.part or 'hand length'}",
+    "off": lambda r: f"{r.part}, P(error > 25 mm) {r.other:.2f}, ± {r.number:.0f} mm",
+    "far off": lambda r: f"{r.part}, P(error > 230 mm) {r.other:.2f}, ± {r.number:.0f} mm",
+    "other way": lambda r: f"{r.part}, alternative {r.other:.0f} mm away, {_percent(r.number)}",
+    "open": lambda r: f"{r.part} unconstrained, ± {r.number:.0f} mm",
 }
 """the same in a few words"""

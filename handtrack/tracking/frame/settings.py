@@ -29,43 +29,43 @@ class ModelSettings:
     """Which hand."""
 
     name: str = setting(
-        "", "Another model than [hand] says, or a definition's path. glove9: thumb and one mitten; ball6: the palm alone, "
+        "", "A model other than that of [hand], or a definition's path. `glove9`: thumb and one mitten; `ball6`: the palm alone, "
         "for poor clouds.", label="Model", level="user", about="hand",
         words={"": "as session.toml", "hand26": "hand26", "glove9": "glove9", "ball6": "ball6"},
     )  # fmt: skip
     coupling: Literal["26", "21", "18"] = setting(
-        "26", "How many joint angles move on their own: all 26; 21, distal joints follow by 2/3; 18, abductions linked as "
-        "well.", label="Freedoms", level="user", about="hand",
-        words={"26": "26, all free", "21": "21, tips follow", "18": "18, spread linked"},
+        "26", "Degrees of freedom. 26: all free; 21: DIP = 2/3 PIP; 18: abduction coupled as "
+        "well.", label="Degrees of freedom", level="user", about="hand",
+        words={"26": "26, all free", "21": "21, DIP coupled to PIP", "18": "18, abduction coupled"},
     )  # fmt: skip
     forearm: Literal["auto", "true", "false"] = setting(
-        "auto", "Whether the model has a forearm: yes where the arm is bare and in view. Automatic: where silhouettes of "
-        "most frames go on beyond the wrist by 2 cm, and as far as they do.", label="Forearm", level="user", about="hand",
+        "auto", "Whether the model has a forearm. Automatic: if the silhouettes of most frames extend 2 cm beyond the wrist, as long "
+        "as they show it.", label="Forearm", level="user", about="hand",
         words={"auto": "automatic", "true": "with", "false": "without"},
     )  # fmt: skip
     spread_index: float = setting(
-        1.0, "A person's own c of coupling 18, where the index' abduction is c · spread; `handtrack spread` measures all "
+        1.0, "The person's factor c of coupling 18: abduction of the index = c · spread. `handtrack spread` measures all "
         "four.", label="Index ×", **_SPREAD,
     )  # fmt: skip
     spread_middle: float = setting(
         0.1,
-        "Likewise the middle finger's; positive: towards the thumb.",
+        "The same for the middle finger; positive: towards the thumb.",
         label="Middle ×",
         **_SPREAD,
     )
-    spread_ring: float = setting(0.6, "Likewise the ring finger's.", label="Ring ×", **_SPREAD)
+    spread_ring: float = setting(0.6, "The same for the ring finger.", label="Ring ×", **_SPREAD)
     spread_little: float = setting(
-        1.2, "Likewise the little finger's.", label="Little ×", **_SPREAD
+        1.2, "The same for the little finger.", label="Little ×", **_SPREAD
     )
     fallback: Literal["auto", "glove9", "ball6", "none"] = setting(
-        "auto", "What is done while a cloud that alone holds the hand is poor: `auto`, its depths are doubted; `glove9` or "
-        "`ball6`, the palm of these models takes the hand's place as well; `none`, nothing.", label="If cloud is poor",
+        "auto", "What replaces the hand while its only observation is a poor cloud: `auto`, viewing rays instead of points; `glove9` or "
+        "`ball6`, the palm of these models as well; `none`, nothing.", label="If cloud is poor",
         level="user", about="hand",
-        words={"auto": "doubt its depths", "glove9": "palm of glove9", "ball6": "palm of ball6", "none": "do nothing"},
+        words={"auto": "use viewing rays", "glove9": "palm of glove9", "ball6": "palm of ball6", "none": "do nothing"},
     )  # fmt: skip
     fit_size: Literal["true", "later", "false"] = setting(
-        "true", 'Where session.toml says scale = "fit": fit the size to silhouettes too, not to keypoints alone; `later`: '
-        "track first, fit it to what was tracked, then track again.", about="hand",
+        "true", 'With scale = "fit" in session.toml: `true`, fit the shape to silhouettes and keypoints; `false`, to keypoints alone; '
+        "`later`, track, fit it to the tracked frames, and track again.", about="hand",
     )  # fmt: skip
 
     @property
@@ -78,62 +78,61 @@ class ModelSettings:
 
 @dataclass(frozen=True)
 class SilhouetteSettings:
-    """How outlines pull."""
+    """The silhouette term."""
 
     term: Literal["coverage", "conic_field"] = setting(
-        "coverage", "coverage: unbiased, wide basin. conic field: the 2007 paper's.", label="Outlines by", level="user",
+        "coverage", "`coverage`: unbiased, with a wide basin of convergence. `conic_field`: the 2007 paper's.", label="Outlines by", level="user",
         words={"coverage": "coverage", "conic_field": "conic field (2007)"},
     )  # fmt: skip
     weight: float = setting(
-        1.0, "How strongly outlines pull: a factor on their cost. 1 takes `outline_sigma_mm` at its word, 0 leaves "
-        "silhouettes out.", label="Silhouettes", **_WEIGHT,
+        1.0, "Factor on the silhouettes' cost. 1: as `outline_sigma_mm` implies; 0: silhouettes are not used.", label="Silhouettes", **_WEIGHT,
     )  # fmt: skip
     bands_mm: tuple[float, ...] = setting(
-        (8.0, 4.0, 1.2), "Half-widths of the band around the outline, widest first, at the hand's distance; `coverage` "
+        (8.0, 4.0, 1.2), "Half-widths of the band around the contour, widest first, at the hand's distance; `coverage` "
         "only.", above=0.0, unit="mm",
     )  # fmt: skip
     outline_sigma_mm: float = setting(
-        1.5, "How far the model's outline is from a real one.", label="Outline error mm", level="user", unit="mm",
+        1.5, "Standard deviation of the distance between the model's contour and the silhouette's.", label="Outline error mm", level="user", unit="mm",
         above=0.0, slider=(0.2, 6.0, 0.1),
     )  # fmt: skip
     outline_correlation_mm: float = setting(
-        10.0, "Along how much of the outline that error stays the same.", unit="mm", above=0.0
+        10.0, "Correlation length of that error along the contour.", unit="mm", above=0.0
     )
 
 
 @dataclass(frozen=True)
 class CloudTermSettings:
-    """How a point cloud pulls; where it comes from is said in [clouds]."""
+    """The point cloud's term; [clouds] says where the cloud comes from."""
 
     weight: float = setting(
-        1.0, "How strongly the cloud pulls: a factor on its cost. 1 takes `sigma_mm` at its word, 0 leaves clouds out.",
+        1.0, "Factor on the cloud's cost. 1: as `sigma_mm` implies; 0: clouds are not used.",
         label="Cloud", **_WEIGHT,
     )  # fmt: skip
     balance: float = setting(
-        0.5, "K of F = K·E1 + (1 − K)·E2: 1 asks only that the cloud lies on the model, 0 only that no visible part of the "
-        "model lies where the cloud is empty. Where depths are doubted, E1 is the lines of sight.", label="Balance K",
+        0.5, "K of F = K·E1 + (1 − K)·E2: 1: only that points lie on the model; 0: only that no visible part of the "
+        "model is without points. With viewing rays, E1 is the distance to the rays.", label="Balance K",
         level="user", low=0.0, high=1.0, slider=(0.0, 1.0, 0.01),
     )  # fmt: skip
     sigma_mm: float = setting(
-        2.0, "How far a point is from the model's surface: noise, and a hand that is not made of ellipsoids. A cloud that "
-        "is found to lie nearer counts for as exact as it lies.", label="Point error mm", level="user", unit="mm",
+        2.0, "Standard deviation of a point's distance from the model's surface: sensor noise and the ellipsoids' error. A smaller "
+        "value measured from the recording replaces it.", label="Point error mm", level="user", unit="mm",
         above=0.0, slider=(0.2, 10.0, 0.1),
     )  # fmt: skip
     distance: Literal["d1", "d2", "d3"] = setting(
-        "d3", "What is taken for the distance of a point to one ellipsoid, of which the merged surface is made.", label="Distance",
+        "d3", "The approximate distance of a point to one ellipsoid, from which the metaball surface is made.", label="Distance",
         words={"d1": "d1, by the level", "d2": "d2, along the radius", "d3": "d3, both"}, told=_DISTANCES,
     )  # fmt: skip
     sharpness_per_mm: float = setting(
-        1.0, "β of the merged surface, of a hand of mean size: less rounds and thickens the skin between ellipsoids, by log(n)/β where "
-        "n of them are equally close; more lets creases show.", label="β 1/mm", unit="1/mm", above=0.0, slider=(0.2, 4.0, 0.1),
+        1.0, "β of the metaball surface at the mean hand's size. Less rounds and thickens the skin between ellipsoids, by log(n)/β "
+        "where n are equally close; more shows creases.", label="β 1/mm", unit="1/mm", above=0.0, slider=(0.2, 4.0, 0.1),
     )  # fmt: skip
     doubt_depth: bool = setting(
-        False, "Believe of each point only that the hand lies on its line of sight; its depth is right or anywhere, as where "
-        "a stereo pair mismatches. Clouds of one depth camera or one pair.",
+        False, "Use each point's viewing ray, and its depth only as a mixture with outliers: for stereo mismatches. For clouds of "
+        "one depth camera or one pair.",
     )  # fmt: skip
     crop_mm: float = setting(
         40.0,
-        "Points further than this from the predicted hand are not the hand's.",
+        "Points further than this from the predicted hand are ignored.",
         unit="mm",
         above=0.0,
     )
@@ -141,52 +140,54 @@ class CloudTermSettings:
 
 @dataclass(frozen=True)
 class EdgeSettings:
-    """How edges of the images pull the model's outline; no masks needed."""
+    """The term of image edges; it needs no masks."""
 
     weight: float = setting(
-        0.0, "How strongly edges in the images pull the outline; 0: not looked at. `--use edges` makes it 1.",
+        0.0, "Factor on the cost of image edges; 0: not used. `--use edges` sets 1.",
         label="Edges", **_WEIGHT,
     )  # fmt: skip
     sigma_px: float = setting(
-        1.5, "How far a model's outline is from a real one.", unit="px", above=0.0
+        1.5,
+        "Standard deviation of the distance between the model's contour and an edge.",
+        unit="px",
+        above=0.0,
     )
 
 
 @dataclass(frozen=True)
 class IntensitySettings:
-    """How the model's texture, carried from earlier frames, pulls."""
+    """The term of the texture carried from earlier frames."""
 
     weight: float = setting(
-        0.0, "How strongly the texture of earlier frames pulls; 0: none is carried. `--use intensity` makes it 1.",
+        0.0, "Factor on the cost of the carried texture; 0: none is carried. `--use intensity` sets 1.",
         label="Intensity", **_WEIGHT,
     )  # fmt: skip
     sigma: float = setting(
         10.0,
-        "How far a point's colour is from what it was, of 0 … 255.",
+        "Standard deviation of a point's change of intensity, 0 … 255.",
         unit="grey levels",
         above=0.0,
     )
     memory: float = setting(
-        0.5, "Share of the texture that is carried from the first frame, whose pose was given; the rest from the last one.",
+        0.5, "Share of the texture that comes from the first frame; the rest comes from the previous one.",
         low=0.0, high=1.0,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class KeypointSettings:
-    """How given points pull."""
+    """The term of keypoints."""
 
     weight: float = setting(
-        1.0, "How strongly given points pull: a factor on their cost. 1 takes the points' sigma at its word, 0 leaves them "
-        "out.", label="Keypoints", **_WEIGHT,
+        1.0, "Factor on the keypoints' cost. 1: as their standard deviation implies; 0: keypoints are not used.", label="Keypoints", **_WEIGHT,
     )  # fmt: skip
     sigma_mm: float = setting(
-        8.0, "How well a first frame's keypoints are known, and joints of one hand agree with another's.",
+        8.0, "Standard deviation of 3D keypoints: noise, and joints placed differently on different hands.",
         label="Point error mm", level="user", unit="mm", above=0.0, slider=(1.0, 30.0, 0.5),
     )  # fmt: skip
     sigma_px: float = setting(
-        0.0, "Standard deviation of a detector's 2D joints. 0: as the recording's own cameras disagree, 5 px where they cannot "
-        "tell.", label="Joint error px", level="user", unit="px", low=0.0, slider=(0.0, 40.0, 0.5),
+        0.0, "Standard deviation of a detector's 2D joints. 0: measured from the disagreement of the cameras, or 5 px where that is not "
+        "possible.", label="Joint error px", level="user", unit="px", low=0.0, slider=(0.0, 40.0, 0.5),
     )  # fmt: skip
 
     @property
@@ -197,25 +198,28 @@ class KeypointSettings:
 
 @dataclass(frozen=True)
 class PriorSettings:
-    """What is assumed where nothing is seen."""
+    """The priors."""
 
     rest_sigma_deg: float = setting(
-        80.0, "How far joint angles are from the relaxed hand's; 0 switches this pull off.", label="Towards relaxed °",
+        80.0, "Standard deviation of joint angles about the relaxed hand; 0: no such prior.", label="Towards relaxed °",
         level="user", unit="°", low=0.0, slider=(0.0, 90.0, 1.0),
     )  # fmt: skip
     posture: float = setting(
-        1.0, "Strength of what is known of joints that go together (neighbouring fingers, last two joints); 0: none.",
+        1.0, "Factor on the prior of correlated joints (neighbouring fingers, DIP with PIP); 0: none.",
         low=0.0,
     )  # fmt: skip
     collision: bool = setting(
-        True, "Fingers keep out of each other and out of the palm; a body's limbs out of each other.",
+        True, "Penalise fingers that intersect each other or the palm, and a body's limbs.",
     )  # fmt: skip
     motion_sigma_deg: float = setting(
-        12.0, "How far a joint angle, and the hand's turn, is from its prediction one frame later.",
+        12.0, "Standard deviation of a joint angle, and of the hand's orientation, about its prediction for the next frame.",
         label="Turn per frame °", level="user", unit="°", above=0.0, slider=(1.0, 45.0, 0.5),
     )  # fmt: skip
     motion_sigma_mm: float = setting(
-        15.0, "How far the wrist is from its prediction one frame later.", unit="mm", above=0.0
+        15.0,
+        "Standard deviation of the wrist's position about its prediction for the next frame.",
+        unit="mm",
+        above=0.0,
     )
 
 
@@ -225,56 +229,54 @@ class FollowSettings:
 
     prediction: Literal["constant_velocity", "none"] = setting(
         "constant_velocity",
-        "What a frame starts from: `constant_velocity`, or `none`, where the last frame ended.",
+        "Where a frame starts: `constant_velocity` predicts; `none` takes the previous pose.",
     )
     smoothing: float = setting(
-        1.0, "Strength of the pull towards the predicted pose; 0 switches it off.", label="Smoothing", level="user",
+        1.0, "Factor on the cost of deviating from the predicted pose; 0: none.", label="Smoothing", level="user",
         low=0.0, slider=(0.0, 5.0, 0.1),
     )  # fmt: skip
     escape: bool = setting(
         True,
-        "Look for lost fingers over their whole range when a frame fits worse than usual, and every so often.",
+        "Search lost fingers over their whole range when the residual is larger than usual, and at intervals.",
     )
     recovery: bool = setting(
-        True, "Look for a hand that is in doubt or lost again, near where it was last and with fingers flipped; taken only "
-        "where it fits clearly better.", label="Recovery", level="user",
+        True, "Search again for a hand that is lost or of low confidence, near its last position and with fingers flipped. The result is "
+        "used only if it fits clearly better.", label="Recovery", level="user",
     )  # fmt: skip
     estimate: Literal["forward", "whole"] = setting(
-        "whole", "`forward`: each frame by itself and those before it; `whole`: once all are tracked, all of them again "
-        "together, each by those after it as well; where several hypotheses are carried, on the most probable way through them. "
-        "Not where texture is carried.", label="Estimate",
+        "whole", "`forward`: each frame from the frames before it. `whole`: then jointly optimise all tracked frames, along the most "
+        "probable trajectory if several hypotheses are carried. Texture needs `forward`.", label="Estimate",
         level="user", words={"forward": "as frames come", "whole": "whole recording"},
     )  # fmt: skip
     hypotheses: int = setting(
-        1, "How many poses are carried along where one view leaves several open; 1: only the best, without sampling.",
+        1, "Poses carried from frame to frame where one view is ambiguous; 1: only the best, without sampling.",
         label="Hypotheses", level="user", low=1, slider=(1, 16, 1),
     )  # fmt: skip
     seed: int = setting(
-        0, "Of everything random (hypotheses, thinning of clouds): another one gives other samples, the same gives the same "
-        "result. `--seed` sets it.", low=0,
+        0, "Seed of all random numbers (hypotheses, thinning of clouds). The same seed gives the same result. `--seed` sets it.", low=0,
     )  # fmt: skip
     doubtful_mm: float = setting(
-        15.0, "A frame whose hand may be further off than this, by its own covariance (root mean square of the joints' "
-        "standard deviations), is doubtful however well it fits; 0: never.", unit="mm", low=0.0,
+        15.0, "A frame with a larger uncertainty than this (root mean square of the joints' standard deviations) has low "
+        "confidence; 0: no such limit.", unit="mm", low=0.0,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class MixtureSettings:
-    """How other poses are looked for, where `tracker.hypotheses` is above 1."""
+    """Sampling of other poses, with `tracker.hypotheses` above 1."""
 
-    draws: int = setting(24, "Samples a frame, each of them flipped along one chain.", low=0)
+    draws: int = setting(24, "Samples per frame, each flipped along one kinematic chain.", low=0)
     scale: float = setting(
         4.0,
-        "How far samples scatter around a hypothesis, in standard deviations; the 2003 paper has 4 to 6.",
+        "Scatter of samples around a hypothesis, in standard deviations; the 2003 paper uses 4 to 6.",
         above=0.0,
     )
     carried: int = setting(
-        20, "Hypotheses carried in all: `tracker.hypotheses` that differ, and the heaviest of those that do not yet. "
-        "Keypoints alone: anything else takes too long.", low=0,
+        20, "Hypotheses carried in all: `tracker.hypotheses` distinct ones, and the most probable of the others. With keypoints alone "
+        "only.", low=0,
     )  # fmt: skip
     chains: tuple[str, ...] = setting(
-        ("all",), "Chains that samples may be flipped along, by name: `thumb`, `index`, … of a hand; `neck`, `left_arm`, "
+        ("all",), "Chains along which samples may be flipped: `thumb`, `index`, … of a hand; `neck`, `left_arm`, "
         "`right_leg`, … of a body.",
     )  # fmt: skip
 
@@ -284,9 +286,9 @@ class TrackerSettings:
     """All settings; immutable. `with_values` gives a changed copy."""
 
     method: Literal["default", "paper2007", "paper2004", "paper2003"] = setting(
-        "default", "Whose method: ours, or one of the three papers' own with its settings (`docs/explanation/papers.md`); settings given "
-        "beside it win.", label="Method", told={name: method.words for name, method in METHODS.items()},
-        words={"default": "ours", "paper2007": "2007, conic fields", "paper2004": "2004, metaballs", "paper2003": "2003, jumps"},
+        "default", "handtrack's method, or that of one of the three papers with its settings (`docs/explanation/papers.md`). Other settings "
+        "override it.", label="Method", told={name: method.words for name, method in METHODS.items()},
+        words={"default": "handtrack", "paper2007": "2007, conic fields", "paper2004": "2004, metaballs", "paper2003": "2003, jumps"},
     )  # fmt: skip
     model: ModelSettings = field(default_factory=ModelSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)

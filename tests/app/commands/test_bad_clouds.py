@@ -90,7 +90,7 @@ def test_a_damaged_or_missing_cloud_is_a_lost_frame(handtrack, clouds: Path) -> 
     (clouds / "clouds/003.ply").write_bytes(part[:5000])
     ended = handtrack("track", clouds)
     assert statuses(ended, clouds) == [TRACKED, LOST, LOST, LOST, TRACKED]
-    assert "no camera saw anything in this frame." in ended.err
+    assert "no camera has an observation of this frame." in ended.err
     assert "001.npz: not a readable .npz" in ended.err
     assert "003.ply: announces 1000 points, but holds" in ended.err
     assert "the file is cut off. Write it again. Frame 3 counts as missing." in ended.err
@@ -284,7 +284,7 @@ def test_recordings_of_different_length_are_noticed(handtrack: CommandLine, pair
     ended = handtrack("track", pair, "--use", "cloud")
     assert statuses(ended, pair) == [TRACKED] * 3 + [LOST] * 2
     assert said in ended.err
-    assert "lost: frames 3-4; the first: no camera saw anything" in ended.err
+    assert "lost: frames 3-4; the first: no camera has an observation" in ended.err
     doctor = handtrack("doctor", pair)
     assert f"warning: [clouds] {said}" in doctor.out
 

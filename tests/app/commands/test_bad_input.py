@@ -293,7 +293,9 @@ def test_missing_masks_are_misses(handtrack, session: Path) -> None:
     ended = handtrack("track", session)
     assert ended.code == 0
     assert read_npz(session / "tracks/poses.npz").status.tolist() == [0, 0, 2, 0, 0]
-    assert "note: lost: frames 2; the first: no camera saw anything in this frame." in ended.err
+    assert (
+        "note: lost: frames 2; the first: no camera has an observation of this frame." in ended.err
+    )
     assert "000003.png: not a readable image; frame 3 counts as missing" in ended.err
 
 

@@ -16,7 +16,7 @@ OPEN = Reason("open", part="thumb", number=30.0)
 def test_too_little_seen_is_not_called_a_bad_fit(tmp_path: Path) -> None:
     document = fake_document(tmp_path)
     (result,) = document.run.track(range(4, 5), 4, document.model.rest_params())
-    note = "what was seen leaves the thumb open: ± 30 mm"
+    note = "the observations do not constrain the thumb: ± 30 mm"
     doubtful = replace(result, status=Status.DOUBTFUL)
     assert one_frame(doubtful, None).title == "Frame 4 does not fit well"
     far = Reason("far off", part="left wrist", number=300.0, other=0.5)

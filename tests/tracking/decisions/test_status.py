@@ -274,14 +274,14 @@ def test_what_is_open_is_the_root_mean_square_of_joints_and_names_its_parts():
     every = dict.fromkeys(MODEL.joint_names, 0.0149)
     assert open_parts(MODEL, spread(**every), 15.0) == ""
     every = dict.fromkeys(MODEL.joint_names, 0.0151)
-    assert open_parts(MODEL, spread(**every), 15.0).endswith("the whole hand open: ± 15 mm")
+    assert open_parts(MODEL, spread(**every), 15.0).endswith("the whole hand: ± 15 mm")
     count = len(MODEL.joint_names)
     far = np.sqrt((15.2**2 * count - (count - 3)) / 3)
     said = open_parts(MODEL, spread(middle_mcp=1e-3, middle=1e-3 * far), 15.0)
-    assert said == f"what was seen leaves the middle finger open: ± {far:.0f} mm"
+    assert said == f"the observations do not constrain the middle finger: ± {far:.0f} mm"
     said = open_parts(
         MODEL, spread(index_mcp=1e-3, middle_mcp=1e-3, thumb_cmc=1e-3, index=0.05, middle=0.05, thumb=0.05), 15.0
     )  # fmt: skip
-    assert said == "what was seen leaves the thumb, index and middle finger open: ± 50 mm"
+    assert said == "the observations do not constrain the thumb, index and middle finger: ± 50 mm"
     palm = spread(wrist=0.09, thumb_cmc=0.09)
     assert "the whole hand" in open_parts(MODEL, palm, 15.0)
