@@ -11,6 +11,7 @@ from handtrack.arrays import D3, F, Floats, Ints, N, V
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.marching_cubes import marching_cubes
 from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M, MetaballSurface
 
 MOST_NODES = 16_000_000
@@ -74,14 +75,12 @@ def surface_mesh(
 
     Vertices are then moved onto the surface itself, so that the grid's linear interpolation leaves no trace.
     """
-    from skimage.measure import marching_cubes
-
     low, shape = _grid(surface, bones, spacing_m)
     axes = [low[i] + spacing_m * np.arange(shape[i]) for i in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     field = surface.distance(bones, nodes).reshape(shape)
-    corners, faces, _, _ = marching_cubes(field, 0.0, spacing=(spacing_m,) * 3)
-    vertices = corners.astype(float) + low
+    corners, faces = marching_cubes(field)
+    vertices = spacing_m * corners + low
     moved = surface.projected(bones, vertices, steps=2)
     stay = (np.abs(moved - vertices) > spacing_m).any(axis=1)  # beside a jump of d
     moved[stay] = vertices[stay]
@@ -91,7 +90,7 @@ def surface_mesh(
     )
     bone = surface.ellipsoids.bone[near.ellipsoid]
     local = np.einsum("vji,vj->vi", bones.rotation[bone], moved - bones.position[bone])
-    return SurfaceMesh(moved, faces.astype(np.int64), normals, near.ellipsoid, bone, local)
+    return SurfaceMesh(moved, faces, normals, near.ellipsoid, bone, local)
 
 
 def sample_surface(
