@@ -230,8 +230,8 @@ def _check(camera: Camera) -> None:
     if np.abs(tangential).max() > _MOST_TANGENTIAL:
         raise HandtrackError(
             f"{who}: tangential distortion p1 = {tangential[0]:.4g}, p2 = {tangential[1]:.4g}; expected at most "
-            f"{_MOST_TANGENTIAL:g}. Is it a fisheye calibration (k1 k2 k3 k4)? These are not supported: undistort the images "
-            "first. Or are coefficients in another order than k1 k2 p1 p2 k3?"
+            f"{_MOST_TANGENTIAL:g}. Is it a fisheye's (k1 k2 k3 k4)? `handtrack new --lens fisheye` takes those. "
+            "Or are coefficients in another order than k1 k2 p1 p2 k3?"
         )
     if min(camera.size) < 1:
         raise HandtrackError(f"{who}: size {camera.size}; expected width and height in pixels.")

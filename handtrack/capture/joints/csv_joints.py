@@ -94,10 +94,11 @@ def read_csv_joints(text: str, where: str, names: Names, camera: str) -> GivenJo
     head = [name.strip().lower() for name in rows[0]]
     if "img_loc_x" in head and "img_loc_y" in head:
         return _caliscope(rows, head, where, camera)
+    stamped = any(name in head for name in _TIME)
+    if "x" in head and "y" in head and stamped and not any(name in head for name in _FRAME):
+        return _rows_in_order(rows, head, where)
     if "x" in head and "y" in head and any(name in head for name in _POINT):
         return _a_row_a_point(rows, head, where, names)
-    if "x" in head and "y" in head and any(name in head for name in _TIME):
-        return _rows_in_order(rows, head, where)
     return _a_row_a_frame(rows, where, names)
 
 

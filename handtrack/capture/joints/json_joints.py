@@ -297,6 +297,10 @@ def _person(person: Mapping[str, Any], where: str) -> dict[str, Hand]:
 def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
     """Return points (N, 2) [px] and confidence (N,), from N times x, y or flat x, y, confidence."""
     try:
+        if isinstance(values, list) and values and isinstance(values[0], Mapping):  # TensorFlow.js
+            places = [point.get("position", point) for point in values]
+            scores = [point.get("score", 1.0) for point in values] if scores is None else scores
+            values = [[place["x"], place["y"]] for place in places]
         array = np.array(values, dtype=float)
         array = (
             array.reshape(-1, 3 if scores is None else 2)
@@ -304,7 +308,7 @@ def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
             else array.reshape(len(array), -1)
         )
         sure = np.array(scores, dtype=float).ravel() if scores is not None else None
-    except (TypeError, ValueError, OverflowError):
+    except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
         raise HandtrackError(f"{where}: keypoints that are no numbers x, y, confidence.") from None
     if sure is None:
         sure = array[:, 2] if array.shape[1:] == (3,) else np.ones(len(array))

@@ -12,6 +12,7 @@ import pytest
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import named, pinholes, sized, unit_of
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
+from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from tests.capture.calibration_forms.writers import (
     WRITERS,
@@ -204,3 +205,119 @@ def test_fisheyes_are_seen_through_pinholes(form: str, tmp_path: Path) -> None:
         shown = ((camera.project(points) > 0) & (camera.project(points) < camera.size)).all(axis=1)
         assert shown.sum() > 300
         assert np.abs(moved - camera.project(points))[shown].max() < 1e-6
+
+
+def as_others_write(rig: CameraRig) -> dict[str, object]:
+    """Return a rig's cameras as JSON in ways in which public repositories have them."""
+    tables = {
+        c.name: {"K": c.matrix.tolist(), "dist": c.distortions.tolist(), "R": c.rotation.tolist(), "t": c.translation.tolist()}
+        for c in rig
+    }  # fmt: skip
+    lenses = {name: {key: t[key] for key in ("K", "dist")} for name, t in tables.items()}
+    second = rig["cam1"]
+    return {
+        "lens and pose in tables of their own": {
+            name: {
+                "intrinsics": {"camera_matrix": t["K"], "distortion_coefficients": t["dist"]},
+                "extrinsics": {"R_world_to_cam": t["R"], "t_world_to_cam": t["t"]},
+            }
+            for name, t in tables.items()
+        },
+        "a pair under names of its own": {
+            **{f"{key}_{name}": v for name, t in lenses.items() for key, v in t.items()},
+            "R": second.rotation.tolist(),
+            "T": second.translation.tolist(),
+        },
+        "a pair of tables": {
+            **lenses,
+            "R": second.rotation.tolist(),
+            "T": second.translation.tolist(),
+        },
+        "a list below another key": {
+            "poses": [{"name": name, **table} for name, table in tables.items()],
+            "board": {"rows": 7},
+        },
+        "height before width": {
+            name: {**t, "image_size": [480, 640]} for name, t in tables.items()
+        },
+    }
+
+
+@pytest.mark.parametrize("form", as_others_write(rig_of_two()))
+def test_shapes_of_public_repositories_are_known(form: str, tmp_path: Path) -> None:
+    rig = rig_of_two()
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps(as_others_write(rig)[form]))
+    found, _ = taken_in(path, tmp_path)
+    assert largest_difference_px(rig, found) < 1e-9
+    assert [c.size for c in found] == list(SIZES.values())
+
+
+def test_lenses_and_poses_in_two_files_by_camera_are_one_rig(tmp_path: Path) -> None:
+    rig = rig_of_two()
+    tables = json.loads(plain_json(tmp_path, rig).read_text())
+    paths = [tmp_path / "intrinsics.json", tmp_path / "extrinsics.json"]
+    for path, keys in zip(paths, (("K", "dist", "size"), ("R", "t")), strict=True):
+        path.write_text(json.dumps({n: {k: t[k] for k in keys} for n, t in tables.items()}))
+    assert largest_difference_px(rig, taken_in(paths, tmp_path)[0]) < 1e-9
+
+
+def test_camera_infos_of_ros_stand_in_their_rectified_frame(tmp_path: Path) -> None:
+    import cv2
+
+    rig = rig_of_two()
+    first, second = rig
+    turned_1, turned_2, projected_1, projected_2, *_ = cv2.stereoRectify(
+        first.matrix, first.distortions, second.matrix, second.distortions, first.size, second.rotation, second.translation[:, None]
+    )  # fmt: skip
+    paths = []
+    for c, turned, projected in ((first, turned_1, projected_1), (second, turned_2, projected_2)):
+        lines = [f"camera_name: {c.name}", "distortion_model: plumb_bob", f"image_width: {c.size[0]}", f"image_height: {c.size[1]}"]  # fmt: skip
+        for name, m in (("camera_matrix", c.matrix), ("distortion_coefficients", c.distortions[None]),
+                        ("rectification_matrix", turned), ("projection_matrix", projected)):  # fmt: skip
+            rows, cols = m.shape
+            lines += [f"{name}:", f"  rows: {rows}", f"  cols: {cols}", f"  data: {m.ravel().tolist()}"]  # fmt: skip
+        paths.append(tmp_path / f"{c.name}.yaml")
+        paths[-1].write_text("\n".join(lines))
+    given = named(read_calibration(paths), list(SIZES), "it")[0].cameras
+    between = given[1].rotation @ given[0].rotation.T
+    assert np.abs(between - second.rotation).max() < 1e-9
+    moved = given[1].translation - between @ given[0].translation
+    assert np.abs(moved - second.translation).max() < 1e-9
+
+
+def test_transforms_of_nerf_look_backwards_and_count_from_the_corner(tmp_path: Path) -> None:
+    rig = rig_of_two()
+    frames = []
+    for c in rig:
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = c.rotation.T * [1, -1, -1], c.centre
+        k = dict(zip(("k1", "k2", "p1", "p2", "k3"), c.distortions.tolist(), strict=True))
+        frames.append({
+            "file_path": f"./images/{c.name}.png", "transform_matrix": pose.tolist(), "fl_x": c.matrix[0, 0], "fl_y": c.matrix[1, 1],
+            "cx": c.matrix[0, 2] + 0.5, "cy": c.matrix[1, 2] + 0.5, **k,
+        })  # fmt: skip
+    path = tmp_path / "transforms.json"
+    path.write_text(json.dumps({"w": 640, "h": 480, "camera_model": "OPENCV", "frames": frames}))
+    assert largest_difference_px(rig, taken_in(path, tmp_path, 1.0)[0]) < 1e-9
+
+
+def test_a_pose_of_null_is_none(tmp_path: Path) -> None:
+    tables = json.loads(plain_json(tmp_path, rig_of_two()).read_text())
+    tables["cam2"] = {**tables["cam1"], "R": "null", "t": "null"}
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps(tables))
+    assert read_calibration([path]).unposed == ("cam2",)
+
+
+@pytest.mark.parametrize("change", [
+    {"K": [[1.0, 0, 0.5], [0, 1.0, 0.5], [0, 0, 1]]}, {"xi": 1.2},
+])  # fmt: skip
+def test_lenses_that_are_no_pinhole_in_pixels_are_refused(
+    change: dict[str, object], tmp_path: Path
+) -> None:
+    tables = json.loads(plain_json(tmp_path, rig_of_two()).read_text())
+    path = tmp_path / "c.json"
+    path.write_text(json.dumps({name: {**t, **change} for name, t in tables.items()}))
+    with pytest.raises(HandtrackError):
+        read_calibration([path])

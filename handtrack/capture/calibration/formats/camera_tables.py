@@ -28,10 +28,12 @@ _NAMES = {
     "matrix": "k matrix cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicsmatrix mtx kmatrix kmat cammatrix m",
     "distortions": "d dist distortions distortion distcoeffs distcoeff distcoef distcoefs distortioncoefficients "
     "distortioncoeffs distortionscoefficients distortioncoef kc",
-    "rotation": "r rotation rot rotationmatrix rvec rvecs rotationvector rmat rodrigues rotmatrix rotmat",
-    "translation": "t translation trans tvec tvecs translationvector transvector",
+    "rotation": "r rotation rot rotationmatrix rvec rvecs rotationvector rmat rodrigues rotmatrix rotmat rworldtocam rworldtocamera",
+    "translation": "t translation trans tvec tvecs translationvector transvector tworldtocam tworldtocamera",
     "pose": "rt extrinsics extrinsic extrinsicmatrix extrinsicsmatrix worldtocamera worldtocam w2c tcameraworld tcamworld tcw",
-    "size": "size imagesize imsize resolution imageresolution imgsize sizepx imageshapewh",
+    "rectification": "rectificationmatrix rectification",
+    "projection": "projectionmatrix p",
+    "size": "size shape imageshape imagesize imsize resolution imageresolution imgsize sizepx imageshapewh",
     "width": "width imagewidth w",
     "height": "height imageheight h",
     "model": "model cameramodel distortionmodel lensmodel projectionmodel",
@@ -43,6 +45,8 @@ _MEANS = {name: field for field, names in _NAMES.items() for name in names.split
 _GIVEN_BY_CENTRE = {"c2w", "cameratoworld", "camtoworld", "tworldcamera", "tworldcam", "twc"}
 _STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
 _LIMIT = 64  # cameras
+_MIDDLE = 0.05  # of the image: exchanged sides of 10:9 move its middle by as much
+_LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's width
 UNITS_M = {
     "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3,
     "millimetre": 1e-3, "millimetres": 1e-3, "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "in": 0.0254,
@@ -63,11 +67,22 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
         pair = _stereo(tree, where)
         if pair is not None:
             return _in_unit(pair, tree, where)
+        if any(re.fullmatch("xi(l|r|1|2|left|right)?", _plain(key)) for key in tree):
+            raise _mirror(where)
     tables = _tables(tree, alone)
-    if not tables or len(tables) > _LIMIT:
+    if not tables:
+        below = tree.values() if isinstance(tree, Mapping) else ()
+        rigs = (read_tables(v, where, alone) for v in below if isinstance(v, Mapping | list))
+        return next((rig for rig in rigs if rig is not None and len(rig.cameras) > 1), None)
+    if len(tables) > _LIMIT:
         return None
     posed = len(tables) > 1
     placed = [_has_pose(table) or not posed for _, table in tables]
+    between = _known(tree) if isinstance(tree, Mapping) else {}
+    if len(tables) == 2 and not any(placed) and {"rotation", "translation"} <= between.keys():
+        pair = {"R": np.eye(3), "T": np.zeros(3)}, {"R": between["rotation"], "T": between["translation"]}  # fmt: skip
+        tables = [(name, {**table, **pose}) for (name, table), pose in zip(tables, pair)]
+        placed = [True, True]
     if not any(placed):
         placed = [True] * len(tables)  # which camera_of refuses, and says what it expects
     cameras = tuple(
@@ -93,10 +108,7 @@ def read_splatting(tree: Any, where: str) -> GivenRig | None:
         or not all(isinstance(t, Mapping) and keys <= t.keys() for t in tree)
     ):
         return None
-    if len(tree) > _LIMIT:
-        raise HandtrackError(
-            f"{where}: {len(tree)} images; expected one of each camera of a rig that stands still, at most {_LIMIT}."
-        )
+    _check_count(tree, where)
     cameras = []
     for table in tree:
         place = f"{where}, image '{table['img_name']}'"
@@ -108,6 +120,49 @@ def read_splatting(tree: Any, where: str) -> GivenRig | None:
         name = str(table["img_name"]).rsplit(".", 1)[0]
         cameras.append(GivenCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre))
     return GivenRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
+
+
+def read_nerf(tree: Any, where: str) -> GivenRig | None:
+    """Return the cameras of NeRF's transforms.json (Instant-NGP, Nerfstudio), an image each; None for anything else.
+
+    Its poses are camera to world, of a camera that looks along -z with y up; the first pixel's centre is (0.5, 0.5).
+    Raises HandtrackError.
+    """
+    frames = tree.get("frames") if isinstance(tree, Mapping) else None
+    if not isinstance(frames, list) or not all(
+        isinstance(f, Mapping) and "transform_matrix" in f for f in frames
+    ):
+        return None
+    _check_count(frames, where)
+    cameras = []
+    for frame in frames:
+        table = {**tree, **frame}
+        name = str(table.get("file_path", len(cameras)))
+        place = f"{where}, image '{name}'"
+        pose = numbers(frame["transform_matrix"], f"{place}, transform_matrix")
+        if pose.size not in (12, 16) or not {"w", "h"} <= table.keys():
+            raise HandtrackError(f"{place}: expected transform_matrix of 4 x 4, and w, h [px].")
+        size = whole_size([table["w"], table["h"]], f"{place}, w and h")
+        angle = numbers(table.get("camera_angle_x", 1.0), f"{place}, camera_angle_x")
+        fx = table.get("fl_x", float(0.5 * size[0] / np.tan(0.5 * angle)))
+        values = fx, table.get("fl_y", fx), table.get("cx", size[0] / 2), table.get("cy", size[1] / 2)  # fmt: skip
+        fx, fy, cx, cy = numbers(values, f"{place}, fl_x fl_y cx cy").tolist()
+        fisheye = is_fisheye(table.get("camera_model", ""), place)
+        keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+        bent = numbers([table.get(key, 0.0) for key in keys], f"{place}, {' '.join(keys)}")
+        turned = (pose.reshape(-1, 4)[:3, :3] * [1, -1, -1]).T
+        away = -turned @ pose.reshape(-1, 4)[:3, 3]
+        matrix = matrix_of(fx, fy, cx - 0.5, cy - 0.5)
+        name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
+        cameras.append(GivenCamera(name, size, matrix, bent, turned, away, fisheye))
+    return GivenRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
+
+
+def _check_count(images: list[Any], where: str) -> None:
+    if len(images) > _LIMIT:
+        raise HandtrackError(
+            f"{where}: {len(images)} images; expected one of each camera of a rig that stands still, at most {_LIMIT}."
+        )
 
 
 def _in_unit(rig: GivenRig, tree: Mapping[str, Any], where: str) -> GivenRig:
@@ -125,16 +180,31 @@ def _tables(
 ) -> list[tuple[str | None, Mapping[str, Any]]]:
     """Return a table for each camera, with its name as far as there is one."""
     if isinstance(tree, list):
-        return [(_name(t, None), t) for t in tree if isinstance(t, Mapping) and _is_camera(t)]
+        return [
+            (_name(t, None), _flat(t)) for t in tree if isinstance(t, Mapping) and _is_camera(t)
+        ]
     if _is_camera(tree):
         stacked = _unstacked(tree)
         return stacked or [(_name(tree, alone), tree)]
     tables = [
-        (_name(t, str(key)), t)
+        (_name(t, str(key)), _flat(t))
         for key, t in tree.items()
         if isinstance(t, Mapping) and _is_camera(t)
     ]
     return tables or _grouped(tree)
+
+
+def _flat(table: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a camera's table with what stands in its tables of the lens and of the pose."""
+    inner = {
+        key: value
+        for key, value in table.items()
+        if _MEANS.get(_plain(key)) in ("matrix", "pose")
+        and isinstance(value, Mapping)
+        and "data" not in value
+    }
+    outer = {key: value for key, value in table.items() if key not in inner}
+    return {**outer, **{key: v for part in inner.values() for key, v in part.items()}}
 
 
 def _is_camera(table: Mapping[str, Any]) -> bool:
@@ -239,18 +309,31 @@ def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: boo
             f"{where}: no distortion coefficients, only {', '.join(map(str, table))}; expected `dist` (k1 k2 p1 p2 k3), or zeros "
             "where the images have none."
         )
+    if any(_plain(key) == "xi" and value for key, value in table.items()):
+        raise _mirror(where)
     rotation, translation = _pose(table, known, where, posed)
     lens_open = len(distortions) == FISHEYE_COUNT and bool(distortions.any()) and not said
     matrix = _matrix(table, known, where)
+    if min(matrix[0, 0], matrix[1, 1]) < _LEAST_FOCAL_PX:
+        raise HandtrackError(
+            f"{where}: focal lengths of {matrix[0, 0]:g} and {matrix[1, 1]:g}; expected pixels. Are they in millimetres, or "
+            "shares of the image's width?"
+        )
     return GivenCamera(
         name,
-        _size(known, where),
+        _size(known, where, matrix),
         matrix,
         distortions,
         rotation,
         translation,
         any(models),
         lens_open,
+    )
+
+
+def _mirror(where: str) -> HandtrackError:
+    return HandtrackError(
+        f"{where}: `xi` is of an omnidirectional lens (Mei's), which is not read; undistort its images to a pinhole's."
     )
 
 
@@ -269,9 +352,11 @@ def _matrix(table: Mapping[str, Any], known: Mapping[str, Any], where: str) -> F
     return value.reshape(3, 3)
 
 
-def _size(known: Mapping[str, Any], where: str) -> tuple[int, int] | None:
-    if "size" in known:
-        return whole_size(known["size"], f"{where}, size")
+def _size(known: Mapping[str, Any], where: str, matrix: Floats[D3, D3]) -> tuple[int, int] | None:
+    if "size" in known:  # some write height, width: the axis goes through the image's middle
+        size = whole_size(numbers(known["size"], f"{where}, size").ravel()[:2], f"{where}, size")
+        off, turned = (np.abs(matrix[:2, 2] / shape - 0.5).max() for shape in (size, size[::-1]))
+        return size if turned > off / 2 or off < _MIDDLE else size[::-1]
     if {"width", "height"} <= known.keys():
         return whole_size([known["width"], known["height"]], f"{where}, width and height")
     return None
@@ -297,6 +382,9 @@ def _pose(
             )
         turned, moved = pose.reshape(-1, 4)[:3, :3], pose.reshape(-1, 4)[:3, 3]
         return (turned, moved) if known.get("pose") is not None else (turned.T, -turned.T @ moved)
+    rectified = _rectified(known, where)
+    if rectified is not None:
+        return rectified
     if posed:
         raise HandtrackError(
             f"{where}: no pose, only {', '.join(map(str, table))}; expected `R` (matrix or rotation vector) and `t`, world to "
@@ -305,13 +393,30 @@ def _pose(
     return np.eye(3), np.zeros(3)
 
 
+def _rectified(known: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]] | None:
+    """Return the pose from a ROS camera_info, in the rectified frame that its pair shares; None where it says none.
+
+    `p_rectified = R p_camera`, and P = [K' | K' (b, 0, 0)] has the baseline b to the first camera.
+    """
+    turn = known.get("rectification", known.get("rotation"))
+    if turn is None or "projection" not in known:
+        return None
+    turned = rotation_of(turn, f"{where}, R")
+    projected = numbers(known["projection"], f"{where}, P").ravel()
+    if len(projected) != 12 or projected[[1, 4, 7, 8, 9, 11]].any() or projected[10] != 1:
+        return None
+    moved = np.array([projected[3] / projected[0], 0.0, 0.0])
+    return None if not moved.any() and (turned == np.eye(3)).all() else (turned.T, turned.T @ moved)
+
+
 def _has_pose(table: Mapping[str, Any]) -> bool:
     """Return whether a table says where its camera stands; null, as for one that was not found, says nothing."""
-    known = {field for field, value in _known(table).items() if value is not None}
+    known = _known(table).keys()
     centre = any(
         _plain(key) in _GIVEN_BY_CENTRE and value is not None for key, value in table.items()
     )
-    return {"rotation", "translation"} <= known or "pose" in known or centre
+    rectified = "projection" in known and _rectified(_known(table), "") is not None
+    return {"rotation", "translation"} <= known or "pose" in known or centre or rectified
 
 
 def _known(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -319,7 +424,8 @@ def _known(table: Mapping[str, Any]) -> dict[str, Any]:
     known: dict[str, Any] = {}
     for key, value in table.items():
         field = _MEANS.get(_plain(key))
-        if field is not None:
+        missing = value is None or (isinstance(value, str) and value == "null")
+        if field is not None and not missing:
             known.setdefault(field, value)
     return known
 

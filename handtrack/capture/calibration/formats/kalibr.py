@@ -40,11 +40,11 @@ def read_kalibr(tree: Any, where: str) -> GivenRig | None:
             )
         if index:
             step = numbers(table["T_cn_cnm1"], f"{place}, T_cn_cnm1")
-            if step.shape != (4, 4):
+            if step.size != 16:
                 raise HandtrackError(
                     f"{place}: T_cn_cnm1 has the shape {step.shape}; expected 4 x 4."
                 )
-            pose = step @ pose
+            pose = step.reshape(4, 4) @ pose
         cameras.append(_camera(table, str(name), place, pose))
     return GivenRig("Kalibr's camera chain", tuple(cameras), _UNIT_M)
 

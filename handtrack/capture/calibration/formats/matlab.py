@@ -24,13 +24,18 @@ from handtrack.errors import HandtrackError
 
 _FIRST_PIXEL = 1.0
 _MARK = "CameraParameters1"
+_MIDDLE = 0.2  # of the image: how far from its middle a lens's axis may be
 _UNIT_M = UNITS_M["mm"]
 HOW = "In MATLAB: s = toStruct(stereoParams); save('stereo.mat', 's', '-v7'), or write jsonencode(s) to a .json file."
 
 
 def read_matlab(tree: Any, where: str) -> GivenRig | None:
     """Return the two cameras; None for what is no stereoParameters. Raises HandtrackError."""
-    table = _found(tree)
+    table = _found(tree, _MARK)
+    if table is None and _found(tree, "RadialDistortion") is not None:
+        raise HandtrackError(
+            f"{where}: the lens of one camera, without the cameras' places. Give stereoParams, which stereoCameraCalibrator saves."
+        )
     if table is None:
         return None
     parts = [table.get(f"CameraParameters{i}") for i in (1, 2)]
@@ -75,16 +80,18 @@ def read_bouguet(tree: Any, where: str) -> GivenRig | None:
         skew = numbers(tree.get(f"alpha_c_{side}", 0.0), f"{where}, alpha_c_{side}").ravel()
         matrix[0, 1] = focal[0] * skew[0]
         bent = _row(tree, f"kc_{side}", where)
-        cameras.append(GivenCamera(None, size, matrix, bent, rotation, translation))
+        fits = size is not None and np.abs(centre / size - 0.5).max() < _MIDDLE
+        own = size if fits else None  # it is one camera's, and the other may be larger
+        cameras.append(GivenCamera(None, own, matrix, bent, rotation, translation))
     return GivenRig("Bouguet's stereo calibration", tuple(cameras))
 
 
-def _found(tree: Any) -> Mapping[str, Any] | None:
-    """Return the first table with two cameras, at most three levels down: calibrationSession.mat has it below its session."""
+def _found(tree: Any, mark: str) -> Mapping[str, Any] | None:
+    """Return the first table with a key, at most three levels down: calibrationSession.mat has it below its session."""
     tables = [tree] if isinstance(tree, Mapping) else []
     for _ in range(4):
         for table in tables:
-            if _MARK in table:
+            if mark in table:
                 return table
         tables = [v for table in tables for v in table.values() if isinstance(v, Mapping)]
     return None

@@ -11,7 +11,11 @@ from typing import Any
 import numpy as np
 
 from handtrack.capture.calibration.formats.calibration_tree import Tree, calibration_tree
-from handtrack.capture.calibration.formats.camera_tables import read_splatting, read_tables
+from handtrack.capture.calibration.formats.camera_tables import (
+    read_nerf,
+    read_splatting,
+    read_tables,
+)
 from handtrack.capture.calibration.formats.colmap import colmap_folder, read_colmap
 from handtrack.capture.calibration.formats.given_rig import GivenCamera, GivenRig
 from handtrack.capture.calibration.formats.kalibr import read_kalibr
@@ -23,7 +27,7 @@ ACCEPTED = (
     "TOML of Anipose, Pose2Sim, FreeMoCap and Caliscope; OpenCV's YAML, XML and JSON (a stereo pair, or a file a camera); "
     "Kalibr's camchain YAML; a COLMAP model (folder, text or binary); MATLAB's stereoParameters (.mat or JSON) "
     "and Bouguet's Calib_Results_stereo.mat; Qualisys XML; handpose3d's c0.dat with rot_trans_c0.dat; cameras.json of Gaussian "
-    "splatting; EasyMocap's intri.yml with extri.yml; JSON, YAML or NPZ with K, dist, R and t of each camera"
+    "splatting; NeRF's transforms.json; a pair of ROS camera_info; EasyMocap's intri.yml with extri.yml; JSON, YAML or NPZ with K, dist, R and t of each camera"
 )
 CONVERT = (
     'To convert another one, write JSON: {"cam0": {"K": 3x3, "dist": [k1, k2, p1, p2, k3], "R": 3x3, "t": [x, y, z], "size": '
@@ -39,7 +43,7 @@ FORMS: tuple[tuple[tuple[str, ...], Callable[[Path, Any], GivenRig | None]], ...
     (("yaml",), lambda path, tree: read_kalibr(tree, str(path))),
     (("mat", "json"), lambda path, tree: read_matlab(tree, str(path))),
     (("mat",), lambda path, tree: read_bouguet(tree, str(path))),
-    (("json",), lambda path, tree: read_splatting(tree, str(path))),
+    (("json",), lambda path, tree: read_splatting(tree, str(path)) or read_nerf(tree, str(path))),
     (("xml",), lambda path, tree: read_qualisys(tree, str(path))),
     (("toml", "yaml", "json", "xml", "npz", "mat", "rows"), _tables),
 )
@@ -62,7 +66,10 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
     for path, tree in trees.items():
         if tree is None or not isinstance(tree.content, Mapping):
             raise _unknown(path)
-        merged |= {str(key): value for key, value in tree.content.items()}
+        for key, value in tree.content.items():  # a camera's table may stand in each
+            known = merged.get(str(key))
+            both = isinstance(known, Mapping) and isinstance(value, Mapping)
+            merged[str(key)] = {**known, **value} if both else value
     rig = read_tables(merged, " and ".join(map(str, paths)), paths[0].stem)
     if rig is None or len(rig.cameras) < 2:
         raise _half(merged, " and ".join(map(str, paths))) or _unknown(paths[0])
@@ -95,7 +102,7 @@ def _one(path: Path) -> GivenRig:
             _check_names(rig, path)
             return rig
     content = None if tree is None else tree.content
-    raise _half(content, str(path)) or _unknown(path)
+    raise _half(content, str(path)) or _unknown(path, content)
 
 
 def _single(path: Path, tree: Tree | None) -> GivenCamera | None:
@@ -132,7 +139,8 @@ def _check_names(rig: GivenRig, path: Path) -> None:
 
 def _half(content: Any, where: str) -> HandtrackError | None:
     """Return what to say of a file that holds lenses or poses alone; None for one that holds neither."""
-    keys = [str(key) for key in content] if isinstance(content, Mapping) else []
+    tables = [content, *content.values()] if isinstance(content, Mapping) else []
+    keys = [str(key) for table in tables if isinstance(table, Mapping) for key in table]
     plain = {re.sub(r"[\W_\d]|left|right", "", key.lower()) for key in keys}
     lenses = plain & {
         "k",
@@ -170,7 +178,12 @@ def _half(content: Any, where: str) -> HandtrackError | None:
     )
 
 
-def _unknown(path: Path) -> HandtrackError:
+def _unknown(path: Path, content: Any = None) -> HandtrackError:
+    if isinstance(content, Mapping) and content:
+        keys = ", ".join(map(str, list(content)[:8]))
+        return HandtrackError(
+            f"{path}: neither a camera matrix nor a pose under a name that is known; its keys: {keys}. {CONVERT}"
+        )
     return HandtrackError(
         f"{path}: no calibration that is known here. Accepted: {ACCEPTED}. {CONVERT}"
     )
