@@ -47,11 +47,11 @@ def texture():
     return np.clip(128 + 45 * noise / noise.std(), 0, 255).astype(np.uint8)
 
 
-def picture(seen: Camera, texture) -> np.ndarray:
-    """What a camera sees of the textured plane z = 0.5 m."""
+def picture(seen: Camera, texture, plane_m=PLANE_M) -> np.ndarray:
+    """What a camera sees of the textured plane z = 0.5 m, or another."""
     u, v = np.meshgrid(np.arange(240.0), np.arange(180.0))
     rays = seen.rays(np.stack([u, v], -1))
-    hit = seen.centre + rays * ((PLANE_M - seen.centre[2]) / rays[..., 2])[..., None]
+    hit = seen.centre + rays * ((plane_m - seen.centre[2]) / rays[..., 2])[..., None]
     place = (hit[..., :2] / 0.0005 + 800).astype(np.float32)
     return cv2.remap(
         texture,
@@ -87,6 +87,14 @@ def test_a_plane_is_found_where_it_is(arrangement, method, texture):
     pixels = left.project(cloud.points).round().astype(int)
     there = images[left is second][pixels[:, 1].clip(0, 179), pixels[:, 0].clip(0, 239), ::-1]
     assert np.median(np.abs(there.astype(int) - cloud.colors)) < 12
+
+
+def test_cameras_that_stand_close_together_measure_what_is_right_before_them(texture):
+    first, second = camera("a"), camera("b", (0.012, 0, 0))
+    images = picture(first, texture, 0.15), picture(second, texture, 0.15)
+    cloud = StereoMatcher(first, second).cloud(*images)
+    assert len(cloud) > 0.45 * 240 * 180
+    assert np.median(np.abs(cloud.points[:, 2] - 0.15)) < 0.002
 
 
 def test_rectified_rows_are_the_same_and_depth_belongs_to_disparity(rng):

@@ -46,8 +46,8 @@ class StereoSettings:
         80, "A patch of fewer pixels that stands off from its surroundings is taken for wrong.", label="Speckle px",
         unit="px", low=1, slider=(1, 600, 1),
     )  # fmt: skip
-    near_m: float = 0.2
-    """nearest depth searched for."""
+    near_m: float | None = None
+    """nearest depth searched for; unless given, see `stereo.StereoMatcher.near_m`."""
     far_m: float = 1.5
     """farthest depth searched for."""
 
@@ -59,7 +59,7 @@ class StereoSettings:
     def __post_init__(self) -> None:
         if self.method not in _WINDOW_PX:
             raise unknown_name("stereo method", self.method, tuple(_WINDOW_PX))
-        if not 0 < self.near_m < self.far_m:
+        if self.near_m is not None and not 0 < self.near_m < self.far_m:
             raise HandtrackError(
                 f"stereo searches from near_m = {self.near_m:g} to far_m = {self.far_m:g} m; "
                 "expected 0 < near_m < far_m."

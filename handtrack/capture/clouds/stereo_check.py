@@ -57,7 +57,7 @@ def check_pair(
         depth = matcher.pair.depth_of(np.median(level))
         where = f"{float(depth):.2f} m" if np.isfinite(depth) else "no finite depth"
         return (
-            f"{names}: shared features lie at {where}, but depths from {matcher.settings.near_m:g} "
+            f"{names}: shared features lie at {where}, but depths from {matcher.near_m:g} "
             f"to {matcher.settings.far_m:g} m are searched. Set near_m and far_m in [clouds], or "
             "look at the unit of the calibration."
         )
