@@ -11,6 +11,7 @@ import json
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 Value = Any
@@ -160,6 +161,14 @@ class History:
     ) -> Action:
         """Return an action that may come next; `take` makes it count."""
         return Action(self.last_id + 1, kind, words, tuple(changes), joins)
+
+    def names(self, most: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return what undo and redo would take back and make again, the next first, at most so many of each."""
+        past, future = (
+            tuple(step[0].words for step in islice(steps.latest_first(), most))
+            for steps in (self.past, self.future)
+        )
+        return past, future
 
     def undoing(self) -> Action | None:
         """Return the action that takes the latest step back; None at the end of the history."""

@@ -44,6 +44,7 @@ from handtrack_app.protocol.snapshots import (
 
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
+_STEPS = 20  # of the history that are named on the page
 _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Detect "
     "hand', or pose it, then 'Track live'."
@@ -396,7 +397,9 @@ class OpenSession:
         """Say what is on disk, where that changed."""
         if not self.store.has_edits_to_write:
             self._written = self._served
+        past, undone = self.store.history.names(_STEPS)
         now = work_snapshot(self.document, self.store.saved, self._written, self._served)
+        now = replace(now, past=past, undone=undone)
         if now != self._told_work:
             self._told_work = now
             self._publish(now)

@@ -204,6 +204,7 @@ class PageLayout:
     def show_work(self, work: WorkSnapshot) -> None:
         """Show the takes, and whether all that was done is saved."""
         self.takes.show(work)
+        self.pose.show_work(work)
         self.saved = work.saved
         put(self.head, content=head(self.snapshot, self.progress, self.saved))
 

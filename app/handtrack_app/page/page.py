@@ -139,13 +139,14 @@ class Page:
         state.follow = state.playing = False
         self.engine.look_before(not state.looks_before)
 
-    def travel(self, back: bool) -> None:
-        """Undo or redo the latest step."""
-        version = self.state.begin_edit()
-        if back:
-            self.engine.undo(version)
-        else:
-            self.engine.redo(version)
+    def travel(self, back: bool, steps: int = 1) -> None:
+        """Undo or redo the latest step, or several."""
+        for _ in range(steps):
+            version = self.state.begin_edit()
+            if back:
+                self.engine.undo(version)
+            else:
+                self.engine.redo(version)
 
     def notify(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None

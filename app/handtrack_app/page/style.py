@@ -7,7 +7,10 @@ import json
 import viser
 
 from handtrack_app import viser_internals as internals
+from handtrack_app.page.html import chip
 
+_RESIDUAL = (("#e69f00", "silhouette without model"), ("#0072b2", "model without silhouette"))
+"""as `handtrack.diagnostics.residual_image` draws them, which the page's process does not import"""
 _STYLE_SHEET = """
 p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spacing: 0 !important; }
 .mantine-Paper-root[data-with-border="true"]:has(> .mantine-Paper-root) {
@@ -92,7 +95,7 @@ div[style*="width: 7.25em"] { width: 5.9em !important; }
 /* legible: 13 px and 4.5 : 1 */
 p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color: var(--mantine-color-text) !important; opacity: .9; }
 .mantine-Input-input, .mantine-Button-label, .mantine-Checkbox-label { font-size: 13px !important; }
-.mantine-Button-root[data-variant="filled"]:not([style*="gray"]):not([style*="orange"]) { color: #fff !important; }
+.mantine-Button-root[style*="--button-color: var(--mantine-color-black)"]:not([style*="--button-bg"]) { --button-color: #fff !important; }
 [role="tab"] { opacity: 1 !important; color: var(--mantine-color-text) !important; }
 [role="tab"][aria-selected="true"] { font-weight: 600; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important; padding: .25em .6em !important; font-size: .8em; }
@@ -102,6 +105,12 @@ div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; t
 div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important; margin: 0 .3em .4em; width: auto !important; padding: .15em .6em !important; font-size: .8em; }
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
   background-color: #c3c9d2 !important; }
+.handtrack-error { color: #ff8a5c; }
+[data-mantine-color-scheme="light"] .handtrack-error { color: #b03a00; }
+/* what the colours of an overlay mean: at the picture's lower left while a camera is looked through */
+#handtrack-legend { display: none; position: fixed; left: 12px; bottom: calc(var(--handtrack-below) + 10px); z-index: 3; padding: .3em .8em;
+  font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8); border-radius: 4px; pointer-events: none; }
+body[data-overlay="residual"] #handtrack-legend { display: block; }
 .handtrack-warning { color: #f0e442; }
 .handtrack-text { padding: .3em .9em; font-size: 13px; line-height: 1.4; overflow-wrap: anywhere; }
 .handtrack-faint { opacity: .85; }
@@ -117,6 +126,10 @@ if (document.getElementById("handtrack-style") === null) {
   sheet.id = "handtrack-style";
   sheet.textContent = %s;
   document.head.append(sheet);
+  const legend = document.createElement("div");
+  legend.id = "handtrack-legend";
+  legend.innerHTML = %l;
+  document.body.append(legend);
   // keys are heard by the document's root. They act where neither a dialog is open nor a control has the focus
   const controls = 'input, textarea, select, button, [role="slider"], [role="tab"], [role="combobox"], [role="checkbox"]';
   let awaited = false;  // the palette, which takes a moment to open
@@ -140,7 +153,15 @@ if (document.getElementById("handtrack-style") === null) {
   // names for screen readers: viser's sliders, boxes and transport signs have none
   const signs = {"⇤": "First frame", "←": "Previous frame", "▶": "Play or pause", "→": "Next frame", "⇥": "Last frame",
     "+": "Fewer frames", "−": "More frames", "↔": "All frames", "☰": "More lanes"};
+  const icons = {"list-search": "All commands", "adjustments": "Settings of the view"};
   const name = () => {
+    for (const one of document.querySelectorAll("button:not([aria-label])")) {
+      if (one.textContent.trim()) continue;
+      const icon = Object.keys(icons).find((key) => one.querySelector(`[class*="tabler-icon-${key}"]`));
+      if (icon || one.matches(".mantine-CloseButton-root")) one.setAttribute("aria-label", icon ? icons[icon] : "Close");
+    }
+    for (const one of document.querySelectorAll('[role="progressbar"]:not([aria-label])')) one.setAttribute("aria-label", "Progress");
+    for (const one of document.querySelectorAll("img:not([alt])")) one.alt = "Pictures of the cameras";
     for (const one of document.querySelectorAll('[role="slider"], input, button')) {
       if (one.getAttribute("aria-label") || one.labels?.length) continue;
       const sign = signs[one.textContent.trim()];
@@ -163,5 +184,6 @@ if (document.getElementById("handtrack-style") === null) {
 
 def dress(server: viser.ViserServer) -> None:
     """Give all pages of a server the workbench's style, which no folded panel takes along, and its dialogs their keys."""
-    source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET))
+    legend = " &nbsp; ".join(f"{chip(colour)}{words}" for colour, words in _RESIDUAL)
+    source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET)).replace("%l", json.dumps(legend))
     internals.run_javascript(server, source)

@@ -206,7 +206,7 @@ class Outbox:
         saved = self._work.saved
         if saved == "saved" and self._edits:
             saved = "unsaved" if self._is_down else "saving"
-        now = WorkSnapshot(saved, self._work.takes)
+        now = replace(self._work, saved=saved, written=0, done=0)
         if now == self._told:
             return None
         self._told = now

@@ -405,6 +405,10 @@ class WorkSnapshot:
     """the number of the last call that is on disk, as are all before it: `calls.Call`"""
     done: int = 0
     """of the last that was done, on disk or not"""
+    past: tuple[str, ...] = ()
+    """what undo takes back, the latest first; of many steps the latest"""
+    undone: tuple[str, ...] = ()
+    """what redo makes again, likewise"""
 
 
 @dataclass(frozen=True)

@@ -54,3 +54,23 @@ def test_a_cancelled_tracking_is_gone_on_with(tmp_path: Path) -> None:
             assert (_status(bench)[:3] < 0).all(), "only from where it ended"
     finally:
         bench.stop()
+
+
+def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench: Workbench) -> None:
+    state, history = bench.state, bench.layout.pose.history
+    with WireClient(bench.url) as client:
+        for name, angle in (
+            ("index_mcp_flex", 20.0),
+            ("ring_mcp_flex", 30.0),
+            ("thumb_ip_flex", 15.0),
+        ):
+            client.set_value(bench.layout.pose.sliders[name], angle)
+            eventually(lambda name=name: abs(np.rad2deg(state.value_of(name)) - angle) < 0.1, name)  # noqa: B023
+        eventually(lambda: len(history.options) == 4, "three steps, and now")
+        second = next(one for one in history.options if "Ring" in one)
+        client.set_value(history, second)
+        eventually(lambda: abs(np.rad2deg(state.value_of("ring_mcp_flex")) - 30.0) > 1, "before it")
+        assert abs(np.rad2deg(state.value_of("index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
+        eventually(lambda: history.options[0] not in ("now", second), "those undone are listed")
+        client.set_value(history, history.options[0])
+        eventually(lambda: abs(np.rad2deg(state.value_of("thumb_ip_flex")) - 15.0) < 0.1, "again")

@@ -25,7 +25,7 @@ from tests.app.page.test_through import Browser
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
-CARD = re.compile(r"<b style='font-size:1.15em'>Frame (\d+)</b>")
+CARD = re.compile(r">Frame (\d+)</b>")
 
 
 class Witness:

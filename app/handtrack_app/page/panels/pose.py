@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import viser
@@ -23,11 +23,12 @@ from handtrack_app.page.panels.pose_words import (
 from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.posing.copy_panel import CopyPanel
 from handtrack_app.protocol.score import ScoreSnapshot
-from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot
+from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, WorkSnapshot
 
 _ROW = 18  # letters of the groups in a row of buttons, in a panel of usual width
 _MOST_IN_ROW = 3
 _FLIP = "Before/after"
+_NOW: str = "now"
 _KEEP: str = "choose …"
 _REACH = 500.0  # sliders of the place reach this far from where it first was, in its unit
 
@@ -65,6 +66,10 @@ class PosePanel:
                 hint="Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Y. 'Before/after' "
                 "only shows the pose before the last step, and back. Key: Tab.",
             )
+            self.history: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+                "History", (_NOW,), initial_value=_NOW,
+                hint="The last steps by name. Choose one to go back to just before it, or, of those undone (↷), to make it again.",
+            )  # fmt: skip
             self.sliders_at = gui.add_html("").order
             take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
             self.library = gui.add_dropdown(
@@ -92,6 +97,7 @@ class PosePanel:
         page.on(fit, lambda _: self._fit())
         self.nudges.keys.add("Fit this frame", "F", page.from_user(lambda _: self._fit()))
         page.on(self.edit_buttons, lambda event: self._edit(str(event.target.value)))
+        page.on(self.history, lambda _: self._go_back(str(page.said(self.history))))
         page.on(take, lambda event: self.take(event.target.value))
         page.on(self.library, self._choose)
         page.on(pictures, self._ask)
@@ -103,6 +109,20 @@ class PosePanel:
             self.page.flip()
         else:
             self.page.travel(which == "Undo")
+
+    def show_work(self, work: WorkSnapshot) -> None:
+        """Name the steps that can be undone, and those that were."""
+        again = [f"↷ {n}: {words}" for n, words in enumerate(work.undone, 1)][::-1]
+        steps = (*again, _NOW, *(f"↶ {n}: {words}" for n, words in enumerate(work.past, 1)))
+        if self.history.options != steps:
+            self.history.options = steps
+        put(self.history, value=_NOW)
+
+    def _go_back(self, chosen: str) -> None:
+        if chosen != _NOW:
+            self.history.value = _NOW
+            sign, number = chosen.partition(":")[0].split()
+            self.page.travel(sign == "↶", int(number))
 
     def _fit(self) -> None:
         state = self.page.state
@@ -222,6 +242,8 @@ class PosePanel:
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
                 slider.value = shown
         self.pose = self.copies.pose = pose
+        if self.page.state.playing:
+            pose = replace(pose, note="")  # what comes and goes would move all below it
         self.card.content = pose_card(pose, self.score)
         self.pins.show(pose)
 

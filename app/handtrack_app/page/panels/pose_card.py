@@ -113,13 +113,13 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
     for group, row in cells.items():
         if group in heads:
             titles = "".join(
-                f"<td style='text-align:center;opacity:.6'>{title}</td>" for title in heads[group]
+                f"<td style='text-align:center;opacity:.85'>{title}</td>" for title in heads[group]
             )
             rows += f"<tr><td></td>{titles}</tr>"
         rows += f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
     return (
-        "<div style='padding:.4em .9em;font-size:.8em;line-height:1.5'>"
-        "<div style='opacity:.75;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
+        "<div style='padding:.4em .9em;font-size:13px;line-height:1.5'>"
+        "<div style='opacity:.85;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
         "Yellow is badly seen; <b>unseen</b> cannot be told from these images.</div>"
         "<table style='width:100%;table-layout:fixed;border-spacing:2px;border-collapse:separate'>"
         f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table></div>"
@@ -148,7 +148,7 @@ def _cell(name: str, std: float) -> str:
     share = 1.0 if not math.isfinite(std) else min(shown / 20.0, 1.0)
     low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
     red, green, blue = (low + share * (high - low)).astype(int)
-    ink = "#111" if share > 0.45 else "#fff"
+    ink = "#111" if share > 0.3 else "#fff"
     title = html.escape(f"{name}: ± {text}")
     return (
         f"<td title='{title}' style='background:rgb({red},{green},{blue});color:{ink};border-radius:3px;"

@@ -7,13 +7,17 @@ from dataclasses import dataclass, field
 
 import viser
 
+from handtrack_app.page.html import table, text
 from handtrack_app.page.page import Keys, Page
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot
 
-IMAGES, LEAST = "the images", "least change"
+_FAR_PX = (
+    10.0  # a third of a finger's width in the pictures of the tutorial: no pose meets such a pin
+)
+IMAGES, LEAST = "fit to images", "keep"
 _NONE = (
-    "<div style='padding:.1em .9em .4em;font-size:.8em;opacity:.75;line-height:1.35'>Look through a camera (key 1, 2 …) and drag a "
+    "<div class='handtrack-text handtrack-faint'>Look through a camera (key 1, 2 …) and drag a "
     "joint or a segment to where the picture has it. The same joint in a second camera fixes the point.</div>"
 )
 
@@ -32,7 +36,7 @@ class PinPanel:
         gui, page = self.page.gui, self.page
         with gui.add_folder("Pins"):
             self.held = gui.add_dropdown(
-                "Rest held by",
+                "Other joints",
                 (IMAGES, LEAST),
                 initial_value=IMAGES,
                 hint="While a joint is dragged, all the rest fits what was seen; or it stays as it is, as far as it can.",
@@ -59,7 +63,7 @@ class PinPanel:
         add = self.keys.add
         add("Drop the last pin", "Backspace", page.from_user(lambda _: self._drop_last()))
         add(
-            "Pins: rest held by images, or least change",
+            "Pins: fit other joints to the images, or keep them",
             "X",
             page.from_user(lambda _: self._switch()),
             "shift",
@@ -100,11 +104,12 @@ class PinPanel:
 def pin_list(pins: tuple[PinCard, ...]) -> str:
     """Return the pins of a frame as a table: what, where, and by how much the pose misses it."""
     rows = "".join(
-        f"<tr><td>{html.escape(pin.words)}</td><td style='opacity:.7'>{html.escape(pin.camera)}</td>"
-        f"<td style='text-align:right'>{pin.off_px:.1f} px</td></tr>"
+        f"<tr class='{'handtrack-error' if pin.off_px > _FAR_PX else ''}'><td>{html.escape(pin.words)}</td>"
+        f"<td>{html.escape(pin.camera)}</td><td style='text-align:right'>{pin.off_px:.1f} px</td></tr>"
         for pin in pins
     )
-    return (
-        "<table style='width:100%;padding:.1em .9em .4em;font-size:.8em;line-height:1.5' title='how far the pose is from it'>"
-        f"{rows}</table>"
-    )
+    mean = sum(pin.off_px for pin in pins) / len(pins)
+    head = f"{len(pins)} pin{'' if len(pins) == 1 else 's'}, mean error {mean:.1f} px"
+    if any(pin.off_px > _FAR_PX for pin in pins):
+        head += ". The red ones contradict the others or the joint limits."
+    return text(head, faint=False) + table(rows)

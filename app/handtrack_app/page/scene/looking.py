@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -88,6 +89,7 @@ class Looking:
         state, number = self._page.state, client.client_id
         with state.lock:
             state.looks[number] = replace(state.look(number), through=camera)
+        self._explain(number)
         card = self.card(number)
         for name in _IN_THE_WAY:
             internals.show_node(client, name, card is None)
@@ -105,6 +107,14 @@ class Looking:
         state = self._page.state
         with state.lock:
             state.looks[client] = replace(state.look(client), paint=paint)
+        self._explain(client)
+
+    def _explain(self, number: int) -> None:
+        """Let a page show what the colours over its picture mean."""
+        client, look = self._page.server.get_clients().get(number), self._page.state.look(number)
+        if client is not None:
+            paint = look.paint if look.through in self._cards else ""
+            internals.run_javascript(client, f"document.body.dataset.overlay = {json.dumps(paint)}")
 
     def pictures(self, field_camera: str | None) -> tuple[Picture, ...]:
         """Return the pictures that the pages show. field_camera: whose field is shown, if any."""

@@ -17,7 +17,7 @@ _KEPT_AS = "handtrack.room"  # in the browser's storage
 _LARGER = 1.25
 _LARGE = "document.documentElement.style.setProperty('--mantine-scale', '{}', 'important')"
 DARK, LIGHT, USUAL, LARGE = "dark", "light", "usual", "large"
-WIDTH = 284
+WIDTH = 276
 """of the panel, with usual text [px]: the scene keeps 70 % of a window of 1280 x 800"""
 _SYSTEM = """
 const key = "viser-user:handtrack.room";
