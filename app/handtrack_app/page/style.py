@@ -69,7 +69,7 @@ div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolut
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
 div:has(> .handtrack-next) + div { top: 24px; }
 div:has(> .handtrack-next.handtrack-aside) + div { top: 3px; text-align: right; padding-right: 4px !important; }
-div:has(> .handtrack-next) + div .mantine-Button-root { width: auto !important; height: 27px !important; padding: 0 1.1em !important;
+div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !important; width: auto !important; height: 27px !important; padding: 0 1.1em !important;
   pointer-events: auto; box-shadow: 0 0 6px var(--mantine-color-body); }
 .handtrack-bar { height: 5px; border-radius: 3px; background: rgba(128, 128, 128, .3); margin: .35em 0; }
 .handtrack-bar > div { height: 100%; border-radius: 3px; background: #009e73; }
@@ -94,6 +94,7 @@ div[style*="width: 7.25em"] { width: 5.9em !important; }
 .mantine-Flex-root[style*="wrap"] { gap: .3em !important; }
 /* legible: 13 px and 4.5 : 1 */
 p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color: var(--mantine-color-text) !important; opacity: .9; }
+.multi-slider-mark-label, .mantine-Slider-markLabel { font-size: 11px !important; color: var(--mantine-color-text) !important; opacity: .85; }
 .mantine-Input-input, .mantine-Button-label, .mantine-Checkbox-label { font-size: 13px !important; }
 .mantine-Button-root[style*="--button-color: var(--mantine-color-black)"]:not([style*="--button-bg"]) { --button-color: #fff !important; }
 [role="tab"] { opacity: 1 !important; color: var(--mantine-color-text) !important; }
