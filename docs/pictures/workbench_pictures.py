@@ -77,7 +77,7 @@ def opened(folder: Path, out: Path) -> Iterator[Taker]:
             taker.until(lambda: bench.layout.tracking.progress.state == "idle", _LONG_S)
             page.wait_for_timeout(_SETTLES_MS)
             for client in bench.server.get_clients().values():
-                bench.layout.room.change(client, folded=())
+                bench.layout.room.change(client, folded=False)
             yield taker
     finally:
         bench.stop()

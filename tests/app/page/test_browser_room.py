@@ -28,6 +28,9 @@ LAYOUT = """() => {
           scale: getComputedStyle(document.documentElement).getPropertyValue('--mantine-scale').trim(),
           ground: getComputedStyle(document.querySelector('canvas').closest('div[style*="background-color"]')).backgroundColor};
 }"""
+NAMELESS = """() => [...document.querySelectorAll('button, input, img, [role="slider"], [role="progressbar"]')].filter((one) =>
+  one.offsetParent !== null && !one.getAttribute('aria-label') && !one.alt && !one.textContent.trim() && !one.labels?.length)
+  .map((one) => one.outerHTML.slice(0, 150))"""
 KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))"
 
 
@@ -73,6 +76,17 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path: Path) -> None:
         view.page.wait_for_timeout(2000)
         assert looks() == before
         assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"
+
+
+@pytest.mark.browser
+def test_a_screen_reader_has_a_name_for_each_control_and_for_the_page(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    with browsing(bench, size=(1024, 768)) as view:
+        for tab in ("Pose", "Track", "View", "Export", "Masks"):
+            view.show_tab(tab)
+            eventually(lambda: view.page.evaluate(NAMELESS) == [], f"names in {tab}")
+        bench.page.go_to(5)
+        eventually(lambda: "Frame 5 " in view.page.title(), "the frame in the page's title")
 
 
 def share(view: PageUnderTest) -> float:
