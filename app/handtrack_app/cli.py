@@ -161,7 +161,7 @@ _SERVER = (
 _MOTION = (
     _option("--skeleton", type=Path, metavar="FILE.asf", help="of an .amc (default: the one beside it)"),
     _option("--names", type=Path, metavar="TABLE.toml", help='which joints are which, lines such as left_knee = "LeftLeg"'),
-    _option("--unit-m", type=float, metavar="M", help="metres in one unit of it (default: told by a person's size)"),
+    _option("--unit-m", type=float, metavar="M", help="metres per unit of the file (default: estimated from the person's size)"),
     _option("--positions", choices=("add", "replace"), help="what a BVH's position channels do to OFFSETs, where it does not show"),
 )  # fmt: skip
 
@@ -213,12 +213,12 @@ COMMANDS: dict[str, _Command] = {
                 help="its 2D joints, of a hand or a body: of OpenPose, MediaPipe, RTMPose, DeepLabCut, SLEAP, or CSV"),
         _option("--layout", metavar="NAME",
                 help="the order of a body's joints, such as body_25 or halpe26 (default: recognised, and said)"),
-        _option("--person", type=int, metavar="N", help="which of several people, 1 is the tallest who stays (default)"),
+        _option("--person", type=int, metavar="N", help="which of several people; 1 is the tallest one present throughout (default)"),
         _option("--model", metavar="NAME|FILE",
-                help="hand26, body34, another name or your own definition (default: hand26, or body34 where joints are a body's)"),
-        _option("--truth", type=Path, metavar="FILE", help="what it really shows: truth.npz, TRC, C3D or CSV, in the calibration's world"),
+                help="hand26, body34, another name or your own definition (default: hand26, or body34 for a body's joints)"),
+        _option("--truth", type=Path, metavar="FILE", help="ground truth: truth.npz, TRC, C3D or CSV, in the calibration's world"),
         _option("--name", default="", help="the session's name"),
-        _option("--side", choices=("right", "left"), help="which hand (default: as the detector sees it, else right)"),
+        _option("--side", choices=("right", "left"), help="which hand (default: detected, else right)"),
         _option("--detector", type=Path, metavar="FILE", help="the hand detector's weights (default: as for `detect`)"),
         _option("--track", action="store_true", help="track after import: detect the hand, then track it"),
         _option("--fps", type=float, help="frames a second (default: the first video's)"),
@@ -274,7 +274,7 @@ COMMANDS: dict[str, _Command] = {
     "size": _Command("person.size", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
     "export": _Command("export", "Write a tracked sequence for other programs.", (
         _POSES,
-        _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, bvh-humanik, glb, trc, mot, osim, c3d, urdf, mcap, mano, anipose, netcdf, nwb, mp4, html or report; without it, what each is for is told"),
+        _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, bvh-humanik, glb, trc, mot, osim, c3d, urdf, mcap, mano, anipose, netcdf, nwb, mp4, html or report; without it, the formats are described"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
         _option("--up", metavar="AXIS", help="which of the world's axes points up: x, y, z, or --up=-y where y points down; bvh, glb, trc, mot, c3d, urdf and mcap then stand upright (default: nothing is turned)"),
         _LANDMARKS,
@@ -307,8 +307,8 @@ COMMANDS: dict[str, _Command] = {
         _option("--distance", type=float, help="of the cameras [m]: 0.5, around a body 3.5"),
         _option("--fps", type=float, default=25.0),
         _option("--no-images", action="store_true", help="masks alone, no videos"),
-        _option("--joints-px", type=float, metavar="PX", help="also 2D joints as a detector's, each off by so much"),
-        _option("--clouds", action="store_true", help="also point clouds of what the cameras see"),
+        _option("--joints-px", type=float, metavar="PX", help="also 2D joints like a detector's, with this error"),
+        _option("--clouds", action="store_true", help="also the cameras' point clouds"),
         _option("--distortion", action="store_true", help="lenses with distortion"),
         _option("--init-noise-mm", type=float, default=5.0, help="of the keypoints in init.json; 0: exact pose"),
         _option("--seed", type=int, default=0, help="of motion and noise"),
@@ -380,7 +380,7 @@ COMMANDS: dict[str, _Command] = {
     )),
     "doctor": _Command("doctor", "Check a session folder and report problems.", (
         _SESSION,
-        _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand where joints tell; odd ones orange"), _JSON,
+        _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"), _JSON,
     )),
     "bench": _Command("bench", "Run the benchmarks: each figure beside its reference, in one run.", (
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,
@@ -410,7 +410,7 @@ def build_parser() -> argparse.ArgumentParser:
     """Return the parser of all commands."""
     parser = argparse.ArgumentParser(
         prog="handtrack",
-        description="Track the full 3D pose of a hand by fitting an articulated model to what calibrated cameras saw.",
+        description="Track the full 3D pose of a hand by fitting an articulated model to the images of calibrated cameras.",
         epilog=_listing()
         + "\n\nWithout a command, the workbench opens in the browser. Options: `handtrack COMMAND --help`.",
         formatter_class=argparse.RawDescriptionHelpFormatter,

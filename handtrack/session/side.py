@@ -52,6 +52,6 @@ def doubt_of_side(
     if odds < _DECISIVE:
         return ""
     return (
-        f"a {other_side} hand fits what was seen decisively better than a {model.side} one (log-odds {odds:.1f} in "
+        f"a {other_side} hand fits the observations decisively better than a {model.side} one (log-odds {odds:.1f} in "
         f'{len(rows)} frames). Is side = "{model.side}" right in session.toml? If it is: are two cameras exchanged?'
     )

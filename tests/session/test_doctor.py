@@ -57,8 +57,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "one mask empty": (
         lambda f: masks(f, "cam1", EMPTY, range(2, 3)),
         "warning",
-        "camera 'cam1': 1 of 4 masks are empty, frames 2. An empty mask says that the hand is "
-        "not there",
+        "camera 'cam1': 1 of 4 masks are empty, frames 2",
     ),
     "inverted": (
         lambda f: masks(f, "cam1", FULL, range(1, 3)),

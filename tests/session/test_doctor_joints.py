@@ -126,7 +126,7 @@ MISTAKES: dict[str, tuple[Callable[[Recording], None], str]] = {
     "C27 inverse": (turned_round, "led from the camera to the world"),
     "C28 exchanged": (exchanged, "if cameras 'cam0' and 'cam2' were exchanged"),
     "C29 mirrored": (mirrored, "if the images of camera 'cam1' were mirrored"),
-    "late by one": (late, "if camera 'cam1' came 1 frame late"),
+    "late by one": (late, "with camera 'cam1' 1 frame late"),
     "another size": (of_another_size, "if the matrix of camera 'cam2' were 0.667 times what it is"),
     "millimetres": (in_millimetres, "With world_unit_m = 0.001 (millimetres) it were"),
     "other side": (of_the_other_side, "its joints are a right hand's"),

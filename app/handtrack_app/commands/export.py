@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
         say(f"note: {text}")
     if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
         say(
-            f"note: {args.poses} holds frames of hands of different sizes; {args.to} has one skeleton for all, which is up to "
-            f"{1e3 * table.misfit_m:.1f} mm off in some of them."
+            f"note: {args.poses} has frames with different hand sizes; {args.to} has one skeleton for all, with errors of up to "
+            f"{1e3 * table.misfit_m:.1f} mm in some frames."
         )
     return 0
 

@@ -65,7 +65,7 @@ def findings(model: ArticulatedModel) -> list[str]:
     bare = [bone for b, bone in enumerate(bones) if b not in set(model.flesh["fine"].bone.tolist())]
     moving = {bones[b] for b in model.skeleton.hinge_bone}
     last = [b for b in bare if b in moving and bones.index(b) not in model.skeleton.parent]
-    found += [f"bone '{bone}' moves, and has no ellipsoid: no silhouette tells of it" for bone in last]  # fmt: skip
+    found += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
     thin = model.flesh["fine"].radii.min(axis=1) < _THIN_M
     found += [f"ellipsoid {name} is thinner than 0.1 mm" for name in np.array(model.flesh["fine"].name)[thin]]  # fmt: skip
     size = float(np.ptp(model.joint_positions(model.bones(model.rest_params())), axis=0).max())

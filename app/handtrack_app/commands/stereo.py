@@ -77,7 +77,7 @@ def _summarise(
     ]
     if not max(counts):
         say(
-            "note: not a single point: do the cameras have empty masks? `handtrack doctor` looks at them."
+            "note: no points at all: do the cameras have empty masks? `handtrack doctor` checks them."
         )
     if out.resolve().is_relative_to(session.folder.resolve()):
         place = out.resolve().relative_to(session.folder.resolve()).as_posix()

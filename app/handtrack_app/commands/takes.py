@@ -98,7 +98,7 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
             run.model, lambda frame: run.seen(frame).silhouettes, take.results(frames)
         )
     except (HandtrackError, ValueError, KeyError, TypeError) as error:
-        say(f"note: how well take {take.number} covers the masks cannot be told: {error}")
+        say(f"note: the overlap of take {take.number} with the masks cannot be computed: {error}")
         return None
 
 

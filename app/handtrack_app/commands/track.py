@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
         unsized = TrackingRun.open(session, {**overrides, "model.fit_size": "false"}, first, stop)
         run_ = unsized.with_values({"model.fit_size": settings.model.fit_size})
         if args.size_later and not (settings.model.fit_size == "later" and run_.size_is_open):
-            say("note: --size-later has no effect: the size is given, and not fitted.")
+            say("note: --size-later has no effect: the size is fixed, not fitted.")
         recorder = None
         if args.rerun or args.rerun_save:
             recorder = ResidualRecorder(run_, args.rerun, args.rerun_save, args.rerun_frame)

@@ -23,9 +23,9 @@ _TOLD_MM = 5.0  # a joint's move that one sees: half a finger's breadth
 
 
 _NOT_FOUND = {
-    "hand": "No frame that was looked at shows a hand in silhouettes or clouds that can be told for sure. Try a frame in which the "
-    "hand is open and wholly in view, or pose it yourself.",
-    "body": "No frame that was looked at has joints of a body that can be told for sure. Try a frame in which it is wholly in view, or "
+    "hand": "No searched frame has a hand that silhouettes or clouds identify with confidence. Try a frame in which the "
+    "hand is open and entirely in view, or pose it yourself.",
+    "body": "No searched frame has a body that its joints identify with confidence. Try a frame in which it is entirely in view, or "
     "pose it yourself.",
 }
 
@@ -49,10 +49,10 @@ def one_frame(result: FrameResult, fit: OutlineFit | None) -> Notice:
     if result.is_open or result.is_unlikely or result.is_unconfirmed:
         return Notice(
             "warning",
-            f"Frame {result.frame} fits, as far as it is seen",
-            f"In doubt: {result.note}.",
+            f"Frame {result.frame} fits, with low confidence",
+            f"{result.note[:1].upper()}{result.note[1:]}.",
         )
-    text = result.note or "What was seen is not explained well."
+    text = result.note or "The pose does not explain the observations"
     return Notice(
         "warning", f"Frame {result.frame} does not fit well", f"{text}. Undo brings your pose back."
     )
@@ -78,17 +78,19 @@ def summary(results: Sequence[Outcome], total: int, by_hand: int, seconds: float
     counts = np.bincount([int(result.status) for result in results], minlength=5)
     done = len(results)
     speed = f"{1000 * seconds / max(done, 1):.0f} ms a frame"
-    odd = [f"{counts[i]} {word}" for i, word in ((1, "doubtful"), (2, "lost")) if counts[i]]
+    odd = [
+        f"{counts[i]} {word}" for i, word in ((1, "with low confidence"), (2, "lost")) if counts[i]
+    ]
     poor = sum(result.poor_cloud for result in results)
     if poor:
-        odd.append(f"{poor} in a poor cloud")
+        odd.append(f"{poor} with a poor cloud")
     held = sum(result.is_simplified for result in results)
     if held:
-        odd.append(f"{held} with the fingers held, where the cloud is too poor for them")
-    quality = ", ".join(odd) if odd else "none doubtful"
-    hand = f" {by_hand} set by hand or found stayed as they are." if by_hand > 1 else ""
+        odd.append(f"{held} with the fingers fixed, because the cloud is too poor")
+    quality = ", ".join(odd) if odd else "none with low confidence"
+    hand = f" {by_hand} set by hand or detected are unchanged." if by_hand > 1 else ""
     if by_hand == 1:
-        hand = " One, set by hand or found, stayed as it is."
+        hand = " One, set by hand or detected, is unchanged."
     return f"{done} of {total} frames in {seconds:.1f} s ({speed}); {quality}.{hand}"
 
 
@@ -102,7 +104,7 @@ def offer_words(run: TrackingRun, offered: HandScale | None) -> str:
     """Return how fitting the size after tracking went. offered: what was found, where it is another."""
     size = run.scale.overall
     if offered is None:
-        return f"No tracked frame tells it better: it stays {size:.2f} times an adult's mean."
+        return f"No tracked frame measures it better: it stays {size:.2f} times the adult mean."
     return (
         f"The {run.model.kind} is {offered.overall:.2f} times an adult's mean; it was tracked with {size:.2f}. In the tab "
         "Track, 'Track again' takes the new size."

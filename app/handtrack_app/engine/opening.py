@@ -119,19 +119,19 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
 
 
 _BY_HAND = (
-    "Go to a frame where the {kind} is well seen, look through a camera, and pose it over the image: '{pose} as', "
+    "Go to a frame that shows the {kind} well, enter a camera view, and pose it over the image: '{pose} as', "
     "'Nudge', then 'Fit this frame' and 'Save as first-frame pose'."
 )
 NO_POSE = {
     "hand": "Press 'Detect hand' at the timeline, or in the tab Pose. Or pose it: "
     + _BY_HAND.format(kind="hand", pose="Fingers"),
-    "body": "Press 'Detect body' at the timeline, where a detector saw its joints. Or pose it: "
+    "body": "Press 'Detect body' at the timeline, if the recording has detected joints. Or pose it: "
     + _BY_HAND.format(kind="body", pose="Pose"),
 }
 """what to do where nobody said where the hand or the body is, by kind of model"""
 
 _NOTHING = (
-    "Nothing tells where the {kind} is yet: this session has neither masks nor clouds. In the tab Cloud, match a pair of "
+    "There is nothing to fit the {kind} to yet: this session has neither masks nor clouds. In the tab Cloud, match a pair of "
     "cameras ('Clouds from this pair'); or give the cameras masks in session.toml, a folder of files or a method such as "
     "'skin_ycrcb', and open it again. Edges of the images, with a first pose, do without both (tab Settings, Weights)."
 )

@@ -103,7 +103,7 @@ def _check_series(camera: Camera) -> Iterator[Finding]:
     r2 = float(corner @ corner)
     if k[4] == 0 and abs(k[1]) * r2 * r2 > max(abs(k[0]) * r2, _UNBALANCED):
         yield warning(
-            f"camera '{camera.name}': of the lens's coefficients the second, k2 = {k[1]:.3g}, bends the corners most, by "
-            f"{abs(k[1]) * r2 * r2:.0%}, and no k3 is against it. Did k3 get lost on the way here (some formats have room for four)? "
+            f"camera '{camera.name}': the coefficient k2 = {k[1]:.3g} moves the corners by "
+            f"{abs(k[1]) * r2 * r2:.0%}, and no k3 balances it. Was k3 lost in a conversion (some formats hold only four coefficients)? "
             "Compare with the calibration's own file."
         )

@@ -216,7 +216,7 @@ def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[int, str, _Match | None]]:
             )
             yield (
                 shift,
-                f"They would meet if camera '{one.camera.name}' came {frames}: `lag_s` in session.toml tells so.",
+                f"They would agree with camera '{one.camera.name}' {frames}: set `lag_s` in session.toml.",
                 _match(shifted),
             )
         if len(seen) == 2:

@@ -48,8 +48,8 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
     meant = _what_would_fit(seen) if off or behind or all(px is None for px in apart) else ""
     if behind and not off:
         yield warning(
-            f"what is seen lies behind the cameras by this calibration: the lines of sight to the hand of {'; '.join(behind)} part "
-            f"before them. {meant or 'Are cameras exchanged, or is a direction in calibration.toml the wrong way round?'}"
+            f"by this calibration the hand lies behind the cameras: the viewing rays of {'; '.join(behind)} diverge "
+            f"in front of them. {meant or 'Are cameras exchanged, or is a direction in calibration.toml the wrong way round?'}"
         )
     elif off:
         yield warning(

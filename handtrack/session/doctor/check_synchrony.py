@@ -31,8 +31,8 @@ def check_synchrony(session: Session) -> Iterator[Finding]:
     untold = [name for name in found if name not in told]
     if untold:
         yield note(
-            f"whether {_listed(untold)} run{'s' * (len(untold) == 1)} with the others cannot be told: what moves there agrees with no "
-            "other camera's by any offset that was searched."
+            f"the synchronisation of {_listed(untold)} cannot be checked: the motion there matches no "
+            "other camera's at any time offset searched."
         )
     if told and not late:
         most = max(abs(offset.frames) for offset in told.values())

@@ -178,7 +178,7 @@ def _check_masks(view: View) -> Iterator[Finding]:
     elif empty:
         yield warning(
             f"{who}: {len(empty)} of {len(looks)} masks are empty, frames {listed(empty)}. An "
-            "empty mask says that the hand is not there; delete the file if it was not seen."
+            "empty mask means that there is no hand in the image; delete the file if it was not segmented."
         )
     if inverted:
         yield warning(

@@ -119,5 +119,5 @@ def test_a_doubtful_pose_is_told_as_such() -> None:
     lines = described(rows)  # type: ignore[arg-type]
     assert lines[0] == "first pose: frame 7, 41 % sure (with a forearm)."
     assert lines[1] == "  or: below 1 %, turned by 180°"
-    assert lines[2].startswith("note: that is not sure.")
+    assert lines[2].startswith("note: the confidence is low.")
     assert len(described(rows[:1])) == 2  # type: ignore[arg-type]

@@ -166,9 +166,7 @@ def test_joints_of_others_stay(handtrack: CommandLine, folder: Path, scene: Scen
     shutil.move(own, folder / "mine")
     edit(folder / "session.toml", 'masks = "masks/cam0/*.png"', 'keypoints = "mine/*.json"')
     ended = handtrack("detect", folder, "--write")
-    assert (
-        "camera 'cam0' has keypoints = \"mine/*.json\" already, which stays as it is." in ended.err
-    )
+    assert "camera 'cam0' already has keypoints = \"mine/*.json\"; that is unchanged." in ended.err
     assert 'keypoints = "mine/*.json"' in (folder / "session.toml").read_text()
     assert 'keypoints = "keypoints/cam1/*.json"' in (folder / "session.toml").read_text()
 

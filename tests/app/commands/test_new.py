@@ -218,7 +218,7 @@ def test_the_side_is_seen_and_what_follows_is_done(
     monkeypatch.setattr(OneHand, "right", 0.03)
     ended = handtrack(*words, "--out", tmp_path / "a", "--track")
     assert ended.code == 0
-    assert "side: left, 97 % sure (a hand is seen in 2 of 3 images)." in ended.err
+    assert "side: left, 97 % sure (a hand is detected in 2 of 3 images)." in ended.err
     assert Session.open(tmp_path / "a").file.hand.side == "left"
     assert done == [
         ["detect", str(tmp_path / "a"), True, True],

@@ -140,7 +140,7 @@ def test_what_cannot_be_sized(handtrack: CommandLine, larger: Path) -> None:
         (larger / "session.toml").write_text(text[:start] + (text[stop:] if stop > 0 else ""))
     ended = handtrack("size", larger, "--frames", "0:2")
     assert ended.code == 2
-    assert "well enough to tell its size: by cameras whose lines of sight differ" in ended.err
+    assert "has a tracked hand whose size can be measured" in ended.err
     assert not (larger / "hand.json").exists()
 
 

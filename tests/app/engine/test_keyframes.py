@@ -21,7 +21,7 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path: Path) -> 
         worker.engine.track(0, FRAMES, 3, anew=True)
         done = listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
         assert f"{FRAMES - 1} of {FRAMES - 1} frames" in done.text
-        assert done.text.endswith("One, set by hand or found, stayed as it is.")
+        assert done.text.endswith("One, set by hand or detected, is unchanged.")
         document = worker.document
         assert document is not None
         ring = document.model.parameter_names.index("ring_pip_flex")

@@ -21,10 +21,10 @@ def test_too_little_seen_is_not_called_a_bad_fit(tmp_path: Path) -> None:
     assert one_frame(doubtful, None).title == "Frame 4 does not fit well"
     far = Reason("far off", part="left wrist", number=300.0, other=0.5)
     assert (
-        one_frame(replace(doubtful, reason=far), None).title == "Frame 4 fits, as far as it is seen"
+        one_frame(replace(doubtful, reason=far), None).title == "Frame 4 fits, with low confidence"
     )
     told = one_frame(replace(doubtful, reason=OPEN), None)
     assert (told.title, told.text) == (
-        "Frame 4 fits, as far as it is seen",
-        f"In doubt: {note}.",
+        "Frame 4 fits, with low confidence",
+        f"{note[:1].upper()}{note[1:]}.",
     )

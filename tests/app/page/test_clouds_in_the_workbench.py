@@ -248,7 +248,7 @@ def test_a_simpler_hand_is_said(desk: Desk) -> None:
     worker.engine.show_frame(1)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == 1 and p.note)
     assert pose.note.startswith("Fingers held. Poor cloud: 40 % of the hand in view was measured")
-    assert "1 with the fingers held" in summary(
+    assert "1 with the fingers fixed" in summary(
         [Outcome.of(r) for r in document.results.values()], 2, 0, 1.0
     )
 

@@ -95,12 +95,12 @@ def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("given", "words"),
-    [(0, ""), (1, " One, set by hand or found, stayed as it is."), (3, " 3 set by hand or found stayed as they are.")],
+    [(0, ""), (1, " One, set by hand or detected, is unchanged."), (3, " 3 set by hand or detected are unchanged.")],
 )  # fmt: skip
 def test_frames_that_were_given_are_told_after_tracking(given: int, words: str) -> None:
     assert (
         summary([], 0, given, 0.0)
-        == f"0 of 0 frames in 0.0 s (0 ms a frame); none doubtful.{words}"
+        == f"0 of 0 frames in 0.0 s (0 ms a frame); none with low confidence.{words}"
     )
 
 

@@ -110,12 +110,12 @@ def _notes(session: Session, found: Sequence[CameraDetection]) -> list[str]:
             )
         if row.unfit:
             notes.append(
-                f"camera '{row.camera}': in {row.unfit} images a {side} hand was seen, but not where the other cameras see "
-                "it, so it was left out. If there is only one hand: do frames belong together, and the calibration to these images?"
+                f"camera '{row.camera}': in {row.unfit} images a {side} hand was detected that disagrees with the other cameras; "
+                "it was left out. If there is only one hand, check the cameras' synchronisation and the calibration."
             )
         already = other_joints(session, row.camera)
         if row.found and already is not None:
             notes.append(
-                f"camera '{row.camera}' has keypoints = \"{already}\" already, which stays as it is."
+                f"camera '{row.camera}' already has keypoints = \"{already}\"; that is unchanged."
             )
     return notes

@@ -84,7 +84,9 @@ def given_rig(
             if next(v for v in views.values() if v.camera == name).lens.fisheye
             else "a lens with skew"
         )
-        notes.append(f"camera '{name}' has {kind}: its images are seen through a pinhole, {shown}.")
+        notes.append(
+            f"camera '{name}' has {kind}: its images are undistorted to a pinhole view, {shown}."
+        )
     return rig, subject, views, [text for text in notes if text not in ("", "unit: ")]
 
 

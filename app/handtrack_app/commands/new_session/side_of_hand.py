@@ -42,13 +42,13 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
 
     say("looking which hand it is …")
     found = seen_side(session, HandDetector.open(weights))
-    seen = f"a hand is seen in {found.seen} of {found.looks} images"
+    seen = f"a hand is detected in {found.seen} of {found.looks} images"
     if not found.seen:
         say(f"note: {seen}; the side is taken to be {USUAL}. Say otherwise with --side left.")
         return USUAL
     percent = f"{100 * found.confidence:.0f} % sure"
     if found.confidence >= _SURE or yes or not can_ask():
-        doubt = "" if found.confidence >= _SURE else " That is not sure: say it with --side."
+        doubt = "" if found.confidence >= _SURE else " The confidence is low: give --side."
         say(f"side: {found.side}, {percent} ({seen}).{doubt}")
         return found.side
     answer = ""

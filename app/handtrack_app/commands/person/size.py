@@ -80,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
             return _INTERRUPTED
     if after.scale is before.scale:
         raise HandtrackError(
-            f"{session.folder}: in none of the frames {frames.start} to {frames.stop - 1} the {kind} was tracked and seen "
-            "well enough to tell its size: by cameras whose lines of sight differ by 20 degrees at least, or by a "
+            f"{session.folder}: none of the frames {frames.start} to {frames.stop - 1} has a tracked {kind} whose size can be "
+            "measured: that needs cameras whose viewing directions differ by at least 20 degrees, or a "
             "cloud. Nothing was saved. Name other frames with --frames."
         )
     for note in dict.fromkeys(after.notes):
@@ -100,7 +100,7 @@ def _of_track(args: argparse.Namespace) -> int:
     model = model_of(track, str(args.session))
     if not model.scale.std:
         raise HandtrackError(
-            f"{args.session}: its {model.kind}'s shape was given, and not found from the recording, so there is nothing to save. "
+            f"{args.session}: its {model.kind}'s shape is fixed, not estimated from the recording, so there is nothing to save. "
             f'Track with scale = "fit" in [hand] of its {SESSION_FILE}.'
         )
     out = _new_file(
@@ -131,7 +131,9 @@ def _save(args: argparse.Namespace, out: Path, model: ArticulatedModel) -> int:
         f"Of the mean adult's: {', '.join(f'{r.label} {r.words}' for r in rows if r.is_measured)}."
     ]
     if unmeasured:
-        saved += [f"This recording does not tell, so as in the mean: {', '.join(unmeasured)}."]
+        saved += [
+            f"Not measured by this recording, taken from the population mean: {', '.join(unmeasured)}."
+        ]
     saved += [f"{hand.capitalize()}." if hand else "", f"Saved to {out}"]
     scale = scale_table(model.scale)
     answer(

@@ -50,13 +50,13 @@ def found_first_pose(
     unfitted = {**overrides, "model.fit_size": False}
     begun_there = TrackingRun.open(session, unfitted, first, stop)
     if confirmed_by_tracking(begun_there, frames, stop):
-        say("Tracking from it confirms it: the next frames fit, each by its own evidence.")
+        say("Tracking confirms it: the next frames fit as well.")
     elif not stop() and not confirmed(_ANYWAY):
         is_body = found[0].model.kind == "body"
         more = "add another camera's joints" if is_body else "give joints (`handtrack detect`)"
         raise HandtrackError(
-            f"{session.folder}: the surest first pose, in frame {found[0].frame}, is {percent(found[0].confidence)} sure, so "
-            f"nothing was tracked from it. Look at it in the workbench (`handtrack open`), {more}, give a "
+            f"{session.folder}: the best first pose, in frame {found[0].frame}, has a confidence of {percent(found[0].confidence)}, so "
+            f"nothing was tracked. Look at it in the workbench (`handtrack open`), {more}, give a "
             "pose (--init FILE), name other frames with --frames, or take it all the same with --yes."
         )
     return None if stop() else first
@@ -92,7 +92,7 @@ def described(found: list[FirstPoseCandidate]) -> list[str]:
     lines += [f"  or: {percent(other.confidence)}, {other.note}" for other in others]
     if best.confidence < SURE:
         lines.append(
-            "note: that is not sure. Look at it in the workbench (`handtrack open`), where another can be taken."
+            "note: the confidence is low. Check it in the workbench (`handtrack open`), where you can choose another."
         )
     return lines
 

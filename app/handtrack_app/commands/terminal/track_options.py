@@ -90,7 +90,7 @@ def check_seen(session: Session, settings: TrackerSettings, use: str | None) -> 
             + (
                 ""
                 if settings.method == "default"
-                else f" The method {settings.method} looks at one kind of observation alone; --use brings others back."
+                else f" The method {settings.method} uses one kind of observation; --use adds others."
             )
         )
 

@@ -108,7 +108,7 @@ def _size_words(event: SizeFitted, before: TrackingRun | None) -> str:
     if before is None or not event.after_tracking:
         return f"the {run.model.kind} is {run.scale.overall:.3f} times a mean adult's."
     if run is before:
-        return f"note: no frame was seen well enough to tell the {run.model.kind}'s size; it stays as it is."
+        return f"note: no frame measures the {run.model.kind}'s size well enough; it is unchanged."
     if run.arm != before.arm:
         end = "" if np.isinf(run.arm_m) else f" that ends {100 * run.arm_m:.0f} cm from the wrist"
         shown = f"a forearm{end}" if run.forearm else "no forearm"
