@@ -19,7 +19,7 @@ from handtrack_app.engine.document_snapshots import (
     work_snapshot,
 )
 from handtrack_app.engine.job_control import JobControl, looks_elsewhere
-from handtrack_app.engine.jobs import Report, Watch
+from handtrack_app.engine.jobs import Report
 from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.masks.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
@@ -41,6 +41,7 @@ from handtrack_app.protocol.snapshots import (
     Snapshot,
     WorkSnapshot,
 )
+from handtrack_app.rerun.recorder import LiveRecorder
 
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
@@ -61,7 +62,7 @@ class OpenSession:
         post: Callable[[Callable[[], None]], None],
         waiting: Sized,
         render_thread: RenderThread,
-        watch: Watch | None,
+        recorder: LiveRecorder,
         compiles: CompileWatch,
         take_over: bool = False,
         page: str = "",
@@ -70,6 +71,9 @@ class OpenSession:
         write, even if another program does. page: whose numbers its commands have.
         """
         self.document = document
+        self._recorder = recorder
+        self._unrecorded: list[int] = []
+        """tracked frames that rerun is still to be shown"""
         self._asked_to_save: tuple[int, bytes] | None = None
         self.store = Persistence.open(document, take_over)
         self._restored = self.store.restore()
@@ -80,7 +84,7 @@ class OpenSession:
         self.painter = Painter(document, publish, waiting)
         self.jobs = JobControl(
             document, self.store, self._announce, lambda report: post(partial(self._take, report)),
-            watch, compiles, self._live,
+            recorder.show, compiles, self._live,
         )  # fmt: skip
         self._clouds = CloudService(
             document, self.store, self.jobs, render_thread, publish, self._see_otherwise
@@ -202,7 +206,7 @@ class OpenSession:
         self.painter.want(thumbnails, paint, screens)
         self._masks.want_screens(screens)
 
-    @command(job=True, words="tracking frames {start}–{stop}")
+    @command(job=True, words="tracking of {frames}")
     def track(
         self,
         start: int,
@@ -266,6 +270,24 @@ class OpenSession:
         """Stop tracking now; frames tracked so far stay."""
         self._tuning.cancel()
         self.jobs.leave()  # most jobs report their end themselves
+
+    @command(job=True, words="a recording for rerun")
+    def open_rerun(self) -> None:
+        """Record for rerun the frames that are tracked, the one shown first, and those that will be; RerunPage says where it is."""
+        shown, known = self.document.frame, self.document.results
+        if not len(known):
+            self._say(
+                "info",
+                "Rerun waits for frames",
+                "Residuals come with the next frame that is tracked.",
+            )
+        self._unrecorded = sorted(known, key=lambda frame: (frame != shown, frame), reverse=True)
+        self._recorder.open()
+
+    def _record_next(self) -> None:
+        frame = self._unrecorded.pop()
+        if frame in self.document.results:
+            self._recorder.show(self.document.run, self.document.results[frame])
 
     @command(edits=True, files=True, words="saving the first-frame pose")
     def save_pose(self) -> None:
@@ -456,6 +478,8 @@ class OpenSession:
             self.painter.paint()
         elif self._score.is_due and not self.jobs.busy:
             self._score.tell()
+        elif self._unrecorded and not self._recorder.is_behind:
+            self._record_next()
         elif not self.document.rows.is_whole:  # of a long track, while nobody waits
             if not read_more(self.document):
                 self._announce(timeline_snapshot(self.document))

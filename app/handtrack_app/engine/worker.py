@@ -12,7 +12,6 @@ from typing import Any, cast
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.jobs import Watch
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.masks.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession
@@ -49,16 +48,17 @@ class Worker:
         folder: Path,
         publish: Callable[[Snapshot], None],
         opener: Opener = open_document,
-        watch: Watch | None = None,
+        rerun: bool = False,
         previewer: Opener | None = None,
         take_over: bool = False,
         page: str = "",
     ) -> None:
-        """previewer: makes quickly what is shown while `opener` is at work. take_over: write, even if another program does. page:
+        """rerun: tracked frames are recorded for it. previewer: makes quickly what is shown while `opener` is at work. take_over: write, even if another program does. page:
         whose numbers its commands have.
         """
         self.folder = folder
-        self._publish, self._opener, self._watch = publish, opener, watch
+        self._publish, self._opener = publish, opener
+        self._recorder = LiveRecorder(publish, rerun)
         self._previewer, self._take_over, self._page = previewer, take_over, page
         self._mail: Mailbox[Call | Callable[[], None]] = Mailbox(
             lambda item: item.key if isinstance(item, Call) else None,
@@ -120,13 +120,14 @@ class Worker:
         """Nothing: these threads end with the page's."""
 
     def stop(self, timeout: float = 5.0) -> None:
-        """End the thread; the store already has what was saved."""
+        """End the threads, then the recorder; the store already has what was saved."""
         self._stopping.set()
         if self._session is not None:
             self._session.jobs.stop(timeout)
         self._thread.join(timeout)
         self._render_thread.stop(timeout)
         self._compiles.close()
+        self._recorder.close()
 
     # ---- on the worker's thread
 
@@ -204,7 +205,7 @@ class Worker:
             if isinstance(document, Exception):
                 raise document
             session = OpenSession(
-                document, self._publish, self._mail.put, self._mail, self._render_thread, self._watch,
+                document, self._publish, self._mail.put, self._mail, self._render_thread, self._recorder,
                 self._compiles, self._take_over, self._page,
             )  # fmt: skip
         except Exception as error:
@@ -224,10 +225,9 @@ class Worker:
 
 
 class EngineThread(Worker):
-    """A worker that does what a plan says, with its recorder for rerun."""
+    """A worker that does what a plan says."""
 
     def __init__(self, plan: EnginePlan, publish: Callable[[Snapshot], None]) -> None:
-        self._recorder = LiveRecorder(publish) if plan.rerun else None
         opening = Opening()
         live = None if plan.live is None else partial(open_live_document, plan.live)
         opener = plan.opener or live
@@ -241,14 +241,8 @@ class EngineThread(Worker):
             plan.folder,
             publish,
             opened,
-            None if self._recorder is None else self._recorder.show,
+            plan.rerun,
             opening.preview if opener is None and plan.preview else None,
             plan.take_over,
             plan.page,
         )
-
-    def stop(self, timeout: float = 5.0) -> None:
-        """End the threads, then the recorder; the store already has what was saved."""
-        super().stop(timeout)
-        if self._recorder is not None:
-            self._recorder.close()

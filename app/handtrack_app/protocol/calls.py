@@ -6,7 +6,7 @@ A call is the method's name and its arguments, picklable. What is shown comes ba
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -31,7 +31,8 @@ class Rule:
     files: bool = False
     """it writes files of the session, which a live one does not have"""
     words: str = ""
-    """what is named when it is lost; {argument} stands for a value"""
+    """what is named when it is lost; {argument} stands for a value, {frames} for spans, or for start and
+    stop"""
     parameters: tuple[str, ...] = ()
     at_once: Callable[..., None] | None = field(default=None, compare=False)
     """acts on the jobs as the call comes, before its turn: called with the JobControl and the call's arguments"""
@@ -119,7 +120,19 @@ class Call:
     @property
     def words(self) -> str:
         """What it is about, to be named when it is lost."""
-        return self.rule.words.format_map(self.arguments) or self.name.replace("_", " ")
+        given = dict(self.arguments)
+        if "spans" in given:
+            given["frames"] = _frames(given["spans"])
+        elif "stop" in given:
+            given["frames"] = _frames([(given["start"], given["stop"] - 1)])
+        return self.rule.words.format_map(given) or self.name.replace("_", " ")
+
+
+def _frames(spans: Iterable[tuple[int, int]]) -> str:
+    """Return spans of frames, each first to last, in words."""
+    named = [str(first) if first == last else f"{first} to {last}" for first, last in spans]
+    one = len(named) == 1 and named[0].isdigit()
+    return f"frame{'' if one else 's'} {', '.join(named)}"
 
 
 class Caller:

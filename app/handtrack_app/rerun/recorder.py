@@ -1,7 +1,7 @@
 """ResidualRecorder: what each tracked frame left unexplained, painted for rerun beside the tracking.
 
-Tracking hands over poses and numbers only. An own thread reads the silhouettes again, paints them, and leaves
-pictures out when it falls behind; numbers are never left out.
+Tracking hands over poses and numbers only. An own thread reads the silhouettes again, paints and logs them, and leaves
+pictures out when it falls behind a live viewer; numbers are never left out.
 """
 
 from __future__ import annotations
@@ -36,11 +36,7 @@ from handtrack_app.rerun.stream import CameraPictures, FrameEntry, IterationEntr
 
 log = logging.getLogger(__name__)
 
-_BEHIND = (
-    4  # frames waiting to be painted, or painted ones to be written: the next goes without pictures
-)
-_ENTRIES = 1_000_000  # that the stream may hold: nearly all of them without pictures
-_PAUSE_S = 0.02
+_BEHIND = 4  # frames waiting to be painted: the next goes without pictures
 _FULL_SIGMAS = (
     3.0  # where a residual's colour is full: hardly any of a normal distribution is beyond
 )
@@ -87,7 +83,7 @@ class ResidualRecorder:
         self._closing = False
         self._changed = threading.Condition()
         self._live = live
-        self._stream = RerunStream(path, live, queue=_ENTRIES, cameras=run.session.rig.cameras)
+        self._stream = RerunStream(path, live, cameras=run.session.rig.cameras)
         self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
         self._thread.start()
 
@@ -99,7 +95,12 @@ class ResidualRecorder:
     @property
     def problem(self) -> str:
         """Why recording stopped, in words; empty while all is well."""
-        return self._failure or self._stream.problem
+        return self._failure
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether more frames wait than can be painted soon."""
+        return len(self._waiting) > _BEHIND
 
     def watching(self, control: Control) -> Control:
         """Return the control to track with, so that the frame `closely` can be recorded.
@@ -118,7 +119,7 @@ class ResidualRecorder:
     def show(self, result: FrameResult) -> None:
         """Hand in a tracked frame; returns at once."""
         with self._changed:
-            if not self._closing:
+            if not self._closing and not self._failure:
                 steps: list[Step] = []
                 if result.frame == self._closely:
                     steps, self._steps = self._steps, steps
@@ -135,19 +136,22 @@ class ResidualRecorder:
             self._closing = True
             self._changed.notify()
         self._thread.join()
-        self._stream.close(keep_viewer)
+        if not keep_viewer:
+            self._stream.stop_viewer()
 
     # ---- on the painting thread
 
     def _paint_all(self) -> None:
         try:
-            for entry in self._entries():
-                self._record(entry)
-            self._record_watched()
+            with self._stream:
+                for entry in self._entries():
+                    self._record(entry)
+                self._record_watched()
         except Exception as error:  # tracking goes on without the recording
             log.exception("recording residuals stopped")
-            self._failure = f"recording residuals stopped: {error}"
-            self._waiting.clear()
+            with self._changed:
+                self._failure = f"recording residuals stopped: {error}"
+                self._waiting.clear()
 
     def _entries(self) -> Iterator[_Entry]:
         while True:
@@ -161,9 +165,7 @@ class ResidualRecorder:
     def _record(self, entry: _Entry) -> None:
         model, result = entry.run.model, entry.result
         painter = None
-        while not self._live and self._stream.waiting > _BEHIND and not self._stream.problem:
-            threading.Event().wait(_PAUSE_S)  # a file alone is to have everything: here we can wait
-        if result.frame == self._closely or not (self._live and self._is_behind()):
+        if result.frame == self._closely or not (self._live and self.is_behind):
             params = model.transform.solver_params(result.parameters)
             painter = _Painter(entry.run, result.frame, params, self._before(entry))
         else:
@@ -205,8 +207,6 @@ class ResidualRecorder:
         entry, painter = self._watched
         model, result = entry.run.model, entry.result
         for count, step in enumerate(entry.steps, start=1):
-            while self._stream.waiting > _BEHIND and not self._stream.problem:
-                threading.Event().wait(_PAUSE_S)  # every iteration was asked for: here we can wait
             self._stream.log(
                 IterationEntry(
                     result.frame,
@@ -216,9 +216,6 @@ class ResidualRecorder:
                     painter.pictures(step.params),
                 )
             )
-
-    def _is_behind(self) -> bool:
-        return len(self._waiting) > _BEHIND or self._stream.waiting > _BEHIND
 
 
 class _Painter:
@@ -346,16 +343,31 @@ def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
 
 
 class LiveRecorder:
-    """One recording, in a viewer of its own, for each state of hand and settings."""
+    """One recording, in a viewer of its own, for each state of model and settings, once it is switched on."""
 
-    def __init__(self, publish: Callable[[Notice | RerunPage], None]) -> None:
+    def __init__(self, publish: Callable[[Notice | RerunPage], None], is_on: bool = False) -> None:
+        self.is_on = is_on
+        """whether tracked frames are recorded as they come"""
         self._publish = publish
         self._run: TrackingRun | None = None
         self._recorder: ResidualRecorder | None = None
         self._told_problem = False
 
+    @property
+    def is_behind(self) -> bool:
+        """Whether frames wait to be painted."""
+        return self._recorder is not None and self._recorder.is_behind
+
+    def open(self) -> None:
+        """Record from now on, and say where the viewer is."""
+        self.is_on = True
+        if self._recorder is not None and not self._recorder.problem:
+            self._publish(RerunPage(self._recorder.url))
+
     def show(self, run: TrackingRun, result: FrameResult) -> None:
-        """Show one tracked frame. Called on the tracking thread; returns at once."""
+        """Show one tracked frame, if it is on. Called on the tracking thread; returns at once."""
+        if not self.is_on:
+            return
         recorder = self._recorder
         if recorder is None or run is not self._run:
             recorder = self._begin(run)

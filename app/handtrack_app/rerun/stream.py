@@ -1,16 +1,8 @@
-"""RerunStream: residual pictures, energies and parameters for rerun's viewer, live or as a file.
-
-Tracking hands in plain arrays and never waits: an own thread imports rerun, paints, compresses and logs; a
-bounded queue drops the oldest entries when that thread falls behind. Whatever goes wrong here is told in
-`problem`, and tracking goes on without it.
-"""
+"""RerunStream: residual pictures, energies and parameters for rerun's viewer, live or as a file."""
 
 from __future__ import annotations
 
-import logging
-import threading
-from collections import deque
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,12 +29,9 @@ if TYPE_CHECKING:
     from rerun import FileSink, GrpcSink, RecordingStream
     from rerun.blueprint import Blueprint, Spatial2DView
 
-log = logging.getLogger(__name__)
-
-_QUEUE = 64
 _JPEG = 75
 _UNSEEN = 40  # grey where nothing was measured: white is a residual of 0
-_CLOSING_S = 30.0
+_CLOSING_S = 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,96 +87,31 @@ class IterationEntry:
 
 
 class RerunStream:
-    """A recording of one tracking run, to a file, to a live viewer on loopback, or to both."""
+    """A recording of one tracking run, to a file, to a live viewer on loopback, or to both. One thread begins it, logs and ends it:
+    rerun's clock belongs to that.
+    """
 
     def __init__(
         self,
         path: Path | None = None,
         live: bool = False,
         name: str = "handtrack",
-        queue: int = _QUEUE,
         cameras: Sequence[Camera] = (),
     ) -> None:
-        """Start. cameras: that are shown in space. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
+        """cameras: that are shown in space. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
         assert path is not None or live, "neither a file nor a viewer"
-        self.dropped = 0
-        """entries left out because rerun was slower than tracking"""
-        self.problem = ""
-        """why recording stopped, in words; empty while all is well"""
         self._path = None if path is None else _writable(Path(path))
         self._viewer = RerunViewer() if live else None
         self._name, self._cameras = name, cameras
         self._queue: dict[int, Judged | None] = {}
         self._kinds: set[str] = set()
-        self._waiting: deque[FrameEntry | IterationEntry] = deque()
-        self._most, self._closing = queue, False
-        self._changed = threading.Condition()
-        self._thread = threading.Thread(target=self._work, name="rerun", daemon=True)
-        self._thread.start()
 
     @property
     def url(self) -> str:
         """Where the live viewer's page is; empty without one."""
         return "" if self._viewer is None else self._viewer.page
 
-    @property
-    def waiting(self) -> int:
-        """How many entries are not written yet."""
-        return len(self._waiting)
-
-    def log(self, entry: FrameEntry | IterationEntry) -> None:
-        """Hand in an entry; returns at once. The arrays must not be changed afterwards."""
-        with self._changed:
-            if self._closing or self.problem:
-                return
-            if len(self._waiting) >= self._most:
-                self._waiting.popleft()
-                self.dropped += 1
-            self._waiting.append(entry)
-            self._changed.notify()
-
-    def close(self, keep_viewer: bool = False) -> None:
-        """Write what waits and end the recording. keep_viewer: leave the live viewer running."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify()
-        self._thread.join(_CLOSING_S)
-        if self._thread.is_alive():
-            self.problem = self.problem or "rerun did not finish writing in time."
-        if self._viewer is not None and not keep_viewer:
-            self._viewer.stop()
-
     def __enter__(self) -> RerunStream:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    # ---- on the own thread: rerun's clock belongs to it
-
-    def _work(self) -> None:
-        try:
-            recording = self._begin()
-            for entry in self._entries():
-                kinds = {kind for view in entry.pictures for kind in view.dots}
-                if not kinds <= self._kinds:
-                    self._kinds |= kinds
-                    recording.send_blueprint(_layout([], self._kinds))
-                if isinstance(entry, FrameEntry):
-                    _log_frame(recording, entry)
-                    self._queue[entry.frame] = entry.judged
-                else:
-                    _log_iteration(recording, entry)
-            self._log_queue(recording)
-            recording.flush(timeout_sec=_CLOSING_S / 2)
-            recording.disconnect()
-        except Exception as error:  # tracking goes on without the recording
-            log.exception("rerun recording stopped")
-            with self._changed:
-                self.problem = f"recording for rerun stopped: {error}"
-                self._waiting.clear()
-
-    def _begin(self) -> RecordingStream:
         import rerun as rr
 
         sinks: list[FileSink | GrpcSink] = []
@@ -196,29 +120,40 @@ class RerunStream:
         if self._viewer is not None:
             self._viewer.start()
             sinks.append(rr.GrpcSink(self._viewer.address))
-        recording = rr.RecordingStream(self._name, send_properties=False)
-        recording.set_sinks(*sinks, default_blueprint=_layout([]))
-        log_cameras(recording, self._cameras)
-        return recording
+        self._recording = rr.RecordingStream(self._name, send_properties=False)
+        self._recording.set_sinks(*sinks, default_blueprint=_layout([]))
+        log_cameras(self._recording, self._cameras)
+        return self
 
-    def _log_queue(self, recording: RecordingStream) -> None:
-        """Say at the end what is worth a look, and let the viewer open there."""
+    def log(self, entry: FrameEntry | IterationEntry) -> None:
+        """Write an entry."""
+        recording = self._recording
+        kinds = {kind for view in entry.pictures for kind in view.dots}
+        if not kinds <= self._kinds:
+            self._kinds |= kinds
+            recording.send_blueprint(_layout([], self._kinds))
+        if isinstance(entry, FrameEntry):
+            _log_frame(recording, entry)
+            self._queue[entry.frame] = entry.judged
+        else:
+            _log_iteration(recording, entry)
+
+    def __exit__(self, *_: object) -> None:
+        """Say what is worth a look, let the viewer open there, and end the recording; the viewer stays."""
         import rerun as rr
 
         known = [self._queue[frame] for frame in sorted(self._queue)]
         queue = worth_a_look([judged for judged in known if judged is not None])
         text = rr.TextDocument(queue_text(queue), media_type=rr.MediaType.MARKDOWN)
-        recording.log("queue", text, static=True)
-        recording.send_blueprint(_layout(queue, self._kinds))
+        self._recording.log("queue", text, static=True)
+        self._recording.send_blueprint(_layout(queue, self._kinds))
+        self._recording.flush(timeout_sec=_CLOSING_S)
+        self._recording.disconnect()
 
-    def _entries(self) -> Iterator[FrameEntry | IterationEntry]:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._closing)
-                if not self._waiting:
-                    return
-                entry = self._waiting.popleft()
-            yield entry
+    def stop_viewer(self) -> None:
+        """End the live viewer."""
+        if self._viewer is not None:
+            self._viewer.stop()
 
 
 # ---- entries → entities ----------------------------------------------------------------------------

@@ -19,12 +19,15 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
+from handtrack_app.protocol import snapshots
 from handtrack_app.rerun import recorder as residual_recorder
-from handtrack_app.rerun.recorder import ResidualRecorder
+from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder
 from handtrack_app.rerun.space import SpaceEntry, log_cameras, queue_text, worst_first
 from tests.app.cloud_session import cloud_recording
 from tests.app.command_line import CommandLine, small_recording
+from tests.app.engine.test_worker import _desk
 from tests.app.rerun.test_stream import chunks, picture, scalars
+from tests.app.waiting import eventually
 
 FRAMES = range(5)
 
@@ -272,3 +275,19 @@ def test_a_watched_frames_iterations_are_recorded_once(run: TrackingRun, tmp_pat
         for time in batch.column("iteration").to_pylist()
     ]
     assert sorted(rows) == list(range(1, len(rows) + 1))
+
+
+def test_the_workbench_opens_rerun_with_what_was_tracked(tmp_path: Path, monkeypatch) -> None:
+    shown: list[int] = []
+    opened: list[bool] = []
+    monkeypatch.setattr(LiveRecorder, "show", lambda _, __, result: shown.append(result.frame))
+    monkeypatch.setattr(LiveRecorder, "open", lambda _: opened.append(True))
+    for worker, listener in _desk(tmp_path, step_s=0.0):
+        worker.engine.track(0, 4, 3)
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        shown.clear()
+        worker.engine.show_frame(2)
+        worker.engine.open_rerun()
+        eventually(lambda: len(shown) == 4, "all tracked frames are recorded")
+    assert opened
+    assert shown == [2, 0, 1, 3]

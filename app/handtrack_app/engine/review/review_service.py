@@ -30,7 +30,7 @@ class ReviewService:
     names: tuple[str, ...] = ()
     """of the parameters whose course is shown"""
 
-    @command(edits=True, words="accepting or letting go frames {spans}")
+    @command(edits=True, words="accepting {frames}, or letting them go")
     def accept(self, spans: tuple[tuple[int, int], ...], on: bool = True) -> None:
         """Accept frames, spans of first to last, as they are: neither tracking nor refining changes them; or let them go."""
         frames = {f for first, last in spans for f in range(first, last + 1)}
