@@ -100,6 +100,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("npz", "_export.npz", "Everything, for Python and NumPy.", "tables.npz"),
     ExportFormat("keypoints", "_keypoints.npz", "Joint positions alone, in the form of a session's truth.npz.", "tables.keypoints"),
     ExportFormat("openpose", "_openpose.json", "Keypoints in space in OpenPose's order (hands 21, bodies BODY_25), all frames in one file.", "tables.openpose"),
+    ExportFormat("openpose-files", "_openpose.zip", "The same as OpenPose's own folder of JSON, a file a frame, zipped.", "tables.openpose:write_files"),
     ExportFormat("mediapipe", "_mediapipe.json", "Landmarks in MediaPipe's order (hands 21, bodies 33), all frames in one file.", "tables.mediapipe"),
     ExportFormat("bvh", ".bvh", "An animated skeleton for Blender, Maya, MotionBuilder.", "motion.bvh", one_skeleton=True, up="y"),
     ExportFormat("bvh-humanik", "_humanik.bvh", "The same with HumanIK's bone names, as MotionBuilder, Maya and Mixamo's tools know them.", "motion.bvh:write_humanik", one_skeleton=True, up="y"),

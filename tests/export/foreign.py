@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 import tempfile
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,10 +25,10 @@ from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 
 BOUNDS_MM = {
     "trc": 0.1, "mot": 0.1, "bvh": 0.05, "glb": 0.1, "urdf": 0.05, "urdf in MuJoCo": 0.05, "mcap": 0.05, "c3d": 0.1, "anipose": 0.1,
-    "netcdf": 0.1, "nwb": 0.1, "openpose": 0.1, "mediapipe": 0.1,
+    "netcdf": 0.1, "nwb": 0.1, "openpose": 0.1, "openpose-files": 0.1, "mediapipe": 0.1,
 }  # fmt: skip
 """of issue 15 where it says one, else 0.1 mm"""
-OF_KNOWN_SKELETONS = ("openpose", "mediapipe")
+OF_KNOWN_SKELETONS = ("openpose", "openpose-files", "mediapipe")
 
 
 def written(kind: str, name: str, folder: Path) -> tuple[ResultsTable, list[Path]]:
@@ -270,6 +271,30 @@ def openpose(kind: str, folder: Path) -> float:
     return _ordered(kind, "openpose", folder)
 
 
+def openpose_files(kind: str, folder: Path) -> float:
+    """Python's zipfile and json, by the keys in OpenPose's documentation; a file's number is its frame."""
+    table, (path,) = written(kind, "openpose-files", folder)
+    key = "pose" if table.track.side == "both" or kind == "body" else f"hand_{table.track.side}"
+    found, wanted = [], []
+    with zipfile.ZipFile(path) as archive:
+        frames = [int(re.findall(r"\d{12}", name)[0]) for name in archive.namelist()]
+        assert frames == table.track.frame.tolist()
+        for row, name in enumerate(archive.namelist()):
+            people = json.loads(archive.read(name))["people"]
+            assert len(people) == int(not table.is_lost[row])
+            for person in people:
+                assert {"pose_keypoints_2d", "face_keypoints_2d", "hand_left_keypoints_2d"} <= set(
+                    person
+                )
+                wrist = np.reshape(person[f"{key}_keypoints_3d"], (-1, 4))[
+                    4 if kind == "body" else 0
+                ]
+                joint = table.track.joint_names.index("right_wrist" if kind == "body" else "wrist")
+                found.append(wrist[:3])
+                wanted.append(table.track.joint_positions[row, joint])
+    return _worst(np.array(found), np.array(wanted))
+
+
 def mediapipe(kind: str, folder: Path) -> float:
     """Python's json, by the order in MediaPipe's documentation."""
     return _ordered(kind, "mediapipe", folder)
@@ -399,14 +424,14 @@ def nwb(kind: str, folder: Path) -> float:
 
 READERS: dict[str, Callable[[str, Path], float]] = {
     "glb": glb, "trc": trc, "mot": mot, "bvh": bvh, "urdf": urdf, "urdf in MuJoCo": mujoco, "mcap": mcap, "c3d": c3d,
-    "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": openpose, "mediapipe": mediapipe,
+    "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": openpose, "openpose-files": openpose_files, "mediapipe": mediapipe,
 }  # fmt: skip
 
 
 def worst_errors(folder: Path) -> dict[str, float]:
     """Return each reader's largest error over all kinds of skeletons [mm]."""
     return {
-        f"{name.replace(' ', '_')}_mm": max(
+        f"{re.sub('[ -]', '_', name)}_mm": max(
             read(kind, folder) for kind in KINDS if name not in OF_KNOWN_SKELETONS or kind != "claw"
         )
         for name, read in READERS.items()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, K
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
-from handtrack.files.atomic import replace_text
+from handtrack.files.atomic import replace_text, replacing
 from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 
@@ -28,13 +29,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     the world. Each frame's `people` is as in OpenPose's own files, of which there is one a frame. Raises HandtrackError for a
     skeleton of the user's own.
     """
-    key, names = _layout(table)
-    points, sure = ordered_points(table, names)
-    rows = np.concatenate([points, sure[..., None]], axis=2)
-    people = [
-        [] if lost else [{"person_id": [-1], key: [round(float(x), 6) for x in row.ravel()]}]
-        for lost, row in zip(table.is_lost, rows, strict=True)
-    ]
+    people, names = _people(table)
     track = table.track
     frames = [
         {"frame": int(frame), "time_s": float(time_s), "people": those}
@@ -44,6 +39,34 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
     replace_text(path, json.dumps(told) + "\n")
     return [path]
+
+
+def write_files(path: Path, table: ResultsTable) -> list[Path]:
+    """Write a ZIP of `STEM_000000000003_keypoints.json`, a file a frame with all keys of OpenPose's, as `--write_json` does.
+
+    What was not tracked is an empty list, as there. Raises HandtrackError for a skeleton of the user's own.
+    """
+    parts = ("pose", "face", "hand_left", "hand_right")
+    blank = {f"{part}_keypoints_{n}d": [] for n in (2, 3) for part in parts}
+    people, _ = _people(table)
+    with replacing(path) as draft, zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED) as archive:
+        for frame, those in zip(table.track.frame, people, strict=True):
+            told = {"version": 1.3, "people": [{**blank, **person} for person in those]}
+            name = f"{path.stem}_{int(frame):012d}_keypoints.json"
+            archive.writestr(zipfile.ZipInfo(name), json.dumps(told))
+    return [path]
+
+
+def _people(table: ResultsTable) -> tuple[list[list[dict[str, Any]]], tuple[str, ...]]:
+    """Return the people of each frame in OpenPose's words, none where the pose is lost, and the points' names."""
+    key, names = _layout(table)
+    points, sure = ordered_points(table, names)
+    rows = np.concatenate([points, sure[..., None]], axis=2)
+    people = [
+        [] if lost else [{"person_id": [-1], key: [round(float(x), 6) for x in row.ravel()]}]
+        for lost, row in zip(table.is_lost, rows, strict=True)
+    ]
+    return people, names
 
 
 def ordered_points(
