@@ -17,9 +17,9 @@ from typing import Any
 from handtrack.export.registry import FORMATS
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import Setting
+from handtrack.tracking import searches
 from handtrack.tracking.frame.methods import METHODS, table
 from handtrack.tracking.frame.settings import ALIASES, GROUPS, SETTINGS
-from handtrack.tracking.search import policy
 from handtrack_app.cli import COMMAND_GROUPS, build_parser
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -198,7 +198,7 @@ BLOCKS: dict[str, Callable[[], str]] = {
     "formats": formats,
     "api": api,
     "results": results,
-    "search policy": policy.table,
+    "search policy": searches.table,
     **dict(_papers()),
 }
 

@@ -17,6 +17,9 @@ from handtrack.sampling.chains import Chain, PreparedChain, chains_of, prepare
 from handtrack.sampling.limb_ik import REACHED_M, Branches, bounds_of_many, extended, rooted
 from handtrack.sampling.limb_ik_kernels import pierce
 
+MOVED_RAD = 0.2
+"""an angle by which a flip in depth differs at least from the pose"""
+
 
 @dataclass(frozen=True)
 class TreeSettings:
@@ -94,6 +97,23 @@ def interpretation_tree(
     links = sum(len(chain.reach) for chain in ready)
     solver = _solver_params(model.transform, leaves, params)
     return InterpretationTree(solver, far, exact, 2**links)
+
+
+def chain_flips(
+    model: ArticulatedModel,
+    params: Floats[P],
+    chain: Chain | PreparedChain,
+    camera: Camera,
+    least_rad: float = MOVED_RAD,
+) -> Floats[L, P]:
+    """Return the poses in which one chain alone is flipped along a camera's viewing rays, as near as limits allow.
+
+    least_rad: by how much some angle of a flip differs at least [rad]; a link that lies across the line of sight has none.
+    """
+    tree = interpretation_tree(model, params, [chain], camera, settings=TreeSettings("nearest"))
+    moved = np.abs(tree.params - params).max(axis=1) > least_rad
+    flips = [model.clipped(leaf) for leaf in tree.params[moved]]
+    return np.array(flips).reshape(-1, len(params))
 
 
 def _chain_leaves(

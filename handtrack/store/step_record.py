@@ -20,8 +20,7 @@ from handtrack.tracking.frame.result import (
     FrameResult,
     Status,
 )
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.hypotheses.motion_belief import MotionBelief, MovingHypothesis
 from handtrack.tracking.state import Step
 
 _STATE = ("belief", "hypothesis")

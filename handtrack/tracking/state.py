@@ -9,7 +9,7 @@ from handtrack.arrays import Floats, P
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.appearance_terms import Before
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.hypotheses.motion_belief import MovingHypothesis
 
 REMEMBERED = 30
 """results that a step may look back on"""

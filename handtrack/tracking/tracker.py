@@ -24,9 +24,8 @@ from handtrack.tracking.frame.prediction import predict
 from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
-from handtrack.tracking.hypotheses.mixture import MixtureStep
-from handtrack.tracking.hypotheses.mixture_frame import solve_mixture
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.hypotheses.mixture import MixtureStep, solve_mixture
+from handtrack.tracking.hypotheses.motion_belief import MovingHypothesis
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
 from handtrack.tracking.search.policy import looks_everywhere

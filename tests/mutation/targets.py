@@ -13,19 +13,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "handtrack.sampling.chain_vote": ("tests/sampling/test_chain_vote.py",),
     "handtrack.sampling.hypotheses": ("tests/sampling/test_hypotheses.py",),
     "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
-    "handtrack.tracking.hypotheses.mixture_landscape": (
+    "handtrack.tracking.hypotheses.mixture_search": (
         "tests/tracking/decisions/test_hypothesis_rounds.py",
-        "tests/tracking/decisions/test_mixture_weights.py",
-    ),
-    "handtrack.tracking.hypotheses.first_hypotheses": (
-        "tests/tracking/decisions/test_hypothesis_rounds.py",
-        "tests/tracking/decisions/test_mixture_weights.py",
-    ),
-    "handtrack.tracking.hypotheses.next_hypotheses": (
-        "tests/tracking/decisions/test_hypothesis_rounds.py",
-        "tests/tracking/decisions/test_mixture_weights.py",
-    ),
-    "handtrack.tracking.hypotheses.mixture_terms": (
         "tests/tracking/decisions/test_mixture_weights.py",
     ),
     "handtrack.tracking.frame.prediction": (
@@ -41,9 +30,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/tracking/test_cloud_weight.py",
         "tests/tracking/test_methods.py",
     ),
-    "handtrack.tracking.search.proposers.finger_moves": (
-        "tests/tracking/decisions/test_finger_shift.py",
-    ),
+    "handtrack.tracking.search.lost_finger": ("tests/tracking/decisions/test_finger_shift.py",),
     "handtrack.tracking.search.policy": (
         "tests/tracking/decisions/test_restart_choice.py",
         "tests/tracking/test_search_policy.py",
@@ -54,7 +41,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "tests/tracking/test_search_policy.py",
         "tests/tracking/decisions/test_hypothesis_rounds.py",
     ),
-    "handtrack.tracking.search.poor_cloud": (
+    "handtrack.tracking.search.frame_solve": (
         "tests/tracking/decisions/test_poor_cloud.py",
         "tests/tracking/test_fallback.py",
     ),

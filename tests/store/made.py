@@ -13,8 +13,7 @@ from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, TrackLabels
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis
+from handtrack.tracking.hypotheses.motion_belief import MotionBelief, MovingHypothesis
 from handtrack.tracking.state import Step
 from tests.sample_track import BONES, PARAMETERS, sample_frame
 

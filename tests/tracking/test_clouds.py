@@ -12,7 +12,7 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.initialize import carried_over
-from handtrack.tracking.search.proposers.finger_moves import finger_shifts
+from handtrack.tracking.search.lost_finger import finger_shifts
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 

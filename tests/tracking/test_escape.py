@@ -19,7 +19,7 @@ from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.lost_finger import FingerLandscape, with_fingers_found
+from handtrack.tracking.search.lost_finger import FingerObjective, with_fingers_found
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
@@ -50,10 +50,10 @@ class Scene:
         seen = mask_views(MODEL, truth, CAMERAS)
         self.terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
         self.params = descend(MODEL, SETTINGS.solver, self.terms, start)[0].params
-        self.landscape = FingerLandscape.at(self.terms, self.params)
+        self.objective = FingerObjective.at(self.terms, self.params)
 
     def cost(self, params):
-        return self.landscape.measured(Candidate(MODEL, params)).cost
+        return self.objective.measured(Candidate(MODEL, params)).cost
 
     def found(self, control=Control()):
         return with_fingers_found(self.terms, self.params, control, 0, "a test")

@@ -14,7 +14,7 @@ from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, FINE, depth_
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
-from handtrack.tracking.search.poor_cloud import poor_cloud_settings
+from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker

@@ -6,13 +6,13 @@ import numpy as np
 
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.tracking.search.proposers.finger_bends import finger_bends, finger_swaps
+from handtrack.tracking.search.global_search import bent_fingers, swapped_fingers
 
 
 def test_sixteen_ways_to_hold_four_fingers():
     model = load_model()
     params = model.rest_params()
-    ways = finger_bends(model, params)
+    ways = bent_fingers(model, params)
     assert len({way.tobytes() for way in ways}) == 16
     thumb = [p for p, name in enumerate(model.transform.names) if "thumb" in name or "root" in name]
     index = model.transform.names.index("index_pip_flex")
@@ -29,7 +29,7 @@ def test_neighbours_are_exchanged_and_nothing_else():
     index, middle, ring = (
         model.skeleton.parameter(f"{f}_pip_flex") for f in ("index", "middle", "ring")
     )
-    swapped = finger_swaps(model, start)
+    swapped = swapped_fingers(model, start)
     assert len(swapped) == 3
     assert swapped[0][index] == start[middle]
     assert swapped[0][middle] == start[index]

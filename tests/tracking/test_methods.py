@@ -23,9 +23,9 @@ from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.hypotheses.mixture import MixtureStep
+from handtrack.tracking.hypotheses.mixture_search import Component
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.next_hypotheses import Component
-from handtrack.tracking.search.policy import SHIFTED_FINGERS
+from handtrack.tracking.search.lost_finger import SHIFTED_FINGERS
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker

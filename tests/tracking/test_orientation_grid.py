@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
-from handtrack.tracking.search.proposers.orientation_grid import spread_rotations, turned_by
+from handtrack.tracking.search.orientation_grid import spread_rotations, turned_by
 
 
 def test_every_rotation_has_one_near(rng):

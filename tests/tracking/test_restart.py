@@ -19,8 +19,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search import lost_hand
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
-from handtrack.tracking.search.proposers.depth_flips import depth_flips
+from handtrack.tracking.search.global_search import GlobalObjective, flipped_fingers
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from tests.experiments.starts.recovery import gap_runs
@@ -88,7 +87,7 @@ def test_flipped_fingers_look_the_same():
     seen = mask_views(MODEL, params, RIG.cameras[:1], 0)
     camera = seen.silhouettes[0].camera
     here = MODEL.keypoints21(MODEL.bones(params))
-    flips = depth_flips(MODEL, [silhouette.camera for silhouette in seen.silhouettes], params)
+    flips = flipped_fingers(MODEL, [silhouette.camera for silhouette in seen.silhouettes], params)
     assert flips
     for flipped in flips:
         bounds = MODEL.bounds(flipped)
@@ -113,8 +112,6 @@ def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known
     assert result.status == Status.LOST
     assert result.reason.kind == "filled mask"
     assert lost_hand.LOST_HAND.situation not in searched
-    assert EvidenceLandscape.of(seen, JUMPS) is None
-    some = EvidenceLandscape.of(
-        replace(good, silhouettes=(*good.silhouettes[:2], spoilt[2])), JUMPS
-    )
+    assert GlobalObjective.of(seen, JUMPS) is None
+    some = GlobalObjective.of(replace(good, silhouettes=(*good.silhouettes[:2], spoilt[2])), JUMPS)
     assert [len(source.whole) for source in some.sources] == [2]

@@ -12,24 +12,26 @@ from handtrack.tracking.search.engine import (
     Propose,
     Round,
     Search,
+    explained,
     improved,
     run_rounds,
 )
-from handtrack.tracking.search.explain import explained
 
 MODEL = load_model()
 
 
+def grid(line, found, most):
+    return [candidate(x, "grid") for x in (0.0, 1.0, 2.5, 2.6)]
+
+
+def half(line, candidates, iterations, control):
+    for _ in range(iterations):
+        candidates = [candidate(0.5 * (c.params[0] + 3.0), c.origin) for c in candidates]
+    return list(candidates)
+
+
 class Line:
-    """A landscape in one number: the cost is its distance from 3, a fit halves the way there."""
-
-    def propose(self, proposer, found, most):
-        return [candidate(x, proposer) for x in (0.0, 1.0, 2.5, 2.6)]
-
-    def fit(self, fit, candidates, control):
-        for _ in range(fit.iterations):
-            candidates = [candidate(0.5 * (c.params[0] + 3.0), c.origin) for c in candidates]
-        return list(candidates)
+    """An objective in one number: the cost is its distance from 3, a fit halves the way there."""
 
     def distinct(self, candidates, most):
         kept = []
@@ -48,18 +50,16 @@ def places(found):
 
 
 def test_a_round_proposes_thins_and_fits():
-    search = Search("", "", (Round((Propose("grid"),), enter=2, fits=(Fit("half", 1),)),), "")
+    search = Search("", "", (Round((Propose(grid),), enter=2, fits=(Fit(half, 1),)),), "")
     assert places(run_rounds(search, Line(), (), Control())) == [2.8, 2.0]
-    alone = Search("", "", (Round((Propose("grid"),), keep=0, fits=(Fit("half", 1),)),), "")
+    alone = Search("", "", (Round((Propose(grid),), keep=0, fits=(Fit(half, 1),)),), "")
     assert places(run_rounds(alone, Line(), [candidate(5.0)], Control())) == [1.5, 2.0, 2.75, 2.8]
-    adds = Search(
-        "", "", (Round((Propose("grid"),), adds=True, enter=1, fits=(Fit("half", 2),)),), ""
-    )
+    adds = Search("", "", (Round((Propose(grid),), adds=True, enter=1, fits=(Fit(half, 2),)),), "")
     assert places(run_rounds(adds, Line(), [candidate(5.0)], Control())) == [5.0, 2.9]
 
 
 def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
-    rounds = (Round((Propose("grid"),), keep=0),)
+    rounds = (Round((Propose(grid),), keep=0),)
     for factor, margin, start, taken in (
         (1.0, 0.0, 3.41, True), (1.0, 0.0, 3.39, False), (1.0, 1.0, 4.3, False), (1.0, 1.0, 4.5, True),
         (0.5, 0.0, 3.7, False), (0.5, 0.0, 3.9, True),
@@ -74,7 +74,7 @@ def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
 
 
 def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
-    rounds = (Round((Propose("grid"),), keep=0, fits=(Fit("half", 1),)),)
+    rounds = (Round((Propose(grid),), keep=0, fits=(Fit(half, 1),)),)
     told = []
     search = Search("a line", "", rounds, "distance", repeats=3)
     improved(search, Line(), candidate(9.0), Control(on_search=told.append), 7, "asked")

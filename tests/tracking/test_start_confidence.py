@@ -12,9 +12,9 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.engine import Candidate, Fit
+from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.global_search import GlobalObjective, finger_bends, narrow, wide
 from handtrack.tracking.search.start_confidence import (
     BASIN_M,
     KNOWN_SIZE_SIGMA,
@@ -38,23 +38,23 @@ def seen_by(cameras, rng, pose="point"):
     params[:3] -= filmed.keypoints21(filmed.bones(params)).mean(axis=0)
     seen = mask_views(filmed, params, simulated_rig(cameras, (320, 240)).cameras)
     shape = shape_of(MODEL, filmed.joint_params(params), pose)
-    landscape = EvidenceLandscape.of(seen, TrackerSettings())
+    objective = GlobalObjective.of(seen, TrackerSettings())
     true = filmed.keypoints21(filmed.bones(params))
     start = Candidate(MODEL, params, 0.0, shape=shape)
     shift = (true - start.joints).mean(axis=0)
-    return landscape, true, replace(start, params=params + np.r_[shift, np.zeros(len(params) - 3)])
+    return objective, true, replace(start, params=params + np.r_[shift, np.zeros(len(params) - 3)])
 
 
-def descended(landscape, candidate):
+def descended(objective, candidate):
     """Return a candidate after a dozen steps with wide arms."""
-    return landscape.fit(Fit("wide", 12), [candidate], Control())[0]
+    return wide(objective, [candidate], 12, Control())[0]
 
 
-def settled(landscape, candidate):
+def settled(objective, candidate):
     """Return where a pose comes to rest, wide and then narrow, and its cost there."""
-    near = descended(landscape, candidate)
+    near = descended(objective, candidate)
     for _ in range(2):  # what counts around a pose is taken anew
-        near = landscape.fit(Fit("narrow", 8), [near], Control())[0]
+        near = narrow(objective, [near], 8, Control())[0]
     return near
 
 
@@ -63,13 +63,13 @@ def test_they_are_as_sure_as_they_are_right():
     said, right = [], []
     for seed in range(24):
         rng = np.random.default_rng(500 + seed)
-        landscape, true, start = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
-        starts = [start, *landscape.propose("finger bends", [start], 12)]
-        ends = [settled(landscape, start) for start in starts]
-        best, *_ = kept = landscape.distinct(ends, 5)
-        count = independent_errors(landscape.sources, best)
+        objective, true, start = seen_by(1 + seed % 3, rng, ("point", "rest", "fist")[seed // 8])
+        starts = [start, *finger_bends(objective, [start], 12)]
+        ends = [settled(objective, start) for start in starts]
+        best, *_ = kept = objective.distinct(ends, 5)
+        count = independent_errors(objective.sources, best)
         share = shares(np.array([end.cost for end in kept]), count)[0]
-        near = nearness(landscape.narrow_problem(best), best.params, count, SIZE_SIGMA)
+        near = nearness(objective.narrow_problem(best), best.params, count, SIZE_SIGMA)
         said.append(share * near)
         right.append(np.linalg.norm(best.joints - true, axis=1).mean() < BASIN_M)
     sure = np.array(said)
@@ -82,10 +82,10 @@ def test_they_are_as_sure_as_they_are_right():
 def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
     found = {}
     for cameras in (1, 3):
-        landscape, _, start = seen_by(cameras, rng, "open")
-        there = settled(landscape, start)
-        problem = landscape.narrow_problem(there)
-        count = independent_errors(landscape.sources, there)
+        objective, _, start = seen_by(cameras, rng, "open")
+        there = settled(objective, start)
+        problem = objective.narrow_problem(there)
+        count = independent_errors(objective.sources, there)
         found[cameras] = [
             nearness(problem, there.params, count, sigma)
             for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)
@@ -97,13 +97,13 @@ def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
 
 def test_a_pointing_finger_is_found_among_bent_ones(rng):
     """Started as a fist that is rightly turned: the descent alone keeps the index bent."""
-    landscape, true, start = seen_by(3, rng, "point")
+    objective, true, start = seen_by(3, rng, "point")
     joint = named_pose(MODEL, "fist")
     joint[:6] = MODEL.joint_params(start.params)[:6]
     fist = replace(start, params=MODEL.clipped(MODEL.transform.solver_params(joint)))
-    alone = descended(landscape, fist)
-    bent = landscape.propose("finger bends", [fist], 12)
-    found = min((descended(landscape, way) for way in bent), key=lambda c: c.cost)
+    alone = descended(objective, fist)
+    bent = finger_bends(objective, [fist], 12)
+    found = min((descended(objective, way) for way in bent), key=lambda c: c.cost)
     index = [5, 6, 7, 8]
     off = [1e3 * np.linalg.norm(end.joints - true, axis=1)[index].mean() for end in (alone, found)]
     assert off[0] > 25.0 and off[1] < 12.0

@@ -21,7 +21,7 @@ from handtrack.tracking.search.evidence.silhouette_evidence import (
     _STRETCH_M,
     silhouette_evidence,
 )
-from handtrack.tracking.search.proposers.orientation_grid import spread_rotations
+from handtrack.tracking.search.orientation_grid import spread_rotations
 from tests.tracking.start_reference import cloud_score, silhouette_score
 
 MODEL = load_model()

@@ -10,16 +10,16 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.engine import Candidate, Fit
+from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.global_search import GlobalObjective, narrow
 
 MODEL = load_model()
 SHAPE = shape_of(MODEL, named_pose(MODEL, "open"), "open")
 
 
 def distinct(found, most):
-    return EvidenceLandscape((), None).distinct(found, most)
+    return GlobalObjective((), None).distinct(found, most)
 
 
 def test_short_arms_bring_a_pose_nearer():
@@ -27,13 +27,13 @@ def test_short_arms_bring_a_pose_nearer():
     right = named_pose(MODEL, "rest")
     params = MODEL.transform.solver_params(right)
     seen = mask_views(MODEL, params, simulated_rig(3, (320, 240)).cameras)
-    landscape = EvidenceLandscape.of(seen, TrackerSettings())
+    objective = GlobalObjective.of(seen, TrackerSettings())
     near, beside = (
         params + [x, 0.004, 0.0, 0.05, *np.zeros(len(params) - 4)] for x in (0.006, 0.022)
     )
     found = [Candidate(MODEL, x, shape=SHAPE) for x in (near, beside)]
-    measured = [landscape.measured(f).cost for f in found]
-    ended = landscape.fit(Fit("narrow", 8), found, Control())
+    measured = [objective.measured(f).cost for f in found]
+    ended = narrow(objective, found, 8, Control())
     assert all(e.cost < 0.5 * m for e, m in zip(ended, measured, strict=True))
     true = MODEL.keypoints21(MODEL.bones(params))
     joints = [MODEL.keypoints21(MODEL.bones(e.params)) for e in ended]

@@ -24,8 +24,7 @@ from handtrack.session.track_session import Ended, request_for, track_session
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
-from handtrack.tracking.search.engine import SearchReport
-from handtrack.tracking.search.explain import explained
+from handtrack.tracking.search.engine import SearchReport, explained
 from handtrack_app.commands.terminal.first_pose import (
     SURE,
     ask_for_other_side,

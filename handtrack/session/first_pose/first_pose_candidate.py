@@ -10,7 +10,7 @@ from handtrack.arrays import D3, Floats, J, P
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.tracking.search.proposers.orientation_grid import turned_by
+from handtrack.tracking.search.orientation_grid import turned_by
 
 _TURNED_DEG = 30.0  # less than that is not worth a word
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -17,17 +17,29 @@ from handtrack.sampling.hypotheses import apart
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import by_keypoints_alone
+from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
+from handtrack.tracking.frame.frame_result import Solved, solved_result
+from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.posture import agility
-from handtrack.tracking.hypotheses.first_hypotheses import FirstHypotheses
-from handtrack.tracking.hypotheses.mixture_landscape import Eye, Start
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
-from handtrack.tracking.hypotheses.moving_hypothesis import MovingHypothesis, with_wrapped_turn
-from handtrack.tracking.hypotheses.next_hypotheses import Component, NextHypotheses
-from handtrack.tracking.search.engine import Search, Tried, run_rounds, tell
-from handtrack.tracking.search.policy import FIRST_HYPOTHESES, NEXT_HYPOTHESES
+from handtrack.tracking.hypotheses.mixture_search import (
+    FIRST_HYPOTHESES,
+    NEXT_HYPOTHESES,
+    Component,
+    FirstHypotheses,
+    NextHypotheses,
+    ReferenceCamera,
+    Start,
+)
+from handtrack.tracking.hypotheses.motion_belief import (
+    MotionBelief,
+    MovingHypothesis,
+    unknown_speed,
+    with_wrapped_turn,
+)
+from handtrack.tracking.search.engine import Search, Tried, report, run_rounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +67,8 @@ class MixtureStep:
         control: Control = Control(),
     ) -> Mixture:
         """Return the hypotheses of a first frame that begins at start (P,)."""
-        landscape = FirstHypotheses(*self._seen(observation), terms, start)
-        return self._searched(FIRST_HYPOTHESES, landscape, observation, "a first frame", control)
+        objective = FirstHypotheses(*self._seen(observation), terms, start)
+        return self._searched(FIRST_HYPOTHESES, objective, observation, "a first frame", control)
 
     def next(
         self,
@@ -65,35 +77,41 @@ class MixtureStep:
         control: Control = Control(),
     ) -> Mixture:
         """Return the hypotheses of a frame from those of the last one."""
-        landscape = NextHypotheses(*self._seen(observation), components)
+        objective = NextHypotheses(*self._seen(observation), components)
         why = f"carried on: {len(components)}"
-        return self._searched(NEXT_HYPOTHESES, landscape, observation, why, control)
+        return self._searched(NEXT_HYPOTHESES, objective, observation, why, control)
 
     def _seen(
         self, observation: Observation
-    ) -> tuple[ArticulatedModel, TrackerSettings, Sequence[PreparedChain], Eye | None, np.random.Generator]:  # fmt: skip
+    ) -> tuple[ArticulatedModel, TrackerSettings, Sequence[PreparedChain], ReferenceCamera | None, np.random.Generator]:  # fmt: skip
         rng = np.random.default_rng([self.settings.tracker.seed, observation.frame])
-        return self.model, self.settings, self.chains, Eye.of(self.model, observation), rng
+        return (
+            self.model,
+            self.settings,
+            self.chains,
+            ReferenceCamera.of(self.model, observation),
+            rng,
+        )
 
     def _searched(
         self,
         search: Search,
-        landscape: FirstHypotheses | NextHypotheses,
+        objective: FirstHypotheses | NextHypotheses,
         observation: Observation,
         why: str,
         control: Control,
     ) -> Mixture:
         """Return what a search finds: the heaviest of the distinct minima."""
         tried: Tried = []
-        found = run_rounds(search, landscape, (), control, tried=tried)
+        found = run_rounds(search, objective, (), control, tried=tried)
         found = [c for c in found if np.isfinite(c.cost)]
         if not found:
             raise HandtrackError(
                 f"'{self.model.name}': every pose that was tried lies behind a camera. Look at the first pose and at the "
                 "cameras' calibration."
             )
-        kept = self._carried(landscape.distinct(found, len(found)))
-        tell(search, control, observation.frame, why, tried, kept[0])
+        kept = self._carried(objective.distinct(found, len(found)))
+        report(search, control, observation.frame, why, tried, kept[0])
         cost = np.array([c.cost for c in kept])
         weights = np.exp(cost.min() - cost)
         weights /= weights.sum()
@@ -144,3 +162,53 @@ class MixtureStep:
         leaders = [np.flatnonzero(column)[:1] for column in self.model.transform.matrix.T]
         push *= [float(share[led[0]]) if len(led) else 1.0 for led in leaders]
         return push / np.sqrt(max(strength, 1e-6))
+
+
+def solve_mixture(
+    step: MixtureStep, task: FrameTask, carried: Sequence[MovingHypothesis]
+) -> tuple[Solved, tuple[MovingHypothesis, ...]]:
+    """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried on.
+
+    carried: those of the frame before; none in a first frame. Where nothing is seen they stay as they are.
+    """
+    params, terms = task.opened()
+    seen = task.observation
+    if not terms.has_seen:
+        parents = range(len(carried))
+        return _with_alternatives(task.model, task.unseen(terms), carried, parents), tuple(carried)
+    if carried:
+        components = [_component(step, task, hypothesis) for hypothesis in carried]
+        mixture = step.next(seen, components, task.control)
+        terms = components[mixture.parents[0]].terms
+    else:
+        terms = terms.without_motion()
+        mixture = step.first(seen, terms, params, task.control)
+    best = mixture.hypotheses[0].params
+    problem = stage_problem(task.model, terms, terms.stages - 1, best)
+    solved = solved_result(seen, terms, problem, best, 0, task.previous, task.belief)
+    found = _with_alternatives(task.model, solved, mixture.hypotheses, mixture.parents)
+    return found, mixture.hypotheses
+
+
+def _component(step: MixtureStep, task: FrameTask, hypothesis: MovingHypothesis) -> Component:
+    """Return a hypothesis of the last frame moved on to this one."""
+    goes_on = task.settings.tracker.prediction == "constant_velocity"
+    belief = hypothesis.belief.ahead(step.speed_of_change(), max(task.ahead, 1), goes_on)
+    belief = replace(belief, mean=task.model.clipped(belief.mean))
+    bones = task.model.bones(hypothesis.params)
+    texture = task.texture and replace(task.texture, bones=bones)
+    terms = replace(task, expected=None, texture=texture).terms(belief.mean)
+    return Component(belief, terms, hypothesis.weight)
+
+
+def _with_alternatives(
+    model: ArticulatedModel,
+    solved: Solved,
+    carried: Sequence[MovingHypothesis],
+    parents: Sequence[int],
+) -> Solved:
+    alternatives = tuple(
+        Alternative(model.joint_params(h.params), h.cost, h.weight, parent, h.origin)
+        for h, parent in zip(carried, parents, strict=True)
+    )
+    return replace(solved, result=replace(solved.result, alternatives=alternatives))

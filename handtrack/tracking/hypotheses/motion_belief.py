@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from handtrack.arrays import P2, Floats, Ints, K, P
+from handtrack.geometry.rotation import left_jacobian, wrapped
+from handtrack.sampling.hypotheses import Hypothesis
 
 _SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
 """a frame; how fast what has just been found may move: an arm's swing takes about half a second"""
@@ -99,3 +101,27 @@ def unknown_speed(size: int) -> Floats[P]:
     speed = np.full(size, _SPEED_RAD)
     speed[:3] = _SPEED_M
     return speed
+
+
+@dataclass(frozen=True, eq=False)
+class MovingHypothesis(Hypothesis):
+    """A hypothesis that knows how it moves."""
+
+    belief: MotionBelief
+
+
+def with_wrapped_turn(hypothesis: MovingHypothesis) -> MovingHypothesis:
+    """Return the same hypothesis with a root's turn of at most half a turn: who spins would reach 2π, where it is singular."""
+    turn = hypothesis.params[3:6]
+    if float(np.linalg.norm(turn)) <= np.pi:
+        return hypothesis
+    params = hypothesis.params.copy()
+    params[3:6] = wrapped(turn)
+    change = np.eye(len(params))
+    change[3:6, 3:6] = np.linalg.solve(left_jacobian(params[3:6]), left_jacobian(turn))
+    return replace(
+        hypothesis,
+        params=params,
+        covariance=change @ hypothesis.covariance @ change.T,
+        belief=hypothesis.belief.recharted(params, change),
+    )

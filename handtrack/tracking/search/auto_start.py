@@ -18,9 +18,8 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Search, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape, Resize
 from handtrack.tracking.search.frame_solve import solve_frame
-from handtrack.tracking.search.policy import FIRST_POSE
+from handtrack.tracking.search.global_search import FIRST_POSE, GlobalObjective, Resize
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
@@ -73,19 +72,19 @@ def auto_start(
     tell = on_progress or (lambda share, text: None)
     control = Control() if should_stop is None else Control(should_stop)
     tell(0.0, "looking for the hand")
-    landscape = EvidenceLandscape.of(seen, settings)
-    if landscape is None:
+    objective = GlobalObjective.of(seen, settings)
+    if objective is None:
         return []
-    landscape = replace(
-        landscape,
+    objective = replace(
+        objective,
         shapes=[shape for model in models for shape in hand_shapes(model)] if models else (),
         solve=fitting(settings, seen, control),
         looks_for_fingers=settings.tracker.escape,
         resize=resize,
         control=control,
     )
-    done = run_rounds(search, landscape, found, control, on_round=_telling(search, tell))
-    return _compared(landscape, done, settings, size_sigma, search.most)
+    done = run_rounds(search, objective, found, control, on_round=_telling(search, tell))
+    return _compared(objective, done, settings, size_sigma, search.most)
 
 
 def _telling(search: Search, tell: Progress) -> Callable[[int, int], None]:
@@ -109,25 +108,25 @@ def fitting(
 
 
 def _compared(
-    landscape: EvidenceLandscape,
+    objective: GlobalObjective,
     done: Sequence[Candidate],
     settings: TrackerSettings,
     size_sigma: float,
     most: int,
 ) -> list[StartCandidate]:
     """Return the best distinct poses among finished ones, at most so many, and how sure each is."""
-    kept = landscape.distinct([c for c in done if c.solved is not None], most)
+    kept = objective.distinct([c for c in done if c.solved is not None], most)
     if not kept:
         return []
-    kept = sorted(landscape.compared(kept), key=lambda c: c.cost)
-    quality = fit_quality(kept[0].model, settings, landscape.seen, kept[0].params)
-    count = independent_errors(landscape.sources, kept[0])
+    kept = sorted(objective.compared(kept), key=lambda c: c.cost)
+    quality = fit_quality(kept[0].model, settings, objective.seen, kept[0].params)
+    count = independent_errors(objective.sources, kept[0])
     share = shares(np.array([c.cost for c in kept]), count)
     found = []
     for candidate, part in zip(kept, share, strict=True):
         assert candidate.solved is not None
-        problem = landscape.narrow_problem(candidate)
-        given = [KeypointTerm(candidate.model, joints) for joints in landscape.seen.keypoints]
+        problem = objective.narrow_problem(candidate)
+        given = [KeypointTerm(candidate.model, joints) for joints in objective.seen.keypoints]
         problem = replace(problem, observation_terms=[*problem.observation_terms, *given])
         near = nearness(problem, candidate.params, count, size_sigma, settings.tracker.seed)
         sure, result = float(quality * part * near), candidate.solved.result

@@ -1,13 +1,15 @@
-"""The search engine: proposers put candidates in, rounds thin and fit them, the better pose is taken.
+"""The search engine: proposers add candidates, rounds thin and fit them, the better pose is taken.
 
-What is tried when stands in `policy`; how one frame's candidates are proposed, fitted and compared is its landscape's affair.
+A policy (`Search`) lists functions: what proposes, and what fits. Policies stand beside the functions that they name; `SEARCHES` in
+`handtrack.tracking.searches` lists them all. An objective is one frame as a search sees it: what its functions read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from itertools import groupby
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -15,22 +17,25 @@ from handtrack.arrays import D3, D21, Floats, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
+
+_LISTED = 6  # candidates of a round that are named
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A pose that may be the frame's."""
+    """A pose that may be the frame's, with its cost."""
 
     model: ArticulatedModel
     params: Floats[P]
     """solver parameters"""
     cost: float = np.inf
-    """how badly it explains what was seen; comparable within a round"""
+    """negative log-likelihood, or another misfit; comparable within a round"""
     origin: str = "given"
     """which proposer it comes from"""
     shape: HandShape | None = None
-    """the rigid shape that it started from, in a search by evidence"""
+    """the rigid shape that it started from, in a search by silhouettes and clouds"""
     solved: Solved | None = None
     """the frame's result there, once it was fitted as the tracker fits"""
     normal: Floats[P, P] | None = None
@@ -45,24 +50,36 @@ class Candidate:
 C = TypeVar("C", bound=Candidate)
 
 
+class Objective(Protocol[C]):
+    """One frame, as a search sees it: it keeps candidates apart; the functions of a policy know the rest of it."""
+
+    def distinct(self, candidates: Sequence[C], most: int) -> list[C]:
+        """Return the best, at most so many, each pose once, by rising cost."""
+        ...
+
+
+Proposer = Callable[[Any, Sequence[Any], int], list[Any]]
+"""(objective, candidates so far, how many at most; 0: all) → new candidates"""
+Fitter = Callable[[Any, Sequence[Any], int, Control], list[Any]]
+"""(objective, candidates, iterations, control) → the candidates improved, with new costs; fewer when stopped"""
+
+
 @dataclass(frozen=True)
 class Propose:
-    """One way to come by candidates."""
+    """A function that proposes candidates, and how many of them at most."""
 
-    name: str
-    """a proposer that the landscape knows"""
+    proposer: Proposer
     most: int = 0
-    """how many it proposes at most; 0: as many as there are"""
+    """0: as many as there are"""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """One way to improve a candidate."""
+    """A function that improves candidates, and the solver's iterations in it."""
 
-    kind: str
-    """a name that the landscape knows"""
+    fitter: Fitter
     iterations: int = 0
-    """of the solver; 0: as many as the kind has by itself"""
+    """0: as many as the function has by itself"""
 
 
 @dataclass(frozen=True)
@@ -71,19 +88,19 @@ class Round:
 
     propose: tuple[Propose, ...] = ()
     keep: int | None = None
-    """how many of those found so far stay beside the proposed; None: all"""
+    """how many of the candidates so far stay beside the proposed; None: all"""
     enter: int | None = None
     """the best distinct ones that are fitted; None: all, in their order"""
     fits: tuple[Fit, ...] = ()
     adds: bool = False
     """only what is newly proposed is fitted, and joins those that stand"""
     times: int = 1
-    """how often it is made at most: again while it finds what is better, as the search counts it, than all before"""
+    """how often it is made at most: again while the best cost falls, as the search counts it"""
 
 
 @dataclass(frozen=True)
 class Search:
-    """A row of the policy: a situation and what is tried in it."""
+    """A policy: a situation and what is tried in it."""
 
     situation: str
     when: str
@@ -101,26 +118,12 @@ class Search:
     """how soon the search is made again if it found nothing, in words"""
     taken: str = ""
     """what is taken, in words, where it is not the best of those that are better than the standing pose"""
+    tried: str = ""
+    """what is tried, in words, where there are no rounds"""
 
     def is_better(self, cost: float, standing: float) -> bool:
         """Return whether a candidate of that cost is taken instead of the standing pose."""
         return cost < self.factor * standing - self.margin
-
-
-class Landscape(Protocol[C]):
-    """One frame, as a search sees it."""
-
-    def propose(self, proposer: str, found: Sequence[C], most: int) -> list[C]:
-        """Return a proposer's candidates, given those found so far; `most` as in the round."""
-        ...
-
-    def fit(self, fit: Fit, candidates: Sequence[C], control: Control) -> list[C]:
-        """Return candidates improved, each with its new cost; fewer when stopped."""
-        ...
-
-    def distinct(self, candidates: Sequence[C], most: int) -> list[C]:
-        """Return the best, at most so many, each pose once, by rising cost."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -153,8 +156,94 @@ class SearchReport:
     winner: Trial | None
     """None: nothing was taken"""
 
+    def lines(self) -> Iterator[str]:
+        """Yield the report in words: what was tried, what it cost, why the winner won."""
+        yield f"- {self.search.situation} ({self.why})"
+        stands = np.isfinite(self.standing)
+        standing = f"standing pose: {self.standing:.2f}, by" if stands else "compared by"
+        yield f"  {standing} {self.search.measure}"
+        for number, (proposed, trials) in enumerate(self.rounds, start=1):
+            yield f"  round {number}: {proposed} proposed, {len(trials)} fitted: {_grouped(trials)}"
+        if self.winner is None:
+            nothing = "better was found; the standing pose stays" if stands else "was taken"
+            yield f"  nothing {nothing}"
+            return
+        search, limit = self.search, self.search.factor * self.standing - self.search.margin
+        yield f"  taken: {self.winner.origin} at {self.winner.cost:.2f}, " + (
+            search.taken
+            or f"below {limit:.2f} ({search.factor:g} × {self.standing:.2f} − {search.margin:g})"
+        )
 
-def tell(
+
+def run_rounds(
+    search: Search,
+    objective: Objective[C],
+    candidates: Sequence[C],
+    control: Control,
+    on_round: Callable[[int, int], None] | None = None,
+    tried: Tried | None = None,
+) -> list[C]:
+    """Return the candidates after all rounds.
+
+    Parameters
+    ----------
+    candidates
+        What the first round begins with.
+    on_round
+        Called before each round's fits with its number and how many are fitted.
+    tried
+        Gathers what was tried, for a report.
+    """
+    found = list(candidates)
+    for number, step in enumerate(search.rounds):
+        for _ in range(step.times):
+            proposed = [c for p in step.propose for c in p.proposer(objective, found, p.most)]
+            kept = found if step.keep is None else objective.distinct(found, step.keep)
+            entering = proposed if step.adds else [*kept, *proposed]
+            if step.enter is not None:
+                entering = objective.distinct(entering, step.enter)
+            if on_round is not None:
+                on_round(number, len(entering))
+            for fit in step.fits:
+                entering = fit.fitter(objective, entering, fit.iterations, control)
+            if tried is not None:
+                tried.append((len(proposed), tuple(map(Trial.of, entering))))
+            before, now = (min((c.cost for c in row), default=np.inf) for row in (found, entering))
+            found = [*found, *entering] if step.adds else entering
+            if not search.is_better(now, before):
+                break
+    return found
+
+
+def improved(
+    search: Search,
+    objective: Objective[C],
+    standing: C,
+    control: Control,
+    frame: int,
+    why: str,
+    compared: Callable[[Sequence[C]], list[C]] = list,
+) -> C:
+    """Return the best candidate that is better than the standing one, or that one itself. Reports what was tried.
+
+    compared: measures them by the same pixels, where their costs are not.
+    """
+    for _ in range(search.repeats):
+        tried: Tried = []
+        found = run_rounds(search, objective, [standing], control, tried=tried)
+        if control.should_stop():
+            return standing
+        standing, *found = compared([standing, *found])
+        best = min(found, key=lambda c: c.cost, default=standing)
+        taken = search.is_better(best.cost, standing.cost)
+        report(search, control, frame, why, tried, best if taken else None, standing.cost)
+        if not taken:
+            return standing
+        standing = best
+    return standing
+
+
+def report(
     search: Search,
     control: Control,
     frame: int,
@@ -169,67 +258,28 @@ def tell(
         control.on_search(SearchReport(frame, search, why, tried, standing, best))
 
 
-def run_rounds(
-    search: Search,
-    landscape: Landscape[C],
-    found: Sequence[C],
-    control: Control,
-    on_round: Callable[[int, int], None] | None = None,
-    tried: Tried | None = None,
-) -> list[C]:
-    """Return what is found after all rounds.
-
-    on_round: called before each round's fits with its number and how many are fitted. tried: gathers what was tried, for a
-    report.
-    """
-    found = list(found)
-    for number, step in enumerate(search.rounds):
-        for _ in range(step.times):
-            proposed = [c for p in step.propose for c in landscape.propose(p.name, found, p.most)]
-            kept = found if step.keep is None else landscape.distinct(found, step.keep)
-            entering = proposed if step.adds else [*kept, *proposed]
-            if step.enter is not None:
-                entering = landscape.distinct(entering, step.enter)
-            if on_round is not None:
-                on_round(number, len(entering))
-            for fit in step.fits:
-                entering = landscape.fit(fit, entering, control)
-            if tried is not None:
-                tried.append((len(proposed), tuple(map(Trial.of, entering))))
-            before, now = _least(found), _least(entering)
-            found = [*found, *entering] if step.adds else entering
-            if not search.is_better(now, before):
-                break
-    return found
+def explained(frame: int, reports: Sequence[SearchReport], result: FrameResult | None) -> list[str]:
+    """Return a frame's searches in words, one line after the other, in the order in which they were made, and its result."""
+    own = [one for one in reports if one.frame == frame]
+    lines = [
+        f"frame {frame}: {len(own)} searches" if own else f"frame {frame}: nothing was searched"
+    ]
+    for one in own:
+        lines += one.lines()
+    if result is not None:
+        found = f"result: {result.status.name.lower()}, energy {result.energy:.1f}"
+        lines.append(f"{found}; {result.note}" if result.note else found)
+    return lines
 
 
-def improved(
-    search: Search,
-    landscape: Landscape[C],
-    standing: C,
-    control: Control,
-    frame: int,
-    why: str,
-    compared: Callable[[Sequence[C]], list[C]] = list,
-) -> C:
-    """Return the best candidate that is better than the standing one, or that one itself. Reports what was tried.
-
-    compared: measures them by the same pixels, where their costs are not.
-    """
-    for _ in range(search.repeats):
-        tried: Tried = []
-        found = run_rounds(search, landscape, [standing], control, tried=tried)
-        if control.should_stop():
-            return standing
-        standing, *found = compared([standing, *found])
-        best = min(found, key=lambda c: c.cost, default=standing)
-        taken = search.is_better(best.cost, standing.cost)
-        tell(search, control, frame, why, tried, best if taken else None, standing.cost)
-        if not taken:
-            return standing
-        standing = best
-    return standing
-
-
-def _least(candidates: Sequence[Candidate]) -> float:
-    return min((c.cost for c in candidates), default=np.inf)
+def _grouped(trials: Sequence[Trial]) -> str:
+    """Return the best of a round's candidates in words, those of one origin together."""
+    ordered = sorted(trials, key=lambda t: (t.origin, t.cost))
+    groups = [list(group) for _, group in groupby(ordered, key=lambda t: t.origin)]
+    groups.sort(key=lambda group: group[0].cost)
+    named = [
+        f"{group[0].origin}{f' ×{len(group)}' if len(group) > 1 else ''} {group[0].cost:.2f}"
+        for group in groups[:_LISTED]
+    ]
+    more = len(groups) - _LISTED
+    return ", ".join(named) + (f" and {more} more" if more > 0 else "")

@@ -15,17 +15,16 @@ from handtrack.geometry.triangulation import triangulated as lines_meet
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import ImageKeypoints, Keypoints
-from handtrack.sampling.chains import chains_of, prepare
+from handtrack.sampling.chains import chains_of
 from handtrack.sampling.hypotheses import Hypothesis, distinct
-from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.terms.loss import geman_mcclure
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
-from handtrack.tracking.search.engine import Candidate, Fit, run_rounds
+from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search, run_rounds
 from handtrack.tracking.search.initialize import FEWEST
-from handtrack.tracking.search.policy import IMAGE_JOINTS
-from handtrack.tracking.search.proposers.orientation_grid import spread_rotations
+from handtrack.tracking.search.orientation_grid import spread_rotations
 from handtrack.tracking.search.start_confidence import model_length
 
 _ENOUGH_IN_SPACE = 12 / 21
@@ -40,6 +39,7 @@ _BODY_POSTURES: tuple[dict[str, float], ...] = (
 """degrees that differ from a person's at ease, left and right: hanging, level and raised arms, seated; turned as the search turns them"""
 _ROBUST_SIGMAS = 4.0
 _ALIKE_RAD = 0.15
+_ROTATIONS = 300
 _NEAREST, _FARTHEST = 0.4, 100.0  # from a camera, in lengths of the hand or body
 _LEAST_ANGLE = np.deg2rad(2.0)  # between two lines of sight, for a point in space
 # of a line of sight from a point, beyond which it is no view of it: px, of the image
@@ -95,6 +95,72 @@ def in_space(
     return Keypoints(names, points, sigma_m)
 
 
+@dataclass(frozen=True, eq=False)
+class ImageJointObjective:
+    """Joints seen in images of one frame; see engine.Objective."""
+
+    model: ArticulatedModel
+    seen: Sequence[ImageKeypoints]
+    most: ImageKeypoints
+    """the view with most joints: it proposes"""
+
+    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+        params = np.array([c.params for c in candidates])
+        rows = distinct(params, np.array([c.cost for c in candidates]), _ALIKE_RAD)
+        return [candidates[row] for row in rows[:most]]
+
+
+def rotations_in_four_postures(
+    objective: ImageJointObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose hands or bodies at 300 rotations in four postures where the joints are seen, the nearest to them."""
+    pairs = sorted(_placed(objective.model, objective.most), key=lambda pair: pair[1])[:most]
+    return [Candidate(objective.model, x, cost, "rotations in four postures") for x, cost in pairs]
+
+
+def flips_in_depth_of_the_best(
+    objective: ImageJointObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose the best poses with one finger's or limb's links bent the other way along the viewing rays."""
+    model, camera = objective.model, objective.most.camera
+    return [
+        Candidate(model, flip, origin="flips in depth of the best")
+        for c in objective.distinct(found, most)
+        for chain in chains_of(model)
+        for flip in chain_flips(model, c.params, chain, camera, least_rad=-1.0)
+    ]
+
+
+def polish_joints(
+    objective: ImageJointObjective,
+    candidates: Sequence[Candidate],
+    iterations: int,
+    control: Control,
+) -> list[Candidate]:
+    """Descend by the compiled solver for joints, all starts at once."""
+    model = objective.model
+    settings = PolishSettings(iterations=iterations, gradient_tolerance=1e-3)
+    starts = np.array([c.params for c in candidates])
+    priors, loss = pose_priors(model, points_rest(model)), geman_mcclure(_ROBUST_SIGMAS)
+    found = polish(model, starts, objective.seen, priors, loss, settings=settings)
+    return [
+        replace(c, params=found.params[n], cost=float(found.cost[n]), normal=found.normal[n])
+        for n, c in enumerate(candidates)
+    ]
+
+
+IMAGE_JOINTS = Search(
+    situation="joints in images alone must give a first pose",
+    when="as before; without silhouettes and cloud, and of a body, this is all",
+    rounds=(
+        Round((Propose(rotations_in_four_postures, 48),), fits=(Fit(polish_joints, 40),)),
+        Round((Propose(flips_in_depth_of_the_best, 6),), keep=6, fits=(Fit(polish_joints, 40),)),
+    ),
+    measure="robust distance of the joints in the images, and priors; shares of exp(−cost)",
+    most=8,
+)
+
+
 def hands_from_images(
     model: ArticulatedModel, seen: Sequence[ImageKeypoints]
 ) -> tuple[Hypothesis, ...]:
@@ -111,9 +177,9 @@ def hands_from_images(
             f"first-frame pose: {count} joints are seen in one image, at least {FEWEST} are needed to place the {model.kind}. "
             "Add points, or pose the hand by parameters."
         )
-    landscape = ImageJointLandscape(model, seen, most)
-    found = run_rounds(IMAGE_JOINTS, landscape, (), Control())
-    chosen = [c for c in landscape.distinct(found, IMAGE_JOINTS.most) if np.isfinite(c.cost)]
+    objective = ImageJointObjective(model, seen, most)
+    found = run_rounds(IMAGE_JOINTS, objective, (), Control())
+    chosen = [c for c in objective.distinct(found, IMAGE_JOINTS.most) if np.isfinite(c.cost)]
     weight = np.exp([chosen[0].cost - c.cost for c in chosen])
     weight /= weight.sum()
     return tuple(
@@ -123,63 +189,12 @@ def hands_from_images(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class ImageJointLandscape:
-    """Joints seen in images of one frame; see engine.Landscape. Many starts are polished at once."""
-
-    model: ArticulatedModel
-    seen: Sequence[ImageKeypoints]
-    most: ImageKeypoints
-    """the view with most joints: it proposes"""
-
-    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
-        if proposer == "attitudes in four postures":
-            pairs = _placed(self.model, self.most, most)
-            return [Candidate(self.model, x, cost, proposer) for x, cost in pairs]
-        flips = [f for c in self.distinct(found, most) for f in self._flips(c.params)]
-        return [Candidate(self.model, x, origin=proposer) for x in flips]
-
-    def _flips(self, params: Floats) -> list[Floats]:
-        """Return the poses (P,) that look the same with one finger's or limb's links bent the other way, one by one."""
-        settings = TreeSettings(failing="nearest")
-        camera, chains = self.most.camera, chains_of(self.model)
-        trees = [
-            interpretation_tree(
-                self.model, params, [prepare(self.model, c)], camera, settings=settings
-            )
-            for c in chains
-        ]
-        return [leaf for tree in trees for leaf in tree.params]
-
-    def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
-        if fit.kind == "cheapest":
-            return sorted(candidates, key=lambda c: c.cost)[: fit.iterations]
-        settings = PolishSettings(iterations=fit.iterations, gradient_tolerance=1e-3)
-        starts = np.array([c.params for c in candidates])
-        priors, loss = (
-            pose_priors(self.model, points_rest(self.model)),
-            geman_mcclure(_ROBUST_SIGMAS),
-        )
-        found = polish(self.model, starts, self.seen, priors, loss, settings=settings)
-        return [
-            replace(c, params=found.params[n], cost=float(found.cost[n]), normal=found.normal[n])
-            for n, c in enumerate(candidates)
-        ]
-
-    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
-        params = np.array([c.params for c in candidates])
-        rows = distinct(params, np.array([c.cost for c in candidates]), _ALIKE_RAD)
-        return [candidates[row] for row in rows[:most]]
-
-
 def _allowed(size: tuple[int, int]) -> float:
     """Return how far a line of sight may miss a point [px]: detectors err in shares of the image."""
     return max(_OFF_PX, _OFF_SHARE * max(size))
 
 
-def _placed(
-    model: ArticulatedModel, seen: ImageKeypoints, attitudes: int
-) -> list[tuple[Floats, float]]:
+def _placed(model: ArticulatedModel, seen: ImageKeypoints) -> list[tuple[Floats, float]]:
     """Return starts (P,) before a camera, each with how far off the joints are there (sum of squares) [px²].
 
     For a turn and a posture, the place is the least squares solution of the projection's equations, which are linear
@@ -189,7 +204,7 @@ def _placed(
     known = np.asarray(np.isfinite(seen.pixels).all(axis=1))
     rays = (seen.pixels[known] - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     index = [model.joint_names.index(n) for n, k in zip(seen.names, known, strict=True) if k]
-    rotations = spread_rotations(attitudes)
+    rotations = spread_rotations(_ROTATIONS)
     near, far = (share * model_length(model) for share in (_NEAREST, _FARTHEST))
     found: list[tuple[Floats, float]] = []
     for joint in _postures(model):

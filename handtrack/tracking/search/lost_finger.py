@@ -2,68 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice, pairwise, product
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import Floats, P, S
+from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.parallel import in_parallel
+from handtrack.sampling.hypotheses import apart
 from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.search.engine import Candidate, Fit, Search, improved
-from handtrack.tracking.search.policy import LOST_FINGER
-from handtrack.tracking.search.proposers.finger_moves import finger_grid, finger_shifts
+from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search, improved
+from handtrack.tracking.search.policy import (
+    SUSPICIOUS_FRAMES,
+    SUSPICIOUS_RATIO,
+    why_fingers_may_be_lost,
+)
+
+# Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
+_FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
+_PLACES = 2  # of a finger that may be tried
+_ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
 
 
 @dataclass(frozen=True, eq=False)
-class FingerLandscape:
-    """One frame whose pose is nearly known; see engine.Landscape. The pull to the prediction is left out."""
+class FingerObjective:
+    """One frame whose pose is nearly known; see engine.Objective. The pull to the prediction is left out."""
 
     terms: FrameTerms
     far: Problem
-    """the widest band where the pose stands: ranks the places that a finger is put to"""
+    """the widest band where the pose stands: ranks the positions that a finger is put to"""
     here: BonePoses
     """where the bands are frozen while poses are compared"""
 
     @classmethod
-    def at(cls, terms: FrameTerms, params: Floats[P]) -> FingerLandscape:
-        """Return the landscape around a pose that was found with these terms."""
+    def at(cls, terms: FrameTerms, params: Floats[P]) -> FingerObjective:
+        """Return the objective around a pose that was found with these terms."""
         free = terms.without_motion()
         model = terms.model
         return cls(free, stage_problem(model, free, 0, params), model.bones(params))
 
-    def propose(self, proposer: str, found: Sequence[Candidate], most: int) -> list[Candidate]:
-        (standing,) = found
-        if proposer.startswith("finger shift"):
-            shifted = finger_shifts(standing.model, standing.params)
-            shifted = shifted[1::2] if proposer == "finger shift as bent" else shifted
-            return [replace(standing, params=x, origin=proposer, cost=np.inf) for x in shifted]
-        moved = finger_grid(self.far, standing.params, most)
-        return [
-            replace(standing, params=x, origin=f"{proposer}, {finger}", cost=np.inf)
-            for finger, x in moved
-        ]
-
-    def fit(self, fit: Fit, candidates: Sequence[Candidate], control: Control) -> list[Candidate]:
-        found = in_parallel(lambda c: self._solved(c, control), candidates)
-        return [c for c in found if c is not None]
-
-    def _solved(self, candidate: Candidate, control: Control) -> Candidate | None:
-        """Return where the frame's own schedule leads from a candidate, asking there what is in view."""
-        if control.should_stop():
-            return None
-        model = self.terms.model
-        terms = self.terms.as_seen_at(model.bones(candidate.params))
-        settings = self.terms.settings.solver
-        found = descend(model, settings, terms, candidate.params, control.should_stop)[0].params
-        return self.measured(replace(candidate, params=found))
-
     def measured(self, candidate: Candidate) -> Candidate:
-        """Return a candidate with its energy in the narrowest band."""
+        """Return a candidate with its cost in the narrowest band."""
         terms = self.terms.as_seen_at(self.terms.model.bones(candidate.params))
         seen = terms.stage(terms.stages - 1, self.here)
         cost = Problem(terms.model, seen, terms.priors).cost(candidate.params)
@@ -71,6 +59,88 @@ class FingerLandscape:
 
     def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
         return sorted(candidates, key=lambda c: c.cost)[:most]
+
+
+def finger_shift(
+    objective: FingerObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose all fingers shifted by one, either way, bent as they are and each as its neighbour."""
+    (standing,) = found
+    shifted = finger_shifts(standing.model, standing.params)
+    return [replace(standing, params=x, origin="finger shift", cost=np.inf) for x in shifted]
+
+
+def finger_shift_as_bent(
+    objective: FingerObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose all fingers shifted by one, either way, bent as they are."""
+    shifted = finger_shift(objective, found, most)[1::2]
+    return [replace(one, origin="finger shift as bent") for one in shifted]
+
+
+def finger_on_grid(
+    objective: FingerObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose each finger elsewhere in its range, the best by the widest band."""
+    (standing,) = found
+    return [
+        replace(standing, params=x, origin=f"finger grid, {finger}", cost=np.inf)
+        for finger, x in finger_grid(objective.far, standing.params, most)
+    ]
+
+
+def frame_schedule(
+    objective: FingerObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+) -> list[Candidate]:
+    """Descend by the frame's own schedule, band after band, asking where a candidate starts what is in view."""
+    model, settings = objective.terms.model, objective.terms.settings.solver
+
+    def solved(candidate: Candidate) -> Candidate | None:
+        if control.should_stop():
+            return None
+        terms = objective.terms.as_seen_at(model.bones(candidate.params))
+        found = descend(model, settings, terms, candidate.params, control.should_stop)[0].params
+        return objective.measured(replace(candidate, params=found))
+
+    return [c for c in in_parallel(solved, candidates) if c is not None]
+
+
+LOST_FINGER = Search(
+    situation="a finger may be lost",
+    when=(
+        f"the cost is above {SUSPICIOUS_RATIO:g} times the usual; each of the first {SUSPICIOUS_FRAMES} frames; every "
+        f"{SEARCH_EVERY}th frame (`tracker.escape`)"
+    ),
+    rounds=(
+        Round((Propose(finger_shift), Propose(finger_on_grid, 4)), keep=0, fits=(Fit(frame_schedule),)),
+    ),
+    measure="the frame's cost in its narrowest band, without the pull to the prediction",
+    margin=2.0,  # [log-likelihood] e² times as probable
+    repeats=3,
+    again="in the next frame that asks for it",
+)  # fmt: skip
+SHIFTED_FINGERS = Search(
+    situation="all fingers may be one off",
+    when="each frame, by the 2004 paper's method",
+    rounds=(Round((Propose(finger_shift_as_bent),), keep=0, fits=(Fit(frame_schedule),)),),
+    measure="as for a lost finger",
+    again="in the next frame",
+)
+
+
+def finger_search(
+    settings: TrackerSettings,
+    frame: int,
+    energy: float,
+    views: int,
+    previous: Sequence[FrameResult],
+) -> tuple[Search, str]:
+    """Return which search for fingers a frame may need, and why it is made; no reason where it is not."""
+    if settings.traits.shifts_each_frame:
+        return SHIFTED_FINGERS, f"by the method {settings.method}"
+    if not settings.tracker.escape:
+        return LOST_FINGER, ""
+    return LOST_FINGER, why_fingers_may_be_lost(frame, energy, views, previous)
 
 
 def with_fingers_found(
@@ -82,6 +152,84 @@ def with_fingers_found(
     search: Search = LOST_FINGER,
 ) -> Floats[P]:
     """Return solver parameters with lost fingers found; the very same where none was lost."""
-    landscape = FingerLandscape.at(terms, params)
-    standing = landscape.measured(Candidate(terms.model, params, origin="standing pose"))
-    return improved(search, landscape, standing, control, frame, why).params
+    objective = FingerObjective.at(terms, params)
+    standing = objective.measured(Candidate(terms.model, params, origin="standing pose"))
+    return improved(search, objective, standing, control, frame, why).params
+
+
+def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, Floats[P]]]:
+    """Return the `most` promising starts (P,), the best first: each with one finger, named, well away from where it is.
+
+    far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
+
+    They may cost more than the pose that stands: put anywhere on a grid, a finger covers little of its own silhouette,
+    but the one that is lost loses least where it was. No two of a finger are near each other: one of them may lead back.
+    """
+    model = far.model
+    best: list[tuple[float, str, Floats]] = []
+    for finger in FINGERS:
+        starts = list(_placements(model, params, finger))
+        placed = list(zip(in_parallel(far.cost, starts), starts, strict=True))
+        if not placed:
+            continue
+        places = [(0.0, params), *sorted(placed, key=lambda pair: pair[0])]
+        tip = model.joint_names.index(f"{finger}_tip")
+        tips = np.array([model.joint_positions(model.bones(start))[tip] for _, start in places])
+        elsewhere = apart(
+            range(len(places)),
+            lambda a, rest, tips=tips: np.linalg.norm(tips[rest] - tips[a], axis=1) > _ELSEWHERE_M,
+        )
+        best += [(places[n][0], finger, places[n][1]) for n in islice(elsewhere, 1, 1 + _PLACES)]
+    return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:most]]
+
+
+def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
+    """Return solver parameters with all fingers shifted by one, either way (2004 paper, section 4): the way out when all are.
+
+    The palm moves sideways by the distance of two knuckles, so that every finger stands where its neighbour was; once with
+    the fingers bent as they are, once each as that neighbour is: what was seen there then still has its finger.
+    """
+    if not {"index_mcp", "middle_mcp"} <= set(model.joint_names):
+        return []
+    bones = model.bones(params)
+    places = model.joint_positions(bones)
+    index, middle = (places[model.joint_names.index(name)] for name in ("index_mcp", "middle_mcp"))
+    sideways = bones.rotation[0][:, 0] * float(np.linalg.norm(middle - index))
+    starts = []
+    for side in (-1.0, 1.0):
+        joint = model.joint_params(params)
+        joint[:3] += side * sideways * (1.0 if model.side == "right" else -1.0)
+        for posture in (handed_on(model, joint, side), joint):
+            starts.append(model.clipped(model.transform.solver_params(posture)))
+    return starts
+
+
+def handed_on(model: ArticulatedModel, joint: Floats[S], side: float) -> Floats[S]:
+    """Return joint parameters in which each finger is bent as its neighbour was; side 1: on the little's side."""
+    four = FINGERS[1:] if side > 0 else FINGERS[:0:-1]
+    moved = joint.copy()
+    for finger, other in pairwise(four):
+        for bend in ("mcp_flex", "pip_flex", "dip_flex"):
+            at, there = (model.skeleton.parameter(f"{f}_{bend}") for f in (finger, other))
+            moved[at] = joint[there]
+    return moved
+
+
+def _placements(model: ArticulatedModel, params: Floats, finger: str) -> Iterator[Floats]:
+    """Yield params with one finger put everywhere in its range."""
+    base = "cmc" if finger == "thumb" else "mcp"
+    after = ("mcp", "ip") if finger == "thumb" else ("pip", "dip")
+    names = [
+        f"{finger}_{base}_flex",
+        f"{finger}_{base}_abd",
+        *(f"{finger}_{j}_flex" for j in after),
+    ]
+    if any(name not in model.parameter_names for name in names):
+        return
+    at = [model.skeleton.parameter(name) for name in names]
+    joint = model.joint_params(params)
+    for flex, spread, curl in product(_FLEX, _SPREAD, _CURL):
+        trial = joint.copy()
+        low, high = model.limits.bounds(trial)[at].T
+        trial[at] = low + np.array([flex, spread, curl, curl]) * (high - low)
+        yield model.clipped(model.transform.solver_params(trial))

@@ -20,9 +20,9 @@ from handtrack.tracking.search.evidence.hand_shapes import (
     palm_middle,
     shape_of,
 )
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
 from handtrack.tracking.search.frame_solve import solve_frame
-from handtrack.tracking.search.policy import LOST_HAND, why_hand_may_be_lost
+from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective
+from handtrack.tracking.search.policy import why_hand_may_be_lost
 
 # how far a palm may be from where it was, and how much further each frame
 _NEAR_M, _SPEED_M = (0.10, 0.03)
@@ -36,8 +36,8 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         return solved
     if not task.control.searches:
         return replace(solved, search_due=True)
-    landscape = EvidenceLandscape.of(task.observation, task.settings)
-    if landscape is None:
+    objective = GlobalObjective.of(task.observation, task.settings)
+    if objective is None:
         return solved
 
     def solve(_model: ArticulatedModel, params: Floats, _fingers: bool) -> Solved:
@@ -48,8 +48,8 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         return solve_frame(replace(alone, control=replace(task.control, on_iteration=None)))  # fmt: skip
 
     here = shape_of(model, result.parameters, "last")
-    landscape = replace(
-        landscape,
+    objective = replace(
+        objective,
         shapes=[_last_shape(task), *hand_shapes(model)],
         solve=solve,
         within=_where(task, lost=result.status == Status.LOST),
@@ -61,7 +61,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         """Return candidates by the same observation, of which none is taken that is less sure than what stands, or further off than a
         palm goes in a frame and does not fit.
         """
-        found = landscape.compared(candidates)
+        found = objective.compared(candidates)
         for n, one in enumerate(found):
             if one.solved is None:
                 continue
@@ -72,9 +72,9 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         return found
 
     params = model.transform.solver_params(result.parameters)
-    standing = landscape.measured(Candidate(model, params, origin="standing pose", shape=here))
+    standing = objective.measured(Candidate(model, params, origin="standing pose", shape=here))
     number = task.observation.frame
-    best = improved(LOST_HAND, landscape, standing, task.control, number, why, compared)
+    best = improved(LOST_HAND, objective, standing, task.control, number, why, compared)
     return solved if best.solved is None else _judged(task, best.solved)
 
 

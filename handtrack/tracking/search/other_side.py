@@ -14,14 +14,13 @@ from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import fitting
-from handtrack.tracking.search.engine import Candidate, Tried, run_rounds, tell
+from handtrack.tracking.search.engine import Candidate, Tried, report, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import (
     hand_shapes,
     palm_middle,
     shape_of,
 )
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
-from handtrack.tracking.search.policy import OTHER_SIDE
+from handtrack.tracking.search.global_search import OTHER_SIDE, GlobalObjective
 from handtrack.tracking.search.start_confidence import independent_errors
 
 _NEAR_M = 0.10  # how far the other hand's palm may be from this one's
@@ -42,29 +41,29 @@ def evidence_of_other_side(
     shapes_of = cache(hand_shapes)  # of this hand they are rarely needed
 
     def found_of(
-        hand: ArticulatedModel, landscape: EvidenceLandscape, standing: float
+        hand: ArticulatedModel, objective: GlobalObjective, standing: float
     ) -> list[Candidate]:
-        return _found(replace(landscape, shapes=shapes_of(hand)), standing)
+        return _found(replace(objective, shapes=shapes_of(hand)), standing)
 
     total = 0.0
     for seen, params in looks:
-        landscape = EvidenceLandscape.of(seen, settings)
-        if landscape is None:
+        objective = GlobalObjective.of(seen, settings)
+        if objective is None:
             continue
         shape = shape_of(model, model.joint_params(params), "tracked")
-        ours = landscape.measured(Candidate(model, params, origin="tracked", shape=shape))
-        count = independent_errors(landscape.sources, ours)
-        landscape = replace(
-            landscape,
+        ours = objective.measured(Candidate(model, params, origin="tracked", shape=shape))
+        count = independent_errors(objective.sources, ours)
+        objective = replace(
+            objective,
             solve=fitting(settings, seen, control),
             within=(palm_middle(model, params), _NEAR_M),
             control=control,
         )
-        theirs = found_of(other, landscape, ours.cost)
-        least, best = _least_of_each(landscape, [ours], theirs)
+        theirs = found_of(other, objective, ours.cost)
+        least, best = _least_of_each(objective, [ours], theirs)
         if best < least:
-            this = [ours, *found_of(model, landscape, best)]
-            least, best = _least_of_each(landscape, this, theirs)
+            this = [ours, *found_of(model, objective, best)]
+            least, best = _least_of_each(objective, this, theirs)
         if control.should_stop():
             return 0.0
         if 0 < least < np.inf and 0 < best < np.inf:  # else nothing of it was seen
@@ -75,18 +74,18 @@ def evidence_of_other_side(
 
 
 def _least_of_each(
-    landscape: EvidenceLandscape, this: Sequence[Candidate], other: Sequence[Candidate]
+    objective: GlobalObjective, this: Sequence[Candidate], other: Sequence[Candidate]
 ) -> tuple[float, float]:
     """Return the least cost of this hand's poses and of the other's, by the same pixels."""
-    costs = [c.cost for c in landscape.compared([*this, *other])]
+    costs = [c.cost for c in objective.compared([*this, *other])]
     return min(costs[: len(this)]), min(costs[len(this) :], default=np.inf)
 
 
-def _found(landscape: EvidenceLandscape, standing: float) -> list[Candidate]:
-    """Return poses at which a hand of the landscape's shapes was found."""
-    control, tried = landscape.control, Tried()
-    found = run_rounds(OTHER_SIDE, landscape, [], control, tried=tried)
+def _found(objective: GlobalObjective, standing: float) -> list[Candidate]:
+    """Return poses at which a hand of the objective's shapes was found."""
+    control, tried = objective.control, Tried()
+    found = run_rounds(OTHER_SIDE, objective, [], control, tried=tried)
     best = min(found, key=lambda c: c.cost, default=None)
-    why = f"is it a {landscape.shapes[0].model.side} hand?"
-    tell(OTHER_SIDE, control, landscape.seen.frame, why, tried, best, standing)
+    why = f"is it a {objective.shapes[0].model.side} hand?"
+    report(OTHER_SIDE, control, objective.seen.frame, why, tried, best, standing)
     return found

@@ -26,7 +26,7 @@ from handtrack.tracking.frame.doubt.mirrored import only_camera
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.search.poor_cloud import poor_cloud_settings
+from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.size.cameras import WIDER, CameraChanges
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion

@@ -17,8 +17,7 @@ from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.search.policy import POOR
-from handtrack.tracking.search.poor_cloud import poor_agreement
+from handtrack.tracking.search.frame_solve import POOR, poor_agreement
 from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.size.motion import TURN, by_turn

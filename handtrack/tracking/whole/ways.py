@@ -16,9 +16,9 @@ from handtrack.tracking.frame.descent import descend, stage_problem
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
+from handtrack.tracking.search.global_search import flipped_fingers
+from handtrack.tracking.search.lost_finger import finger_grid
 from handtrack.tracking.search.policy import SUSPICIOUS_RATIO
-from handtrack.tracking.search.proposers.depth_flips import depth_flips
-from handtrack.tracking.search.proposers.finger_moves import finger_grid
 from handtrack.tracking.size.motion import Motion, changes, moved
 from handtrack.tracking.whole.evidence import Evidence, FrameEvidence
 from handtrack.tracking.whole.lattice import Lattice, Minimum
@@ -234,7 +234,7 @@ class Ways:
         far = stage_problem(model, frame.terms, 0, pose)
         starts = [start for _, start in finger_grid(far, pose, _TRIED)]
         cameras = [prepared.camera for prepared in frame.terms.prepared]
-        flips = sorted(depth_flips(model, cameras, pose), key=far.cost)
+        flips = sorted(flipped_fingers(model, cameras, pose), key=far.cost)
         for start in [*starts, *flips[:_TRIED]]:
             if self.control.should_stop():
                 return

@@ -27,7 +27,7 @@ from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate
-from handtrack.tracking.search.lost_finger import FingerLandscape, with_fingers_found
+from handtrack.tracking.search.lost_finger import FingerObjective, with_fingers_found
 
 SEEN = ("cloud", "depth", "silhouettes")
 """points all over the hand; one depth camera's; masks of three cameras"""
@@ -92,7 +92,7 @@ def repair(seed: int, seen: str) -> Repair:
         return descend(model, settings.solver, terms, params)[0].params
 
     alone = descended(start)
-    near = FingerLandscape.at(terms, alone)
+    near = FingerObjective.at(terms, alone)
     found = with_fingers_found(terms, alone, Control(), 0, "the benchmark asks")
     errors = (joint_error_mm(model, x, truth) for x in (start, alone, found))
     poses = (alone, found, descended(truth))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -12,9 +13,12 @@ from handtrack.model.articulated import FINGERS
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.search.engine import Candidate, improved
-from handtrack.tracking.search.policy import LOST_FINGER
-from handtrack.tracking.search.proposers.finger_moves import finger_grid, finger_shifts
+from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, improved
+from handtrack.tracking.search.lost_finger import (
+    LOST_FINGER,
+    finger_grid,
+    finger_shift,
+)
 
 BENDS = ("mcp_flex", "pip_flex", "dip_flex")
 TRUE = dict(zip(FINGERS[1:], (0.1, 0.5, 0.9, 1.2), strict=True))
@@ -62,26 +66,15 @@ def cost_of(model, truth):
     return cost
 
 
-class Shifts:
-    """A landscape in which fingers are shifted and nothing descends, so that what is found is one of the starts."""
-
-    def __init__(self, model, cost):
-        self.model, self.cost = model, cost
-
-    def propose(self, proposer, found, most):
-        starts = finger_shifts(self.model, found[0].params) if proposer == "finger shift" else []
-        return [Candidate(self.model, x, self.cost(x), proposer) for x in starts]
-
-    def fit(self, fit, candidates, control):
-        return list(candidates)
-
-    def distinct(self, candidates, most):
-        return sorted(candidates, key=lambda c: c.cost)[:most]
-
-
 def found_from(model, cost, start):
-    standing = Candidate(model, start, cost(start))
-    return improved(LOST_FINGER, Shifts(model, cost), standing, Control(), 0, "a test").params
+    """Return what the search takes where fingers are shifted and nothing descends: one of the starts, or where it began."""
+
+    def measured(objective, candidates, iterations, control):
+        return [replace(c, cost=cost(c.params)) for c in candidates]
+
+    rounds = (Round((Propose(finger_shift),), keep=0, fits=(Fit(measured),)),)
+    search, standing = replace(LOST_FINGER, rounds=rounds), Candidate(model, start, cost(start))
+    return improved(search, None, standing, Control(), 0, "a test").params
 
 
 @pytest.mark.parametrize("hand", ["right", "left"])

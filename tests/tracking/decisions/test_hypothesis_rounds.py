@@ -16,11 +16,16 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses import next_hypotheses
-from handtrack.tracking.hypotheses.first_hypotheses import FirstHypotheses
-from handtrack.tracking.hypotheses.mixture_landscape import Eye, Source, Start
+from handtrack.tracking.hypotheses import mixture_search
+from handtrack.tracking.hypotheses.mixture_search import (
+    Component,
+    FirstHypotheses,
+    NextHypotheses,
+    ReferenceCamera,
+    Source,
+    Start,
+)
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.next_hypotheses import Component, NextHypotheses
 from handtrack.tracking.search.engine import Propose, Round, Search, run_rounds
 
 HAND = load_model()
@@ -29,10 +34,10 @@ INDEX = [prepare(HAND, chain) for chain in chains_of(HAND) if chain.name == "ind
 SETTINGS = TrackerSettings().with_values({"mixture.draws": 8})
 
 
-def landscape(kind, *more):
+def objective(kind, *more):
     pixels = CAMERA.project(HAND.joint_positions(HAND.bones(HAND.rest_params())))
     seen = ImageKeypoints(CAMERA, HAND.joint_names, pixels, 1.0)
-    eye = Eye.of(HAND, Observation(0, 0.0, keypoints=(seen,)))
+    eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=(seen,)))
     return kind(HAND, SETTINGS, INDEX, eye, np.random.default_rng(3), *more)
 
 
@@ -57,14 +62,14 @@ def turn(a, b):
 
 
 def test_a_first_frame_looks_all_around_and_then_from_the_start_as_well():
-    first = landscape(FirstHypotheses, frame(), HAND.rest_params())
-    around = first.propose("headings, seen coarsely", [], 4)
+    first = objective(FirstHypotheses, frame(), HAND.rest_params())
+    around = first.headings_at_low_resolution([], 4)
     assert len(around) == 4
     # half a turn between opposite ones, a quarter between neighbours: Frobenius norm 2 √2 sin(angle / 2)
     for other, angle in ((1, np.pi / 2), (2, np.pi), (3, np.pi / 2)):
         apart = turn(around[0].params, around[other].params)
         assert apart == pytest.approx(2 * np.sqrt(2) * np.sin(angle / 2))
-    found = first.propose("the start and what was found", around[1:], 0)
+    found = first.start_and_candidates(around[1:], 0)
     np.testing.assert_array_equal(found[0].params, HAND.rest_params())
     assert [c.params[3] for c in found[1:]] == [c.params[3] for c in around[1:]]
     assert found[0].source.sought is first.terms
@@ -72,10 +77,10 @@ def test_a_first_frame_looks_all_around_and_then_from_the_start_as_well():
 
 def test_trees_grow_from_the_best_of_the_latest_round():
     """An earlier round's minimum costs least of all, but its own tree was looked at before."""
-    first = landscape(FirstHypotheses, frame(), HAND.rest_params())
+    first = objective(FirstHypotheses, frame(), HAND.rest_params())
     before, latest = Source("start", frame(), frame(), 4), Source("first tree", frame(), frame(), 4)
     flexed = ((0.3, 0.0, before), (1.6, 3.0, latest), (0.9, 1.0, latest), (0.2, 2.0, latest))
-    starts = first.propose("interpretation trees of the best", [minimum(*row) for row in flexed], 2)
+    starts = first.interpretation_trees_of_the_best([minimum(*row) for row in flexed], 2)
     column = HAND.transform.names.index("middle_pip_flex")
     rows = np.array([c.params for c in starts])
     assert rows[0, column] == 0.9
@@ -91,19 +96,19 @@ def test_trees_grow_from_the_best_of_the_latest_round():
 def test_without_anything_seen_no_tree_grows():
     first = FirstHypotheses(HAND, SETTINGS, INDEX, None, np.random.default_rng(3), frame(), HAND.rest_params())  # fmt: skip
     source = Source("start", frame(), frame(), 4)
-    assert not first.propose("interpretation trees of the best", [minimum(0.5, 1.0, source)], 6)
+    assert not first.interpretation_trees_of_the_best([minimum(0.5, 1.0, source)], 6)
 
 
 def test_draws_go_to_all_hypotheses_in_turn_and_by_weight(monkeypatch):
     """Of eight draws four are taken in turn, so that a light hypothesis jumps too; nearly all others are the heavy one's."""
-    monkeypatch.setattr(next_hypotheses, "interpretation_tree", lambda model, x, *_: Leaf(x[None]))
+    monkeypatch.setattr(mixture_search, "interpretation_tree", lambda model, x, *_: Leaf(x[None]))
     belief = MotionBelief.at_rest(HAND.rest_params(), 1e-4 * np.eye(26), np.ones(26))
     heavy, light = Component(belief, frame(), 1.0 - 1e-9), Component(belief, frame(), 1e-9)
-    following = landscape(NextHypotheses, [heavy, light])
-    jumped = following.propose("each jumped along chains", [], 0)
+    following = objective(NextHypotheses, [heavy, light])
+    jumped = following.each_jumped_along_chains([], 0)
     counts = [sum(c.source.parent == i for c in jumped) for i in range(2)]
     assert counts == [6, 2]
-    followed = following.propose("each followed", [], 0)
+    followed = following.each_followed([], 0)
     for i in range(2):
         own = [c for c in followed if c.source.parent == i]
         np.testing.assert_array_equal(own[0].params, belief.mean)
@@ -114,21 +119,21 @@ def test_draws_go_to_all_hypotheses_in_turn_and_by_weight(monkeypatch):
 
 def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     """The prior of its jumps is in proportion to its vote; without chains nothing jumps."""
-    monkeypatch.setattr(next_hypotheses, "interpretation_tree", lambda model, x, *_: Leaf(x[None]))
+    monkeypatch.setattr(mixture_search, "interpretation_tree", lambda model, x, *_: Leaf(x[None]))
     belief = MotionBelief.at_rest(HAND.rest_params(), 1e-4 * np.eye(26), np.ones(26))
     two = [prepare(HAND, chain) for chain in chains_of(HAND) if chain.name in ("index", "ring")]
 
     def log_priors(votes):
-        monkeypatch.setattr(next_hypotheses, "chain_votes", lambda *_: np.array(votes))
-        following = landscape(NextHypotheses, [Component(belief, frame(), 1.0)])
-        jumped = replace(following, chains=two).propose("each jumped along chains", [], 0)
+        monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
+        following = objective(NextHypotheses, [Component(belief, frame(), 1.0)])
+        jumped = replace(following, chains=two).each_jumped_along_chains([], 0)
         return {c.origin: c.source.log_prior for c in jumped}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
     assert uneven["index jumped"] - even["index jumped"] == pytest.approx(np.log(0.4))
     assert uneven["ring jumped"] - even["ring jumped"] == pytest.approx(np.log(1.6))
-    stiff = replace(landscape(NextHypotheses, [Component(belief, frame(), 1.0)]), chains=())
-    assert not stiff.propose("each jumped along chains", [], 0)
+    stiff = replace(objective(NextHypotheses, [Component(belief, frame(), 1.0)]), chains=())
+    assert not stiff.each_jumped_along_chains([], 0)
 
 
 @pytest.mark.parametrize(("costs", "made"), [((5, 4, 3), 3), ((5, 4.5, 3), 2), ((5, 6, 3), 2)])
@@ -136,11 +141,11 @@ def test_a_round_is_made_again_while_its_best_is_better_by_the_margin(costs, mad
     """Margin 0.9: 5 → 4 is better, 4.5 is not; and never more often than the row says."""
     left = list(costs)
 
-    def propose(name, found, most):
-        return [SimpleNamespace(cost=cost, origin=name) for cost in (left.pop(0), 9)]
+    def more(objective, found, most):
+        return [SimpleNamespace(cost=cost, origin="more") for cost in (left.pop(0), 9)]
 
-    search = Search("", "", (Round((Propose("more"),), adds=True, times=3),), "", margin=0.9)
+    search = Search("", "", (Round((Propose(more),), adds=True, times=3),), "", margin=0.9)
     tried = []
-    found = run_rounds(search, SimpleNamespace(propose=propose), (), Control(), tried=tried)
+    found = run_rounds(search, SimpleNamespace(), (), Control(), tried=tried)
     assert len(tried) == made
     assert [c.cost for c in found if c.cost != 9] == list(costs[:made])

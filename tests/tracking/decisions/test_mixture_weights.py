@@ -20,14 +20,18 @@ from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.hypotheses import mixture, next_hypotheses
+from handtrack.tracking.hypotheses import mixture, mixture_search
 from handtrack.tracking.hypotheses.mixture import MixtureStep
-from handtrack.tracking.hypotheses.mixture_landscape import Eye
-from handtrack.tracking.hypotheses.mixture_terms import coarse, log_normal, pulled, without_memory
+from handtrack.tracking.hypotheses.mixture_search import (
+    Component,
+    ReferenceCamera,
+    coarse,
+    log_normal,
+    pulled,
+    without_memory,
+)
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.hypotheses.next_hypotheses import Component
-from handtrack.tracking.search.engine import Trial
-from handtrack.tracking.search.explain import explained
+from handtrack.tracking.search.engine import Trial, explained
 
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
@@ -123,7 +127,7 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     camera = simulated_rig(1, (320, 240)).cameras[0]
     unseen = np.full((len(HAND.joint_names), 2), np.nan)
     look = Observation(3, 0.1, keypoints=(ImageKeypoints(camera, HAND.joint_names, unseen, 1.0),))
-    monkeypatch.setattr(next_hypotheses, "JUMP_SHARE", share)
+    monkeypatch.setattr(mixture_search, "JUMP_SHARE", share)
     chosen = settings(**{"mixture.draws": 4})
     step = MixtureStep(HAND, chosen, [prepare(HAND, chain)])
     told = []
@@ -271,7 +275,7 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
         ImageKeypoints(second, HAND.joint_names, other, 1.0),
         ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
     )
-    eye = Eye.of(HAND, Observation(0, 0.0, keypoints=joints))
+    eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=joints))
     assert eye is not None
     assert eye.camera is first
     np.testing.assert_allclose(eye.joints, pixels)

@@ -12,8 +12,7 @@ from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement, see_cloud
-from handtrack.tracking.search.engine import SearchReport
-from handtrack.tracking.search.explain import explained
+from handtrack.tracking.search.engine import SearchReport, explained
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 

@@ -17,9 +17,9 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search import lost_hand
-from handtrack.tracking.search.engine import Candidate
+from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
-from handtrack.tracking.search.evidence_landscape import EvidenceLandscape
+from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective, tracker
 from handtrack.tracking.search.lost_hand import with_hand_found
 from handtrack.tracking.search.policy import why_hand_may_be_lost
 from handtrack.tracking.state import TrackerState
@@ -39,8 +39,8 @@ def aside(metres):
 
 
 @cache
-def landscape():
-    return EvidenceLandscape.of(SEEN, PLAIN)
+def objective():
+    return GlobalObjective.of(SEEN, PLAIN)
 
 
 @cache
@@ -50,7 +50,7 @@ def standing_cost():
 
 def cost_of(params):
     shape = shape_of(MODEL, MODEL.joint_params(params), "test")
-    return landscape().measured(Candidate(MODEL, params, shape=shape)).cost
+    return objective().measured(Candidate(MODEL, params, shape=shape)).cost
 
 
 @pytest.fixture(scope="module")
@@ -82,13 +82,8 @@ def chosen(standing, known, monkeypatch):
     """Return what is taken where the search finds starts here and there, and solving from them ends at given poses in turn."""
     shape = shape_of(MODEL, MODEL.joint_params(TRUTH), "test")
     starts = [Candidate(MODEL, aside(0.03 * n), float(n), "a test", shape) for n in range(1, 6)]
-    monkeypatch.setattr(EvidenceLandscape, "propose", lambda *_: starts)
-    fit = EvidenceLandscape.fit
-
-    def stay(self, how, candidates, control):
-        return fit(self, how, candidates, control) if how.kind == "tracker" else list(candidates)
-
-    monkeypatch.setattr(EvidenceLandscape, "fit", stay)
+    rounds = (Round((Propose(lambda *_: starts),), keep=0, enter=3, fits=(Fit(tracker),)),)
+    monkeypatch.setattr(lost_hand, "LOST_HAND", replace(LOST_HAND, rounds=rounds))
 
     def choose(*poses, result=standing, model=MODEL):
         ends = iter([replace(result, parameters=MODEL.joint_params(pose)) for pose in poses])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -12,16 +11,14 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.sampling.chains import PreparedChain, chains_of, prepare
-from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+from handtrack.sampling.hypotheses import apart
+from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
-_MOVED_RAD = 0.2
-"""an angle by which a flip differs at least; a link that lies across the line of sight has none"""
 _APART_SHARE = 0.025
 """two minima are one whose joints are all nearer, as a share of the model's greatest extent: of a body 4 cm, of a hand 5 mm"""
-_TREE = TreeSettings(failing="nearest")
 
 
 def mirrored_covariance(terms: FrameTerms, params: Floats[P]) -> Floats[J, D3, D3]:
@@ -54,12 +51,20 @@ def mirrored_covariance(terms: FrameTerms, params: Floats[P]) -> Floats[J, D3, D
         return found
     limb = np.repeat(np.arange(len(flips)), [len(rows) for rows in flips]) + 1
     for one in range(1, len(flips) + 1):
-        rows = [0, *(1 + np.flatnonzero((limb == one) & np.isfinite(mass[1:]))).tolist()]
-        rows = _distinct(places, mass, rows, far_m)
+        others = 1 + np.flatnonzero((limb == one) & np.isfinite(mass[1:]))
+        heaviest = others[np.argsort(-mass[others], kind="stable")].tolist()
+        rows = list(
+            apart([0, *heaviest], lambda a, rest: _largest(places[rest] - places[a]) > far_m)
+        )
         share = np.exp(mass[rows] - mass[rows].max())
         off = places[rows[1:]] - here
         found += np.einsum("k,kja,kjb->jab", share[1:] / share.sum(), off, off)
     return found
+
+
+def _largest(moves: Floats[N, J, D3]) -> Floats[N]:
+    """Return how far the joint goes that goes farthest."""
+    return np.linalg.norm(moves, axis=2).max(axis=1)
 
 
 def apart_m(places: Floats[J, D3]) -> float:
@@ -93,27 +98,7 @@ def flips_of_limbs(
     model: ArticulatedModel, params: Floats[P], camera: Camera
 ) -> dict[str, Floats[K, P]]:
     """Return by limb the poses in which it alone is flipped along a camera's lines of sight, within limits."""
-    return {c.chain.name: _flips(model, params, c, camera) for c in _chains(model)}
-
-
-def _flips(
-    model: ArticulatedModel, params: Floats[P], chain: PreparedChain, camera: Camera
-) -> Floats[K, P]:
-    leaves = interpretation_tree(model, params, [chain], camera, settings=_TREE).params
-    moved = np.abs(leaves - params).max(axis=1) > _MOVED_RAD
-    return np.array([model.clipped(leaf) for leaf in leaves[moved]]).reshape(-1, len(params))
-
-
-def _distinct(
-    places: Floats[N, J, D3], mass: Floats[N], rows: Sequence[int], apart_m: float
-) -> list[int]:
-    """Return the first of rows, and the heaviest of the others that stand for all."""
-    kept = list(rows[:1])
-    for row in sorted(rows[1:], key=lambda row: -mass[row]):
-        far = np.linalg.norm(places[kept] - places[row], axis=2).max(axis=1)
-        if (far > apart_m).all():
-            kept.append(row)
-    return kept
+    return {c.chain.name: chain_flips(model, params, c, camera) for c in _chains(model)}
 
 
 @lru_cache(maxsize=8)

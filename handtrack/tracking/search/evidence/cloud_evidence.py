@@ -18,7 +18,7 @@ from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import REACH_M, HandShape, palm_middle
 from handtrack.tracking.search.evidence.score_kernels import cloud_scores
-from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M
+from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M, group_middles
 
 _VOXEL_M = 0.008
 _MOST = 2000  # points; voxels grow until there are no more
@@ -61,12 +61,8 @@ class CloudEvidence:
         away = -sights.mean(axis=0) if len(sights) else np.zeros(3)
         near = self.points @ away
         order = np.argsort(near, kind="stable")
-        left, chosen = self.points[order], []
-        while len(left) and len(chosen) < _MOST_PLACES:
-            around = np.linalg.norm(left - left[0], axis=1)
-            chosen.append(left[around < _PLACE_M].mean(axis=0))
-            left = left[around >= _PLACE_M]
-        return np.array(chosen) + PALM_DEEP_M * away
+        chosen = group_middles(self.points[order], _PLACE_M, _MOST_PLACES)
+        return chosen + PALM_DEEP_M * away
 
     def scores(
         self,

@@ -15,7 +15,7 @@ from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle
 from handtrack.tracking.search.evidence.score_kernels import silhouette_scores
-from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M
+from handtrack.tracking.search.evidence.source import PALM_DEEP_M, PIECE_M, group_middles
 from handtrack.tracking.search.evidence.visual_hull import HAND_AREA_M2, VisualHull, visual_hull
 
 _PIXEL_M = 0.0035  # of the reduced pictures, at the hand's distance
@@ -50,10 +50,10 @@ class SilhouetteEvidence:
         # balls of that radius cannot cover more: a mask of the whole image would take for ever from small ones
         volume = int(deep.sum()) * self.hull.side**3
         apart = max(_PLACE_M, (3 * volume / (4 * np.pi * _MOST_PLACES)) ** (1 / 3))
-        chosen = _spread(self.hull.centres[deep][order], apart)
+        chosen = group_middles(self.hull.centres[deep][order], apart)
         while len(chosen) > _MOST_PLACES:
             apart *= 1.15
-            chosen = _spread(self.hull.centres[deep][order], apart)
+            chosen = group_middles(self.hull.centres[deep][order], apart)
         return chosen
 
     @cached_property
@@ -172,16 +172,6 @@ def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence
         return None
     middle = hull.centres.mean(axis=0)
     return SilhouetteEvidence(tuple(seen), tuple(_reduced(s, middle) for s in seen), hull)
-
-
-def _spread(points: Floats, apart: float) -> Floats:
-    """Return the middles (M, 3) of groups of points (N, 3) that are `apart` [m] from each other; the first come first."""
-    chosen = []
-    while len(points):
-        around = np.linalg.norm(points - points[0], axis=1) < apart
-        chosen.append(points[around].mean(axis=0))
-        points = points[~around]
-    return np.array(chosen).reshape(-1, 3)
 
 
 def _reduced(silhouette: Silhouette, middle: Floats) -> Silhouette:

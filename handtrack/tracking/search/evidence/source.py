@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from handtrack.arrays import D3, Floats, M, P, R
+import numpy as np
+
+from handtrack.arrays import D3, Floats, K, M, N, P, R
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.search.evidence.hand_shapes import HandShape
 
@@ -12,6 +14,16 @@ PALM_DEEP_M = 0.014
 """from the palm's skin to its middle"""
 PIECE_M = 0.03
 """length of a phalanx, along which a model that is not this person's hand errs alike; it is half as broad"""
+
+
+def group_middles(points: Floats[N, D3], apart_m: float, most: int | None = None) -> Floats[K, D3]:
+    """Return the means of groups of points that lie within `apart_m` of the group's first, the first points' groups first."""
+    chosen: list[Floats] = []
+    while len(points) and (most is None or len(chosen) < most):
+        near = np.linalg.norm(points - points[0], axis=1) < apart_m
+        chosen.append(points[near].mean(axis=0))
+        points = points[~near]
+    return np.array(chosen).reshape(-1, 3)
 
 
 class EvidenceSource(Protocol):

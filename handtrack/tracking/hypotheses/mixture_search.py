@@ -1,0 +1,419 @@
+"""A frame with several hypotheses as a search sees it: where starts come from, to which minima they lead, what those weigh.
+
+Of a first frame: minima near the start in any heading, and what the interpretation trees of the best hold. Of every other: each
+hypothesis followed, and jumped along chains that votes name (2003 paper, §4; docs/explanation/one_camera.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import groupby
+
+import numpy as np
+
+from handtrack.arrays import D2, Floats, Ints, J, K, N, P
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.sampling.chain_vote import chain_votes
+from handtrack.sampling.chains import PreparedChain
+from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
+from handtrack.sampling.hypotheses import distinct
+from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+from handtrack.solver.covariance import covariance
+from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.term import ParameterTerm
+from handtrack.tracking.frame.constants import JUMP_SHARE, MERGE_DEG, MIXTURE_DESCENTS
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima
+from handtrack.tracking.frame.frame_terms import FrameTerms
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.hypotheses.motion_belief import MotionBelief, unknown_speed
+from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search
+
+_COARSE = 10.0  # times sigma
+_MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
+_LEAVES = 96  # of a tree
+_WEIGHTLESS = np.finfo(float).tiny
+TREE = TreeSettings(failing="nearest", stretched="sample")
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where some starts come from, and what is known there before the frame is seen."""
+
+    origin: str
+    terms: FrameTerms
+    """what the frame costs, without any pull to the expected pose"""
+    sought: FrameTerms
+    """the terms whose minima are sought: the same, pulled or seen coarsely"""
+    most: int
+    """of the starts that descend, where the frame is not solved by keypoints alone"""
+    belief: MotionBelief | None = None
+    """None in a first frame"""
+    parent: int = -1
+    """hypothesis of the last frame; −1 in a first frame"""
+    log_prior: float = 0.0
+    """log of the weight and of the prior's normalisation"""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Start(Candidate):
+    """A start, or the minimum that it led to; its cost is −log of what the minimum weighs."""
+
+    source: Source
+    energy: float = np.inf
+    """½ Σ r², priors included"""
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceCamera:
+    """The camera whose lines of sight the flips keep: the one with most keypoints, else the first of the views."""
+
+    camera: Camera
+    joints: Floats[J, D2] | None
+    """where the model's joints are seen [px], NaN where they are not"""
+
+    @classmethod
+    def of(cls, model: ArticulatedModel, observation: Observation) -> ReferenceCamera | None:
+        images = [seen for seen in observation.keypoints if isinstance(seen, ImageKeypoints)]
+        if images:
+            most = max(images, key=lambda seen: int(np.isfinite(seen.pixels).sum()))
+            joints = np.full((len(model.joint_names), 2), np.nan)
+            joints[[model.joint_names.index(name) for name in most.names]] = most.pixels
+            return cls(most.camera, joints)
+        views = observation.silhouettes or observation.images
+        return cls(views[0].camera, None) if views else None
+
+
+@dataclass(frozen=True, eq=False)
+class MixtureObjective:
+    """What first frames and all others share; see engine.Objective."""
+
+    model: ArticulatedModel
+    settings: TrackerSettings
+    chains: Sequence[PreparedChain]
+    reference: ReferenceCamera | None
+    rng: np.random.Generator
+
+    def starts(self, source: Source, params: Floats[N, P]) -> list[Start]:
+        """Return a start at each of params (N, P)."""
+        return [Start(self.model, x, origin=source.origin, source=source) for x in params]
+
+    def minimum(
+        self, candidates: Sequence[Start], iterations: int, control: Control
+    ) -> list[Start]:
+        """Descend by the frame's schedule, or, by joints in images alone, by the compiled solver from all starts at once."""
+        groups = [list(group) for _, group in groupby(candidates, key=lambda c: id(c.source))]
+        return [found for group in groups for found in self._minima(group, control)]
+
+    def _minima(self, group: Sequence[Start], control: Control) -> list[Start]:
+        """Return minima with what they weigh.
+
+        The mass is exp(−cost) times the prior's normalisation times √det(2π C), what the bell of covariance C around the
+        minimum holds (Laplace): a wide minimum of the same cost is more probable than a narrow one. Nothing came before a
+        first frame: there costs alone decide.
+        """
+        source, model, is_first = group[0].source, self.model, group[0].source.belief is None
+        found = minima(
+            model, self.settings.solver, source.sought, np.array([c.params for c in group]),
+            source.most, control.should_stop, is_far=is_first,
+        )  # fmt: skip
+        return self.weighed(source, found)
+
+    def weighed(self, source: Source, found: Minima) -> list[Start]:
+        """Return the minima that a source's starts led to, with what they weigh."""
+        known = np.isfinite(found.cost)
+        log = np.where(known, source.log_prior - found.cost, -np.inf)
+        if source.belief is not None:
+            volume = 0.5 * found.params.shape[1] * np.log(2.0 * np.pi)
+            log[known] += volume - 0.5 * np.linalg.slogdet(found.hessian[known])[1]
+        return [self.start_at(source, found, n, float(log[n])) for n in range(len(log))]
+
+    def start_at(self, source: Source, found: Minima, n: int, log: float) -> Start:
+        """Return one of the minima, with the log of what it weighs."""
+        return Start(
+            self.model, found.params[n], -log, source.origin,
+            normal=found.hessian[n], source=source, energy=float(found.cost[n]),
+        )  # fmt: skip
+
+    def distinct(self, candidates: Sequence[Start], most: int) -> list[Start]:
+        params = np.array([c.params for c in candidates])
+        rows = distinct(params, np.array([c.cost for c in candidates]), np.deg2rad(MERGE_DEG))
+        return [candidates[row] for row in rows[:most]]
+
+
+@dataclass(frozen=True, eq=False)
+class FirstHypotheses(MixtureObjective):
+    """A first frame; see engine.Objective. From a start that is far off, first as if joints were seen coarsely."""
+
+    terms: FrameTerms
+    """what the frame costs, without any pull to an expected pose"""
+    start: Floats[P]
+    """(P,)"""
+
+    def headings_at_low_resolution(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose the start turned all about the root's own axis, the joints as if seen ten times as coarsely."""
+        far = Source("start", self.terms, coarse(self.terms), most)
+        return self.starts(far, self._turned(most))
+
+    def start_and_candidates(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose the given start and all candidates so far."""
+        near = Source("start", self.terms, self.terms, len(found))
+        return self.starts(near, np.array([self.start, *(c.params for c in found)]))
+
+    def interpretation_trees_of_the_best(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose the poses of the best minima's interpretation trees, and samples around these minima."""
+        if self.reference is None or not self.chains:
+            return []
+        source = Source("first tree", self.terms, self.terms, MIXTURE_DESCENTS)
+        latest = [c for c in found if c.source is found[-1].source]
+        return self.starts(source, self._trees_of_best(latest, self.reference, most))
+
+    def _turned(self, ways: int) -> Floats:
+        """Return starts (N, P): the start turned all about the root's own y axis: who stands may face anywhere."""
+        joint = self.model.joint_params(self.start)
+        turns = np.arange(float(ways))[:, None] * np.array([0.0, 2.0 * np.pi / ways, 0.0])
+        facing = rotation_matrix(joint[3:6]) @ rotation_matrix(turns)
+        rows = np.tile(joint, (ways, 1))
+        rows[1:, 3:6] = rotation_vector(facing[1:])
+        return np.array([self.model.transform.solver_params(row) for row in rows])
+
+    def _trees_of_best(
+        self, found: Sequence[Start], reference: ReferenceCamera, most: int
+    ) -> Floats:
+        """Return starts (N, P): leaves of the whole body's tree at a few of the best minima, and samples around them."""
+        mixture, starts = self.settings.mixture, []
+        params, costs = np.array([c.params for c in found]), np.array([c.cost for c in found])
+        for row in distinct(params, costs)[:most]:
+            here, normal = params[row], found[row].normal
+            assert normal is not None
+            tree = interpretation_tree(
+                self.model, here, self.chains, reference.camera, reference.joints, TREE, self.rng
+            )
+            leaves = tree.params
+            if len(leaves) > _LEAVES:
+                leaves = leaves[self.rng.choice(len(leaves), _LEAVES, replace=False)]
+            spread = covariance(normal)[0]
+            around = covariance_scaled(here, spread, mixture.scale, mixture.draws // 2, self.rng)
+            starts += [here[None], leaves, projected(self.model, around)]
+        return np.concatenate(starts)
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One bell of the temporal prior: a hypothesis of the last frame moved to where it is expected now."""
+
+    belief: MotionBelief
+    terms: FrameTerms
+    """what the frame costs, without any pull to the expected pose"""
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class NextHypotheses(MixtureObjective):
+    """A frame after others; see engine.Objective. docs/explanation/one_camera.md.
+
+    Each component is optimised from where it is expected. Then components are drawn; of each, a chain by its vote,
+    a covariance-scaled sample, and the sample's interpretation tree over the chain. Leaves are optimised under the
+    temporal prior of a jump, which is flat in the parameters of the chain that jumped.
+    """
+
+    components: Sequence[Component]
+
+    def each_followed(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose each hypothesis of the last frame where its motion leads."""
+        return [start for i in range(len(self.components)) for start in self._followed(i)]
+
+    def each_jumped_along_chains(self, found: Sequence[Start], most: int) -> list[Start]:
+        """Propose flips in depth of hypotheses drawn by weight, along chains drawn by the covariance."""
+        return [
+            start
+            for (i, c), params in self._leaves.items()
+            for start in self.starts(self._jump(i, c), params)
+        ]
+
+    @property
+    def _jump_share(self) -> float:
+        return JUMP_SHARE if self.chains and self.reference is not None else 0.0
+
+    def _followed(self, i: int) -> list[Start]:
+        component = self.components[i]
+        belief = component.belief
+        if self.settings.traits.closest_prior:
+            most = max(MIXTURE_DESCENTS // len(self.components), 2)
+            source = Source("followed", component.terms, component.terms, most, belief, i)
+            return self.starts(source, belief.mean[None])
+        log = np.log1p(-self._jump_share) + np.log(max(component.weight, _WEIGHTLESS))
+        log += log_normal(belief.place_covariance)
+        source = Source(
+            "followed", component.terms, pulled(self.model, component.terms, belief, ()),
+            max(MIXTURE_DESCENTS // len(self.components), 2), belief, i, float(log),
+        )  # fmt: skip
+        # where a limb passes through the image plane, its flips are near enough to need no jump
+        nearby = [params for (at, _), params in self._leaves.items() if at == i]
+        return self.starts(source, np.concatenate([belief.mean[None], *nearby]))
+
+    def _jump(self, i: int, c: int) -> Source:
+        """Return the source of starts in which a component's chain is anywhere within its limits."""
+        component, chain = self.components[i], self.chains[c].chain
+        model, belief, names = self.model, component.belief, self.model.transform.names
+        if self.settings.traits.closest_prior:
+            return Source(f"{chain.name} jumped", component.terms, component.terms, 1, belief, i)
+        columns = np.array([names.index(name) for name in chain.parameters])
+        low, high = model.bounds(belief.mean)[columns].T
+        ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
+        others = np.setdiff1d(np.arange(len(names)), columns)
+        known = belief.place_covariance[np.ix_(others, others)]
+        log = float(np.log(self._jump_share * max(self._votes[i][c], _WEIGHTLESS)))
+        log += np.log(max(component.weight, _WEIGHTLESS)) + log_normal(known)
+        log -= float(np.log(ranges).sum())
+        spread = np.zeros(len(names))
+        spread[columns] = ranges / np.sqrt(12.0)
+        return Source(
+            f"{chain.name} jumped", component.terms, pulled(model, component.terms, belief, columns), 1,
+            belief.released(columns, spread, unknown_speed(len(names))), i, float(log),
+        )  # fmt: skip
+
+    def weighed(self, source: Source, found: Minima) -> list[Start]:
+        """Return minima with what they weigh: by where they come from, or by the bell that is closest to where they end.
+
+        The second is the 2003 paper's (fig. 4, step 5): exp(−cost) times weight and height of the long-tailed bell of the last
+        frame that is closest by Mahalanobis' distance, wherever a minimum was come by.
+        """
+        if not self.settings.traits.closest_prior:
+            return super().weighed(source, found)
+        heights, distances = zip(
+            *(self._bell(c, found.params) for c in self.components), strict=True
+        )
+        closest = np.argmin(distances, axis=0)
+        return [
+            self.start_at(
+                replace(source, parent=int(i), belief=None),
+                found, n, -float(found.cost[n]) + float(heights[i][n]),
+            )
+            for n, i in enumerate(closest)
+        ]  # fmt: skip
+
+    def _bell(self, component: Component, params: Floats) -> tuple[Floats, Floats]:
+        """Return the log of a component's weight and height at params (N, P), and squared distances to it (N,)."""
+        belief, params = component.belief, params.copy()
+        for row in params:
+            row[3:6] = closest_equivalent(row[3:6], belief.mean[3:6])
+        height, distance = long_tailed(belief.mean, belief.place_covariance, params)
+        return np.log(max(component.weight, _WEIGHTLESS)) + height, distance
+
+    @cached_property
+    def _votes(self) -> list[Floats]:
+        """Of each component (C,) how probable it is that each chain jumps."""
+        chains = [ready.chain for ready in self.chains]
+        return [
+            chain_votes(self.model, c.belief.mean, c.belief.place_covariance, chains)
+            for c in self.components
+        ]
+
+    @cached_property
+    def _leaves(self) -> dict[tuple[int, int], Floats]:
+        """The leaves (N, P) of all draws by component and chain."""
+        reference, mixture = self.reference, self.settings.mixture
+        if not self._jump_share or reference is None:
+            return {}
+        weights = np.array([component.weight for component in self.components])
+        leaves: dict[tuple[int, int], list[Floats]] = {}
+        quick = by_keypoints_alone(self.components[0].terms)
+        draws = mixture.draws if quick else min(mixture.draws, MIXTURE_DESCENTS)
+        for i in _drawn(weights / weights.sum(), draws, self.rng):
+            belief = self.components[i].belief
+            c = int(self.rng.choice(len(self.chains), p=self._votes[i]))
+            sample = covariance_scaled(
+                belief.mean, belief.place_covariance, mixture.scale, 1, self.rng
+            )
+            sample = projected(self.model, sample)[0]
+            tree = interpretation_tree(
+                self.model,
+                sample,
+                [self.chains[c]],
+                reference.camera,
+                reference.joints,
+                TREE,
+                self.rng,
+            )
+            if len(tree):
+                leaves.setdefault((int(i), c), []).append(tree.params)
+        return {key: np.concatenate(found) for key, found in sorted(leaves.items())}
+
+
+def _drawn(weights: Floats, draws: int, rng: np.random.Generator) -> Ints:
+    """Return which components are drawn: half of the draws in turn, half by weight."""
+    turn = np.arange(draws // 2) % len(weights)
+    return np.concatenate([turn, rng.choice(len(weights), draws - len(turn), p=weights)])
+
+
+FIRST_HYPOTHESES = Search(
+    situation="several hypotheses, first frame",
+    when="`tracker.hypotheses` above 1",
+    rounds=(
+        Round((Propose(FirstHypotheses.headings_at_low_resolution, 4),), fits=(Fit(MixtureObjective.minimum),)),
+        Round((Propose(FirstHypotheses.start_and_candidates),), keep=0, fits=(Fit(MixtureObjective.minimum),)),
+        Round((Propose(FirstHypotheses.interpretation_trees_of_the_best, 6),), adds=True, fits=(Fit(MixtureObjective.minimum),), times=3),
+    ),
+    measure="cost",
+    margin=1.0,
+    taken="distinct minima, the heaviest by exp(−cost)",
+)  # fmt: skip
+NEXT_HYPOTHESES = Search(
+    situation="several hypotheses, every other frame",
+    when="`tracker.hypotheses` above 1",
+    rounds=(
+        Round(
+            (Propose(NextHypotheses.each_followed), Propose(NextHypotheses.each_jumped_along_chains)),
+            fits=(Fit(MixtureObjective.minimum),),
+        ),
+    ),
+    measure="−log of the posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
+    taken="distinct minima, the heaviest",
+)  # fmt: skip
+
+
+def pulled(
+    model: ArticulatedModel, terms: FrameTerms, belief: MotionBelief, free: Sequence[int] | Ints[K]
+) -> FrameTerms:
+    """Return the terms with the pull to where a belief expects the pose, but for the columns that are free."""
+    others = np.setdiff1d(np.arange(len(belief.mean)), np.asarray(free, dtype=int))
+    information = np.zeros((len(belief.mean), len(belief.mean)))
+    inner = belief.place_covariance[np.ix_(others, others)]
+    information[np.ix_(others, others)] = np.linalg.inv(inner)
+    back = np.linalg.pinv(model.transform.matrix)
+    information = back.T @ (0.5 * (information + information.T)) @ back
+    prior = CorrelatedPrior(model.joint_params(belief.mean), information)
+    known = without_memory(terms)
+    return replace(known, priors=(*known.priors, prior))
+
+
+def coarse(terms: FrameTerms) -> FrameTerms:
+    """Return the terms as if joints were seen ten times as coarsely in the image: a wide basin."""
+    return terms.coarser(_COARSE)
+
+
+def without_memory(terms: FrameTerms) -> FrameTerms:
+    """Return the terms as one frame of many counts them: static priors, and joints in images whose errors last."""
+    share = terms.settings.traits.new_share
+    seen = terms if share == 1.0 else terms.coarser(share**-0.5)
+    return replace(seen, priors=tuple(map(_shared_out, terms.priors)))
+
+
+def _shared_out(prior: ParameterTerm) -> ParameterTerm:
+    """Return what is known of poses as one frame of many counts it: the belief already holds it from those before."""
+    if isinstance(prior, GaussianPrior):
+        return replace(prior, sigma=prior.sigma * np.sqrt(_MEMORY_FRAMES))
+    if isinstance(prior, LinearPrior):
+        return replace(prior, weight=prior.weight / _MEMORY_FRAMES)
+    return prior
+
+
+def log_normal(spread: Floats[P, P]) -> float:
+    """Return the log of a bell's height at its middle, −½ log det(2π C)."""
+    return -0.5 * float(np.linalg.slogdet(spread)[1] + len(spread) * np.log(2.0 * np.pi))

@@ -1,0 +1,512 @@
+"""A frame searched for a hand of which little is known: rigid hands everywhere descend by silhouettes and cloud.
+
+Candidates descend with wide arms first (12 mm), are compared with short ones (4 mm), and the best are fitted as the
+tracker fits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from itertools import pairwise, product
+
+import numpy as np
+
+from handtrack.arrays import D3, Array, Floats, Ints, M, N, P
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
+from handtrack.model.pose_library import named_pose
+from handtrack.model.size import SizeParameters
+from handtrack.observation.observation import Observation
+from handtrack.parallel import in_parallel
+from handtrack.sampling.chains import chains_of
+from handtrack.sampling.hypotheses import apart
+from handtrack.sampling.interpretation_tree import chain_flips
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.frame_result import Solved
+from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.terms.priors import SEARCH_REST_RAD, pose_priors
+from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search
+from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
+from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle, shape_of
+from handtrack.tracking.search.evidence.silhouette_evidence import silhouette_evidence
+from handtrack.tracking.search.evidence.source import EvidenceSource
+from handtrack.tracking.search.orientation_grid import spread_rotations, turned_by
+from handtrack.tracking.search.policy import UNSEEN_EVERY
+from handtrack.tracking.search.start_confidence import BASIN_M
+from handtrack.tracking.size.estimate import fit_size
+from handtrack.tracking.size.person import SIZE_BANDS_MM
+
+Resize = Callable[[ArticulatedModel, HandScale], ArticulatedModel]
+"""makes the same hand in another size"""
+WIDE_M, NARROW_M = 0.012, 0.004
+_PROMISING_COST = 3.0  # times the least cost, beyond which another position is not worth a descent
+_BENDS = 2  # of a pose's fingers that are proposed
+_FEW_ROTATIONS, _ROTATIONS = 120, 700
+"""to find out where a hand may be, and how it is turned there (25° from the nearest on average)"""
+_KEPT_PLACES = 10
+_HOPELESS = 0.5  # share of disagreement that need not be known exactly
+# times the best disagreement of the first look: no shape beyond it is looked at closely
+_PROMISING = 2.0
+_LOOKED_AT = 3000
+PLACE_M = 0.07
+"""palms that are nearer are at one place"""
+_APART_RAD, _APART_M = np.deg2rad(24.0), 0.03
+_STRETCHED, _BENT = "open", "fist"
+_FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
+_MOST_CAMERAS = 2  # along whose lines of sight fingers are flipped
+
+
+@dataclass(frozen=True, eq=False)
+class GlobalObjective:
+    """One frame's silhouettes and cloud; see engine.Objective."""
+
+    sources: Sequence[EvidenceSource]
+    seen: Observation
+    shapes: Sequence[HandShape] = ()
+    """rigid hands that the grid proposes"""
+    solve: Callable[[ArticulatedModel, Floats[P], bool], Solved] | None = None
+    """fits the frame from solver parameters as the tracker does; the flag: also looks for lost fingers"""
+    looks_for_fingers: bool = False
+    resize: Resize | None = None
+    """makes the hand in another size, where its size is not known"""
+    within: tuple[Floats[D3], float] | None = None
+    """a point and a distance from it [m] beyond which no palm is looked for"""
+    palms: Floats[M, D3] | None = None
+    """around which points and pixels count; around each pose's own unless given"""
+    control: Control = Control()
+
+    @classmethod
+    def of(cls, seen: Observation, settings: TrackerSettings) -> GlobalObjective | None:
+        """Return what a frame's cloud and silhouettes say, as far as settings use them; None where they say nothing."""
+        sources: list[EvidenceSource] = []
+        if seen.cloud is not None and settings.cloud.weight > 0:
+            cloud = cloud_evidence(seen.cloud.points, seen.cloud_views, settings.tracker.seed)
+            if cloud is not None:
+                sources.append(cloud)
+        if seen.silhouettes and settings.silhouettes.weight > 0:
+            outlines = silhouette_evidence(seen.silhouettes)
+            if outlines is not None:
+                sources.append(outlines)
+        return cls(tuple(sources), seen) if sources else None
+
+    def measured(self, candidate: Candidate) -> Candidate:
+        """Return a candidate with the cost by which finished ones are compared: short arms, the same for all; with its forearm or
+        without, whichever explains more. One that nothing shows would speak against the right pose, and for one that lays it over the fingers.
+        """
+        shape, model = candidate.shape, candidate.model
+        cost = self.narrow_problem(candidate).cost(candidate.params)
+        if model.has_forearm and shape is not None:
+            bare = replace(candidate, shape=replace(shape, model=_without_arm(model)))
+            cost = min(cost, self.narrow_problem(bare).cost(candidate.params))
+        return replace(candidate, cost=cost)
+
+    def compared(self, candidates: Sequence[Candidate]) -> list[Candidate]:
+        """Return candidates with costs by the same points and pixels, those around any of them: where each counts those around itself
+        alone, a hand that is upside down leaves out the fingers that it does not explain, and one elsewhere the hand that is not there.
+        """
+        palms = np.array([palm_middle(c.model, c.params) for c in candidates])
+        alike = replace(self, palms=palms)
+        return [alike.measured(c) for c in candidates]
+
+    def narrow_problem(self, candidate: Candidate) -> Problem:
+        """Return the problem around a pose by which finished ones are compared; of several sizes it favours none."""
+        return self.problem(candidate, NARROW_M, unbiased=self.resize is not None)
+
+    def problem(self, candidate: Candidate, band_m: float, unbiased: bool = False) -> Problem:
+        shape, model = candidate.shape, candidate.model
+        assert shape is not None, "a candidate of evidence starts from a shape"
+        terms = [
+            term
+            for source in self.sources
+            for term in source.terms(shape, candidate.params, band_m, unbiased, self.palms)
+        ]
+        return Problem(model, terms, pose_priors(model, SEARCH_REST_RAD))
+
+    def distinct(self, candidates: Sequence[Candidate], most: int) -> list[Candidate]:
+        """Return the best, at most `most`, each pose once.
+
+        No place takes more than half of them while another is promising: the end of an arm fits a fist in many variants,
+        each a little better than the hand, whose fingers are not in place yet.
+        """
+        ordered = sorted(candidates, key=lambda c: c.cost)
+        joints = np.array([c.joints for c in ordered])
+        rows = list(apart(
+            range(len(ordered)),
+            lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > BASIN_M,
+        ))  # fmt: skip
+        palms = np.array([palm_middle(c.model, c.params) for c in ordered])
+        promising = [n for n in rows if ordered[n].cost <= _PROMISING * ordered[0].cost]
+        kept = [*spread_over_places(promising, palms, most), *rows[len(promising) :]]
+        return sorted((ordered[n] for n in kept[:most]), key=lambda c: c.cost)
+
+
+# ---- what proposes
+
+
+def rigid_grid(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose rigid hands at every rotation and position, the best by disagreeing area."""
+    return rigid_hands(objective.sources, objective.shapes, most, objective.control.should_stop, objective.within)  # fmt: skip
+
+
+def rigid_grid_nearby(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose rigid hands around the last position, all of which descend."""
+    return [replace(c, cost=0.0) for c in rigid_grid(objective, found, most)]
+
+
+def standing_pose(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose the pose that stands."""
+    return [replace(c, cost=0.0) for c in _best(found)]
+
+
+def depth_flips(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose the best pose with one finger flipped along the lines of sight of one of the first cameras."""
+    cameras = [silhouette.camera for silhouette in objective.seen.silhouettes]
+    return [
+        replace(best, params=x, origin="depth flips", cost=0.0)
+        for best in _best(found)
+        for x in flipped_fingers(best.model, cameras, best.params)
+    ]
+
+
+def finger_bends(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose each pose with its fingers stretched or bent in all 16 ways, of each pose the best two."""
+    bent: list[Candidate] = []
+    for candidate in objective.distinct(found, len(found)):
+        problem = objective.problem(candidate, WIDE_M)
+        tried = [
+            replace(candidate, params=x, cost=problem.cost(x), origin=f"{candidate.origin}, fingers bent otherwise")
+            for x in bent_fingers(candidate.model, candidate.params)
+        ]  # fmt: skip
+        bent += sorted(tried, key=lambda c: c.cost)[:_BENDS]
+    return objective.distinct(bent, most)
+
+
+def finger_swaps(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose the best pose with two neighbouring fingers exchanged."""
+    return [
+        replace(best, params=x, origin="finger swaps", cost=0.0)
+        for best in _best(found)
+        for x in swapped_fingers(best.model, best.params)
+    ]
+
+
+def best_again(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose the best pose again, where lost fingers are looked for."""
+    best = _best(found) if objective.looks_for_fingers else []
+    return [replace(c, origin=f"{c.origin}, fingers looked for") for c in best]
+
+
+def best_of_unknown_size(
+    objective: GlobalObjective, found: Sequence[Candidate], most: int
+) -> list[Candidate]:
+    """Propose the best poses again, where the hand's size is not known."""
+    return objective.distinct(found, most) if objective.resize else []
+
+
+def _best(found: Sequence[Candidate]) -> list[Candidate]:
+    return [min(found, key=lambda c: c.cost)] if found else []
+
+
+# ---- what fits
+
+
+def wide(
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+) -> list[Candidate]:
+    """Descend on thinned points and pixels with arms of 12 mm."""
+
+    def descended(candidate: Candidate) -> Candidate:
+        moved = _descended(objective, candidate, WIDE_M, iterations)
+        return replace(moved, cost=objective.problem(moved, WIDE_M).cost(moved.params))
+
+    return _each(descended, candidates, control)
+
+
+def narrow(
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+) -> list[Candidate]:
+    """Descend with arms of 4 mm."""
+    return _each(
+        lambda c: objective.measured(_descended(objective, c, NARROW_M, iterations)),
+        candidates,
+        control,
+    )
+
+
+def size(
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+) -> list[Candidate]:
+    """Descend with the hand's overall size free."""
+    resize = objective.resize
+    if resize is None:
+        return []
+    exact = [partial(objective.problem, band_m=1e-3 * mm, unbiased=True) for mm in SIZE_BANDS_MM]
+    problems = [partial(objective.problem, band_m=WIDE_M), *exact]
+    return _each(lambda c: objective.measured(_sized(c, problems, resize)), candidates, control)
+
+
+def tracker(
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+) -> list[Candidate]:
+    """Solve the frame as tracking does."""
+    return _each(lambda c: _solved(objective, c, False), candidates, control)
+
+
+def tracker_with_lost_fingers(
+    objective: GlobalObjective, candidates: Sequence[Candidate], iterations: int, control: Control
+) -> list[Candidate]:
+    """Solve the frame as tracking does, lost fingers looked for."""
+    return _each(lambda c: _solved(objective, c, True), candidates, control)
+
+
+def _each(
+    fit: Callable[[Candidate], Candidate], candidates: Sequence[Candidate], control: Control
+) -> list[Candidate]:
+    found = in_parallel(lambda c: None if control.should_stop() else fit(c), candidates)
+    return [c for c in found if c is not None]
+
+
+def _descended(
+    objective: GlobalObjective, candidate: Candidate, band_m: float, iterations: int
+) -> Candidate:
+    settings = SolverSettings(iterations=iterations)
+    found = solve(objective.problem(candidate, band_m), candidate.params, settings)
+    return replace(candidate, params=found.params)
+
+
+def _solved(objective: GlobalObjective, candidate: Candidate, fingers: bool) -> Candidate:
+    assert objective.solve is not None
+    solved = objective.solve(candidate.model, candidate.params, fingers)
+    params = candidate.model.transform.solver_params(solved.result.parameters)
+    return objective.measured(replace(candidate, params=params, solved=solved))
+
+
+def _sized(
+    candidate: Candidate,
+    problems_around: Sequence[Callable[[Candidate], Problem]],
+    resize: Resize,
+) -> Candidate:
+    """Return a pose with the overall size that explains what was seen best with it.
+
+    The parts keep their shares: one frame, seen with a pose still wrong, would blame a bent finger on its length. What is
+    looked at stays the same, so that costs can be compared. problems_around: what pulls a candidate, from far first.
+    """
+    for problem_around in problems_around:
+        model, before = candidate.model, candidate.shape
+        assert before is not None, "a candidate of evidence starts from a shape"
+        free = np.array([name == "overall" for name in SizeParameters(model).names])
+        problem = problem_around(candidate)
+        scale, (params,) = fit_size([problem], [candidate.params], free)
+        model = resize(model, scale)
+        shape = shape_of(model, model.joint_params(params), before.posture)
+        shape = replace(shape, reach=before.reach)
+        candidate = replace(candidate, model=model, shape=shape, params=params)
+    return replace(candidate, origin=f"{candidate.origin}, of another size")
+
+
+@lru_cache(maxsize=8)
+def _without_arm(model: ArticulatedModel) -> ArticulatedModel:
+    """Return the model with a forearm that covers nothing."""
+    flesh = {n: one.subset(~model.is_forearm(one.bone)) for n, one in model.flesh.items()}
+    return replace(model, flesh=flesh)
+
+
+# ---- rigid hands, and fingers put elsewhere
+
+
+def rigid_hands(
+    sources: Sequence[EvidenceSource],
+    shapes: Sequence[HandShape],
+    most: int,
+    should_stop: Callable[[], bool],
+    within: tuple[Floats[D3], float] | None = None,
+) -> list[Candidate]:
+    """Return the shapes at all turns and places, the best first, at most `most`, none like a better one; at most half
+    of them at one place, if nothing is known of where the hand is.
+
+    A first look with few turns tells at which places a hand may be at all; those are looked at closely. Only the first
+    of the sources is asked here: a cloud says more than silhouettes. within: a point and a distance [m] from it beyond
+    which no palm is looked for.
+    """
+    source = sources[0]
+    places, few = source.places, spread_rotations(_FEW_ROTATIONS)
+    if within is not None:
+        places = places[np.linalg.norm(places - within[0], axis=1) < within[1]]
+    if not len(places):
+        return []
+    typical = [shape for shape in shapes if shape.is_typical]
+    rough = np.stack([source.scores(s, few, places, _HOPELESS) for s in typical])
+    places = places[np.argsort(rough.min(axis=(0, 1)), kind="stable")[:_KEPT_PLACES]]
+    rotations = spread_rotations(_ROTATIONS)
+    enough = _PROMISING * float(rough.min())
+    scores = np.ones((len(shapes), len(rotations), len(places)))
+    for i, shape in enumerate(shapes):
+        if should_stop():
+            return []
+        scores[i] = source.scores(shape, rotations, places, enough)
+    order = np.argsort(scores, axis=None, kind="stable")[:_LOOKED_AT]
+    s, r, p = np.unravel_index(order, scores.shape)
+    posture = np.array([shape.posture for shape in shapes])[s]
+    turn, place = rotations[r], places[p]
+
+    def is_far(a: int, rest: Ints) -> Array:
+        away = np.linalg.norm(place[rest] - place[a], axis=1) >= _APART_M
+        turned = turned_by(turn[rest], turn[a]) >= _APART_RAD
+        return (posture[rest] != posture[a]) | away | turned
+
+    share = 0.5 if within is None else 1.0  # around a known place there is but one
+    rows = spread_over_places(apart(range(len(order)), is_far), place, most, share)
+    kept = [
+        Candidate(
+            shapes[s[n]].model,
+            shapes[s[n]].params_at(turn[n], place[n]),
+            float(scores[s[n], r[n], p[n]]),
+            f"rigid grid, {posture[n]}",
+            shapes[s[n]],
+        )
+        for n in rows
+    ]
+    return sorted(kept, key=lambda candidate: candidate.cost)
+
+
+def spread_over_places(
+    rows: Iterable[int], places: Floats[N, D3], most: int, share: float = 0.5
+) -> list[int]:
+    """Return at most `most` of the rows, the best first: no place takes more than a share of them while others are left.
+
+    places: (N, 3) of a palm's middle, for each row [m].
+    """
+    chosen: list[int] = []
+    spare: list[int] = []
+    for row in rows:
+        here = (np.linalg.norm(places[chosen] - places[row], axis=1) < PLACE_M).sum()
+        (chosen if here < share * most else spare).append(row)
+        if len(chosen) == most:
+            break
+    return [*chosen, *spare][:most]
+
+
+def bent_fingers(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
+    """Return solver parameters of a pose with each finger but the thumb stretched or bent: 16 poses."""
+    ends = [named_pose(model, name) for name in (_STRETCHED, _BENT)]
+    bends = [
+        [model.skeleton.parameter(f"{finger}_{joint}_flex") for joint in ("mcp", "pip", "dip")]
+        for finger in FINGERS[1:]
+    ]
+    poses = []
+    for way in product(ends, repeat=len(bends)):
+        joint = model.joint_params(params)
+        for at, end in zip(bends, way, strict=True):
+            joint[at] = end[at]
+        poses.append(model.clipped(model.transform.solver_params(joint)))
+    return poses
+
+
+def swapped_fingers(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
+    """Return solver parameters of a pose with two neighbouring fingers exchanged, each pair but the thumb's."""
+    poses = []
+    for pair in pairwise(FINGERS[1:]):
+        joint = model.joint_params(params)
+        one, other = (
+            [model.skeleton.parameter(f"{finger}_{name}") for name in _FREEDOMS] for finger in pair
+        )
+        joint[one], joint[other] = joint[other], joint[one]
+        poses.append(model.clipped(model.transform.solver_params(joint)))
+    return poses
+
+
+def flipped_fingers(
+    model: ArticulatedModel, cameras: Sequence[Camera], params: Floats[P]
+) -> list[Floats[P]]:
+    """Return solver parameters with one finger's links flipped along the lines of sight of one of the first cameras.
+
+    The 2003 paper's kinematic jumps, on a hand's chains; only flips that limits allow, and that move the finger at all.
+    """
+    return [
+        flip
+        for camera in cameras[:_MOST_CAMERAS]
+        for chain in chains_of(model)
+        for flip in chain_flips(model, params, chain, camera)
+    ]
+
+
+# ---- policies
+
+
+LOST_HAND = Search(
+    situation="the hand may be lost",
+    when=(
+        "a frame is doubtful or lost, unless the observation only leaves the hand open, or its cloud is poor or shows other things, too "
+        "(`tracker.recovery`); masks of more than half of an image do not count"
+    ),
+    rounds=(
+        Round((Propose(rigid_grid_nearby, 28), Propose(standing_pose), Propose(depth_flips)), keep=0, enter=60, fits=(Fit(wide, 8),)),
+        Round(enter=10, fits=(Fit(wide, 12),)),
+        Round(enter=3, fits=(Fit(tracker),)),
+    ),
+    measure="cost of the observation with short arms (4 mm), the same for all",
+    factor=0.95,
+    again=(
+        "of such frames in a row the first, second, fourth, eighth …; where nothing was seen also every "
+        f"{UNSEEN_EVERY}th"
+    ),
+)  # fmt: skip
+FINISH = (
+    Round(enter=5, fits=(Fit(tracker),)),
+    Round((Propose(best_again),), adds=True, fits=(Fit(tracker_with_lost_fingers),)),
+    Round((Propose(finger_swaps),), adds=True, fits=(Fit(wide, 12), Fit(tracker))),
+)
+"""how first poses are finished, wherever they come from"""
+FIRST_POSE = Search(
+    situation="there is no first pose",
+    when="`--init auto`, *Detect hand*",
+    rounds=(
+        Round((Propose(rigid_grid, 48),), enter=48, fits=(Fit(wide, 10),)),
+        Round((Propose(finger_bends, 12),), keep=12, fits=(Fit(wide, 12),)),
+        Round(enter=24, fits=(Fit(narrow, 8),)),
+        Round((Propose(best_of_unknown_size, 5),), adds=True, fits=(Fit(size),)),
+        *FINISH,
+        Round((Propose(best_of_unknown_size, 1),), adds=True, fits=(Fit(size), Fit(tracker))),
+    ),
+    measure="cost of the observation with short arms (4 mm), the same for all; the surest comes first",
+    most=5,
+)
+GIVEN_JOINTS = Search(
+    situation="a first pose is given as joints in images, and silhouettes or a cloud may decide",
+    when="two cameras agree on fewer than 12 of 21 joints",
+    rounds=FINISH,
+    measure="as for a first pose",
+    most=FIRST_POSE.most,
+)
+OTHER_SIDE = Search(
+    situation="the hand may be of the other side",
+    when=(
+        "after tracking from a first pose that was found, or given without joints: in up to 4 frames, until this side fits "
+        "better; then of this side likewise"
+    ),
+    rounds=(
+        Round((Propose(rigid_grid_nearby, 28),), keep=0, enter=28, fits=(Fit(wide, 8),)),
+        Round(enter=10, fits=(Fit(wide, 12),)),
+        Round(enter=3, fits=(Fit(tracker_with_lost_fingers),)),
+    ),
+    measure="as for a first pose",
+    taken="never: reported, where the log-odds of all frames together are above 5",
+)

@@ -1,0 +1,77 @@
+"""All search policies, and the table of them that docs/explanation/search.md shows."""
+
+from __future__ import annotations
+
+from handtrack.tracking.hypotheses.mixture_search import FIRST_HYPOTHESES, NEXT_HYPOTHESES
+from handtrack.tracking.search.engine import Fitter, Proposer, Round, Search
+from handtrack.tracking.search.frame_solve import POOR_CLOUD
+from handtrack.tracking.search.global_search import (
+    FIRST_POSE,
+    GIVEN_JOINTS,
+    LOST_HAND,
+    OTHER_SIDE,
+)
+from handtrack.tracking.search.keypoint_start import IMAGE_JOINTS
+from handtrack.tracking.search.lost_finger import LOST_FINGER, SHIFTED_FINGERS
+
+SEARCHES = (
+    FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS, FIRST_HYPOTHESES, NEXT_HYPOTHESES, LOST_FINGER, SHIFTED_FINGERS,
+    POOR_CLOUD, LOST_HAND, OTHER_SIDE,
+)  # fmt: skip
+"""in the order in which a frame asks for them"""
+
+
+def table() -> str:
+    """Return all policies as a table in Markdown, and what each of their functions does."""
+    head = "| situation | when | tried, round by round | measure | taken | again |\n|---|---|---|---|---|---|\n"
+    rows = "".join(
+        f"| {s.situation} | {s.when} | {_tried(s)} | {s.measure} | {_taken(s)} | {s.again} |\n"
+        for s in SEARCHES
+    )
+    rounds = [step for search in SEARCHES for step in search.rounds]
+    proposers = {_name(p.proposer): p.proposer for step in rounds for p in step.propose}
+    fitters = {_name(f.fitter): f.fitter for step in rounds for f in step.fits}
+    return f"{head}{rows}\n{_listed('proposer', proposers)}\n{_listed('fit', fitters)}"
+
+
+def _listed(kind: str, functions: dict[str, Proposer] | dict[str, Fitter]) -> str:
+    rows = (
+        f"| {name} | {(one.__doc__ or '').strip().splitlines()[0]} |\n"
+        for name, one in functions.items()
+    )
+    return f"| {kind} | what it does |\n|---|---|\n" + "".join(rows)
+
+
+def _name(function: Proposer | Fitter) -> str:
+    return function.__name__.replace("_", " ")
+
+
+def _tried(search: Search) -> str:
+    repeats = f"; up to {search.repeats} times from the better pose" if search.repeats > 1 else ""
+    return search.tried or "; ".join(_round(one, search.margin) for one in search.rounds) + repeats
+
+
+def _round(step: Round, margin: float) -> str:
+    proposed = [_name(p.proposer) + (f" ({p.most})" if p.most else "") for p in step.propose]
+    words = [" and ".join(proposed)] if proposed else []
+    if step.keep:
+        words[0] += f", beside the best {step.keep} so far"
+    if step.enter is not None:
+        words.append(f"best {step.enter}")
+    words += [_name(f.fitter) + (f" {f.iterations}" if f.iterations else "") for f in step.fits]
+    again = f", up to {step.times} times while the best gets better by {margin:g}"
+    return " → ".join(words) + (again if step.times > 1 else "")
+
+
+def _taken(search: Search) -> str:
+    if search.taken:
+        return search.taken
+    if search.most > 1:
+        return f"the best {search.most} distinct ones"
+    share = "" if search.factor == 1.0 else f"{search.factor:g} × "
+    less = f" − {search.margin:g}" if search.margin else ""
+    return f"cost below {share}the standing pose's{less}"
+
+
+if __name__ == "__main__":
+    print(table())
