@@ -12,7 +12,7 @@ import numpy as np
 from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import Floats
 from handtrack.sampling.diffusion import covariance_scaled, projected
-from handtrack.sampling.hypotheses import distinct
+from handtrack.sampling.suppression import distinct
 from handtrack.simulation.scenes.jump_scene import KJS1, JumpScene, full_scene, jump_scene
 from tests.experiments.jumps.minima import POSES, SAMPLES, parameter_distance, sampled, std_distance
 

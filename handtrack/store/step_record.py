@@ -20,7 +20,7 @@ from handtrack.tracking.frame.result import (
     FrameResult,
     Status,
 )
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief, MovingHypothesis
+from handtrack.tracking.hypotheses.motion_belief import Hypothesis, MotionBelief
 from handtrack.tracking.state import Step
 
 _STATE = ("belief", "hypothesis")
@@ -121,16 +121,16 @@ def _result(data: dict[str, Any], arrays: dict[str, Array]) -> FrameResult:
     return FrameResult(**known)
 
 
-def _of_hypothesis(known: MovingHypothesis, number: int, packed: _Packed) -> list[object]:
+def _of_hypothesis(known: Hypothesis, number: int, packed: _Packed) -> list[object]:
     for name, read in _HYPOTHESIS.items():
         packed.add(f"hypothesis{number}.{name}", read(known))
     return [float(known.cost), float(known.weight), known.origin]
 
 
-def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> MovingHypothesis:
+def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> Hypothesis:
     cost, weight, origin = numbers
     a = {name: arrays[f"hypothesis{number}.{name}"] for name in _HYPOTHESIS}
-    return MovingHypothesis(
+    return Hypothesis(
         params=a["params"],
         cost=cost,
         covariance=a["covariance"],
@@ -140,7 +140,7 @@ def _hypothesis(numbers: list[Any], number: int, arrays: dict[str, Array]) -> Mo
     )
 
 
-_HYPOTHESIS: dict[str, Callable[[MovingHypothesis], Array]] = {
+_HYPOTHESIS: dict[str, Callable[[Hypothesis], Array]] = {
     "params": lambda h: h.params,
     "covariance": lambda h: h.covariance,
     "mean": lambda h: h.belief.mean,

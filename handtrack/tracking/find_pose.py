@@ -14,7 +14,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
 from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
-from handtrack.tracking.search.start_confidence import settled_ways
+from handtrack.tracking.search.start_confidence import clustered_modes
 
 SURE = 0.85
 """from which confidence on a first pose is taken and no other frame is tried: of those at 0.70 to 0.80 half are wrong, of those above 0.9 none
@@ -69,8 +69,8 @@ def find_pose(
         )
     if not joints:
         return []
-    ways = settled_ways(model, hands_from_images(model, joints))
-    return [FoundPose(observation.frame, h.params, sure, "joints of one image") for h, sure in ways]
+    modes = clustered_modes(hands_from_images(model, joints))
+    return [FoundPose(observation.frame, c.params, c.confidence, "joints of one image") for c in modes]  # fmt: skip
 
 
 def find_first_pose(

@@ -9,7 +9,7 @@ from handtrack.arrays import Floats, P
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.appearance_terms import Before
-from handtrack.tracking.hypotheses.motion_belief import MovingHypothesis
+from handtrack.tracking.hypotheses.motion_belief import Hypothesis
 
 REMEMBERED = 30
 """results that a step may look back on"""
@@ -21,7 +21,7 @@ class Step:
 
     result: FrameResult
     belief: Floats[P, P] | None = None
-    hypotheses: tuple[MovingHypothesis, ...] = ()
+    hypotheses: tuple[Hypothesis, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class TrackerState:
     """the latest last, in the order of tracking; they predict, and tell what is usual and how long the hand is lost"""
     belief: Floats[P, P] | None = None
     """covariance of the latest pose that was not lost; None where nothing is said of it"""
-    hypotheses: tuple[MovingHypothesis, ...] = ()
+    hypotheses: tuple[Hypothesis, ...] = ()
     """poses carried along, heaviest first, where `tracker.hypotheses` is above 1"""
     texture: Before | None = None
     """images of the latest frame that was not lost and the model in it, where images are looked at"""
@@ -71,7 +71,7 @@ class TrackerState:
         self,
         solved: Solved,
         texture: Before | None = None,
-        hypotheses: tuple[MovingHypothesis, ...] = (),
+        hypotheses: tuple[Hypothesis, ...] = (),
     ) -> TrackerState:
         """Return the state once a frame is solved. A lost frame changes neither belief nor texture."""
         result = solved.result

@@ -25,7 +25,7 @@ from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.hypotheses.mixture import MixtureStep, solve_mixture
-from handtrack.tracking.hypotheses.motion_belief import MovingHypothesis
+from handtrack.tracking.hypotheses.motion_belief import Hypothesis
 from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.lost_hand import with_hand_found
 from handtrack.tracking.search.policy import looks_everywhere
@@ -75,7 +75,7 @@ class Tracker:
         self, state: TrackerState, observation: Observation, control: Control
     ) -> tuple[TrackerState, Solved]:
         task = self._task(state, self._looked_at(state, observation), control)
-        hypotheses: tuple[MovingHypothesis, ...] = ()
+        hypotheses: tuple[Hypothesis, ...] = ()
         if self.settings.tracker.hypotheses > 1:
             solved, hypotheses = solve_mixture(self._mixture_step, task, state.hypotheses)
         else:

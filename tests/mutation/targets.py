@@ -11,7 +11,7 @@ _FILES = 3  # of tests that a drawn mutant is tried on
 
 TARGETS: dict[str, tuple[str, ...]] = {
     "handtrack.sampling.chain_vote": ("tests/sampling/test_chain_vote.py",),
-    "handtrack.sampling.hypotheses": ("tests/sampling/test_hypotheses.py",),
+    "handtrack.sampling.suppression": ("tests/sampling/test_suppression.py",),
     "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
     "handtrack.tracking.hypotheses.mixture_search": (
         "tests/tracking/decisions/test_hypothesis_rounds.py",

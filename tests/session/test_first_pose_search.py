@@ -77,7 +77,7 @@ def pretended(session, monkeypatch):
     """Return a function that searches frames 0–7 (tried: 0, 4, 2, 6); how sure a pose is, and its hand's size, are given."""
     run = TrackingRun.open(session, use_init=False)
 
-    def search(confidence, nearness=1.0, sizes=None):
+    def search(confidence, p_in_basin=1.0, sizes=None):
         asked = []
 
         def found(run, scale, seen, should_stop, tell):
@@ -87,7 +87,14 @@ def pretended(session, monkeypatch):
             asked.append(seen.frame if scale == HandScale() else (seen.frame, scale.overall))
             sure = confidence.get(asked[-1], 0.0)
             row = FirstPoseCandidate(
-                seen.frame, model.rest_params(), sure * nearness, "", model, 1.0, given, nearness
+                seen.frame,
+                model.rest_params(),
+                sure * p_in_basin,
+                "",
+                model,
+                1.0,
+                given,
+                p_in_basin,
             )
             return [row] if sure else []
 

@@ -13,7 +13,7 @@ from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, TrackLabels
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief, MovingHypothesis
+from handtrack.tracking.hypotheses.motion_belief import Hypothesis, MotionBelief
 from handtrack.tracking.state import Step
 from tests.sample_track import BONES, PARAMETERS, sample_frame
 
@@ -29,7 +29,7 @@ def step(rng: np.random.Generator, frame: int, hypotheses: int = 0) -> Step:
     """Return a tracked frame with all that may be in one."""
     count = len(PARAMETERS)
     known = tuple(
-        MovingHypothesis(
+        Hypothesis(
             rng.normal(size=count), 1.5, np.asfortranarray(rng.normal(size=(count, count))), 0.5, "followed",
             MotionBelief(rng.normal(size=count), rng.normal(size=count), rng.normal(size=(2 * count, 2 * count))),
         )

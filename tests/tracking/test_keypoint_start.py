@@ -64,7 +64,7 @@ def test_two_cameras_give_the_hand(rng, turn):
     points = points_of(posed("curl", turn))
     found = hands_from_images(MODEL, seen_by(CAMERAS[:2], points, rng))
     assert error_mm(found[0].params, points) < 3.0
-    assert found[0].weight > 0.5
+    assert found[0].confidence > 0.5
 
 
 @pytest.mark.parametrize("turn", [[0.3, 0.5, -0.2], [0.0, 2.6, 0.4], [-1.3, 0.2, 2.0]])
@@ -74,7 +74,7 @@ def test_one_camera_leaves_a_choice_with_the_hand_in_it(rng, turn):
     found = hands_from_images(MODEL, seen)
     assert min(error_mm(h.params, points) for h in found) < 15.0
     assert [h.cost for h in found] == sorted(h.cost for h in found)
-    assert sum(h.weight for h in found) == pytest.approx(1.0)
-    for h in (h for h in found if h.weight > 0.01):
+    assert sum(h.confidence for h in found) == pytest.approx(1.0)
+    for h in (h for h in found if h.confidence > 0.01):
         off = CAMERAS[0].project(points_of(h.params)) - seen[0].pixels
         assert np.median(np.linalg.norm(off, axis=1)) < 5.0, "all of them look like what was seen"

@@ -20,7 +20,7 @@ from handtrack.tracking.search.start_confidence import (
     KNOWN_SIZE_SIGMA,
     SIZE_SIGMA,
     independent_errors,
-    nearness,
+    p_in_basin,
     shares,
 )
 from tests.experiments.scenes.start_frames import another_hand
@@ -69,7 +69,7 @@ def test_they_are_as_sure_as_they_are_right():
         best, *_ = kept = objective.distinct(ends, 5)
         count = independent_errors(objective.sources, best)
         share = shares(np.array([end.cost for end in kept]), count)[0]
-        near = nearness(objective.narrow_problem(best), best.params, count, SIZE_SIGMA)
+        near = p_in_basin(objective.narrow_problem(best), best.params, count, SIZE_SIGMA)
         said.append(share * near)
         right.append(np.linalg.norm(best.joints - true, axis=1).mean() < BASIN_M)
     sure = np.array(said)
@@ -87,7 +87,7 @@ def test_one_camera_cannot_tell_a_large_hand_from_a_near_one(rng):
         problem = objective.narrow_problem(there)
         count = independent_errors(objective.sources, there)
         found[cameras] = [
-            nearness(problem, there.params, count, sigma)
+            p_in_basin(problem, there.params, count, sigma)
             for sigma in (SIZE_SIGMA, KNOWN_SIZE_SIGMA)
         ]
     assert found[1][0] < 0.5

@@ -32,13 +32,13 @@ class FirstPoseCandidate:
     """comparable among the candidates of one frame"""
     given: FirstPose | None = None
     """points in space that the pose was fitted to, where there are any: they tell the hand's size as well"""
-    nearness: float = 1.0
+    p_in_basin: float = 1.0
     """how surely its joints are known to 12 mm, if it is the right one; a part of the confidence"""
 
     @property
     def settled(self) -> float:
         """How surely it is the right one of the poses that were found, however well it is known."""
-        return self.confidence / self.nearness
+        return self.confidence / self.p_in_basin
 
     @property
     def first_pose(self) -> FirstPose:

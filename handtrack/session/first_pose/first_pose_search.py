@@ -21,7 +21,8 @@ from handtrack.session.session import Session
 from handtrack.tracking.find_pose import SURE, spread_order
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.search.auto_start import Progress, StartCandidate, auto_start
+from handtrack.tracking.search.auto_start import Progress, auto_start
+from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.start_confidence import KNOWN_SIZE_SIGMA, SIZE_SIGMA
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import CONFIRMED_BY
@@ -209,7 +210,7 @@ def _found(
         return []
     rows = [
         FirstPoseCandidate(
-            seen.frame, c.params, c.confidence, "", c.model, c.cost, nearness=c.nearness
+            seen.frame, c.params, c.confidence, "", c.model, c.cost, p_in_basin=c.p_in_basin
         )
         for c in found
     ]
@@ -219,9 +220,9 @@ def _found(
     return [_of_size(row, usual) for row in noted]
 
 
-def _fits(best: StartCandidate) -> str:
+def _fits(best: Candidate) -> str:
     arm = "with a forearm" if best.model.has_forearm else "no forearm in view"
-    if best.nearness < 0.5:
+    if best.p_in_basin < 0.5:
         arm += "; from here, its joints are not known to 12 mm"
     return arm if best.result.status == Status.TRACKED else f"{arm}; {best.result.note}"
 

@@ -13,12 +13,11 @@ from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
-from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.global_search import GIVEN_JOINTS
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.search.keypoint_start import hands_from_images, in_space
-from handtrack.tracking.search.start_confidence import settled_ways
+from handtrack.tracking.search.start_confidence import clustered_modes
 
 
 def poses_from_images(
@@ -38,13 +37,9 @@ def poses_from_images(
     placed = pose_in_space(settings, model, first.frame, images)
     if placed is not None:
         return [placed]
-    found = hands_from_images(model, images)
-    shapes = [
-        shape_of(model, model.joint_params(h.params), "given") for h in found[: GIVEN_JOINTS.most]
-    ]
     candidates = [
-        Candidate(model, h.params, h.cost, h.origin, shape)
-        for h, shape in zip(found, shapes, strict=False)
+        replace(c, shape=shape_of(model, model.joint_params(c.params), "given"))
+        for c in hands_from_images(model, images)[: GIVEN_JOINTS.most]
     ]
     with_joints = replace(seen, keypoints=tuple(images))
     rows = [
@@ -61,8 +56,8 @@ def poses_by_joints(
 
     Raises HandtrackError for too few joints.
     """
-    found = settled_ways(model, hands_from_images(model, images))
-    rows = [FirstPoseCandidate(frame, h.params, sure, "", model, h.cost) for h, sure in found]
+    found = clustered_modes(hands_from_images(model, images))
+    rows = [FirstPoseCandidate(frame, c.params, c.confidence, "", model, c.cost) for c in found]
     return _noted(rows, images)
 
 

@@ -13,7 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import PreparedChain
-from handtrack.sampling.hypotheses import apart
+from handtrack.sampling.suppression import apart
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.control import Control
@@ -34,8 +34,8 @@ from handtrack.tracking.hypotheses.mixture_search import (
     Start,
 )
 from handtrack.tracking.hypotheses.motion_belief import (
+    Hypothesis,
     MotionBelief,
-    MovingHypothesis,
     unknown_speed,
     with_wrapped_turn,
 )
@@ -46,7 +46,7 @@ from handtrack.tracking.search.engine import Search, Tried, report, run_rounds
 class Mixture:
     """The hypotheses of one frame, heaviest first, and which of the last frame's each continues."""
 
-    hypotheses: tuple[MovingHypothesis, ...]
+    hypotheses: tuple[Hypothesis, ...]
     parents: tuple[int, ...]
     """−1 in a first frame"""
 
@@ -139,7 +139,7 @@ class MixtureStep:
         more = max(self.settings.mixture.carried - len(shown), 0) if quick else 0
         return [found[n] for n in [*shown, *others[:more]]]
 
-    def _hypothesis(self, found: Start, weight: float) -> MovingHypothesis:
+    def _hypothesis(self, found: Start, weight: float) -> Hypothesis:
         """Return a minimum with its motion."""
         params, source = found.params, found.source
         assert found.normal is not None
@@ -150,7 +150,7 @@ class MixtureStep:
             else source.belief.updated(params, spread)
         )
         return with_wrapped_turn(
-            MovingHypothesis(params, found.energy, spread, weight, source.origin, belief)
+            Hypothesis(params, found.energy, spread, weight, source.origin, belief)
         )
 
     def speed_of_change(self) -> Floats[P]:
@@ -165,8 +165,8 @@ class MixtureStep:
 
 
 def solve_mixture(
-    step: MixtureStep, task: FrameTask, carried: Sequence[MovingHypothesis]
-) -> tuple[Solved, tuple[MovingHypothesis, ...]]:
+    step: MixtureStep, task: FrameTask, carried: Sequence[Hypothesis]
+) -> tuple[Solved, tuple[Hypothesis, ...]]:
     """Return a frame at the heaviest of the hypotheses that explain it, and all that are carried on.
 
     carried: those of the frame before; none in a first frame. Where nothing is seen they stay as they are.
@@ -190,7 +190,7 @@ def solve_mixture(
     return found, mixture.hypotheses
 
 
-def _component(step: MixtureStep, task: FrameTask, hypothesis: MovingHypothesis) -> Component:
+def _component(step: MixtureStep, task: FrameTask, hypothesis: Hypothesis) -> Component:
     """Return a hypothesis of the last frame moved on to this one."""
     goes_on = task.settings.tracker.prediction == "constant_velocity"
     belief = hypothesis.belief.ahead(step.speed_of_change(), max(task.ahead, 1), goes_on)
@@ -204,7 +204,7 @@ def _component(step: MixtureStep, task: FrameTask, hypothesis: MovingHypothesis)
 def _with_alternatives(
     model: ArticulatedModel,
     solved: Solved,
-    carried: Sequence[MovingHypothesis],
+    carried: Sequence[Hypothesis],
     parents: Sequence[int],
 ) -> Solved:
     alternatives = tuple(

@@ -21,8 +21,8 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.sampling.chain_vote import chain_votes
 from handtrack.sampling.chains import PreparedChain
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
-from handtrack.sampling.hypotheses import distinct
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+from handtrack.sampling.suppression import distinct
 from handtrack.solver.covariance import covariance
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.term import ParameterTerm

@@ -8,7 +8,6 @@ import numpy as np
 
 from handtrack.arrays import P2, Floats, Ints, K, P
 from handtrack.geometry.rotation import left_jacobian, wrapped
-from handtrack.sampling.hypotheses import Hypothesis
 
 _SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
 """a frame; how fast what has just been found may move: an arm's swing takes about half a second"""
@@ -104,13 +103,23 @@ def unknown_speed(size: int) -> Floats[P]:
 
 
 @dataclass(frozen=True, eq=False)
-class MovingHypothesis(Hypothesis):
-    """A hypothesis that knows how it moves."""
+class Hypothesis:
+    """One minimum of a frame's cost, the normal distribution around it, and how it moves."""
 
+    params: Floats[P]
+    """solver parameters, the first three in metres, the next three the root's rotation vector"""
+    cost: float
+    """½ Σ r² at the minimum, priors included"""
+    covariance: Floats[P, P]
+    """[m, rad]"""
+    weight: float
+    """share of the posterior among the hypotheses of its frame"""
+    origin: str
+    """where it comes from: the last frame, a chain's flips"""
     belief: MotionBelief
 
 
-def with_wrapped_turn(hypothesis: MovingHypothesis) -> MovingHypothesis:
+def with_wrapped_turn(hypothesis: Hypothesis) -> Hypothesis:
     """Return the same hypothesis with a root's turn of at most half a turn: who spins would reach 2π, where it is singular."""
     turn = hypothesis.params[3:6]
     if float(np.linalg.norm(turn)) <= np.pi:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from handtrack.terms.keypoints import KeypointTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
-from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Search, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
@@ -24,32 +23,12 @@ from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
     independent_errors,
-    nearness,
+    p_in_basin,
     shares,
 )
 
 Progress = Callable[[float, str], None]
 """called with the share that is done and what is being done"""
-
-
-@dataclass(frozen=True, eq=False)
-class StartCandidate:
-    """A first pose that was found."""
-
-    model: ArticulatedModel
-    """with or without a forearm, as what is seen asks for"""
-    result: FrameResult
-    cost: float
-    """of this pose beside the others': they are all measured by the same points and pixels"""
-    confidence: float
-    """0 to 1, that its joints are within 12 mm of the true ones on average; docs/explanation/search.md"""
-    nearness: float
-    """0 to 1, that they are if this is the right one of the poses that were found"""
-
-    @property
-    def params(self) -> Floats[P]:
-        """Solver parameters of its model."""
-        return self.model.transform.solver_params(self.result.parameters)
 
 
 def auto_start(
@@ -62,7 +41,7 @@ def auto_start(
     resize: Resize | None = None,
     search: Search = FIRST_POSE,
     found: Sequence[Candidate] = (),
-) -> list[StartCandidate]:
+) -> list[Candidate]:
     """Return first poses for what was seen of one frame, the surest first; empty where no hand can be seen.
 
     models: those that may explain it, say without and with a forearm. size_sigma: the share to which their size is
@@ -113,7 +92,7 @@ def _compared(
     settings: TrackerSettings,
     size_sigma: float,
     most: int,
-) -> list[StartCandidate]:
+) -> list[Candidate]:
     """Return the best distinct poses among finished ones, at most so many, and how sure each is."""
     kept = objective.distinct([c for c in done if c.solved is not None], most)
     if not kept:
@@ -124,11 +103,9 @@ def _compared(
     share = shares(np.array([c.cost for c in kept]), count)
     found = []
     for candidate, part in zip(kept, share, strict=True):
-        assert candidate.solved is not None
         problem = objective.narrow_problem(candidate)
         given = [KeypointTerm(candidate.model, joints) for joints in objective.seen.keypoints]
         problem = replace(problem, observation_terms=[*problem.observation_terms, *given])
-        near = nearness(problem, candidate.params, count, size_sigma, settings.tracker.seed)
-        sure, result = float(quality * part * near), candidate.solved.result
-        found.append(StartCandidate(candidate.model, result, candidate.cost, sure, near))
+        near = p_in_basin(problem, candidate.params, count, size_sigma, settings.tracker.seed)
+        found.append(replace(candidate, confidence=float(quality * part * near), p_in_basin=near))
     return found

@@ -40,6 +40,16 @@ class Candidate:
     """the frame's result there, once it was fitted as the tracker fits"""
     normal: Floats[P, P] | None = None
     """Gauss-Newton matrix of its cost, where the fit gives one"""
+    confidence: float = 0.0
+    """probability that its joints are within 12 mm of the true ones on average, among the poses of a frame; 0: not assessed"""
+    p_in_basin: float = 1.0
+    """that probability if it is the right one of these poses"""
+
+    @property
+    def result(self) -> FrameResult:
+        """The frame's result there, once it was fitted as the tracker fits."""
+        assert self.solved is not None
+        return self.solved.result
 
     @property
     def joints(self) -> Floats[D21, D3]:

@@ -21,8 +21,8 @@ from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.parallel import in_parallel
 from handtrack.sampling.chains import chains_of
-from handtrack.sampling.hypotheses import apart
 from handtrack.sampling.interpretation_tree import chain_flips
+from handtrack.sampling.suppression import apart
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.control import Control

@@ -16,9 +16,9 @@ from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.chains import chains_of
-from handtrack.sampling.hypotheses import Hypothesis, distinct
 from handtrack.sampling.interpretation_tree import chain_flips
 from handtrack.sampling.polish import PolishSettings, polish
+from handtrack.sampling.suppression import distinct
 from handtrack.terms.loss import geman_mcclure
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
@@ -161,13 +161,11 @@ IMAGE_JOINTS = Search(
 )
 
 
-def hands_from_images(
-    model: ArticulatedModel, seen: Sequence[ImageKeypoints]
-) -> tuple[Hypothesis, ...]:
+def hands_from_images(model: ArticulatedModel, seen: Sequence[ImageKeypoints]) -> list[Candidate]:
     """Return the hands or bodies (P,) that explain joints seen in one or more undistorted images, the best first.
 
     Hands in many attitudes and postures where the joints are seen, polished, then each finger or limb of the best flipped
-    forwards and backwards along the viewing rays and polished again. The weights are shares of exp(−cost).
+    forwards and backwards along the viewing rays and polished again. Their confidences are shares of exp(−cost).
     Raises HandtrackError where too few joints are seen.
     """
     most = max(seen, key=lambda s: int(np.isfinite(s.pixels).all(axis=1).sum()), default=None)
@@ -182,11 +180,11 @@ def hands_from_images(
     chosen = [c for c in objective.distinct(found, IMAGE_JOINTS.most) if np.isfinite(c.cost)]
     weight = np.exp([chosen[0].cost - c.cost for c in chosen])
     weight /= weight.sum()
-    return tuple(
-        Hypothesis(c.params, c.cost, np.linalg.pinv(c.normal), float(w), "image joints")
+    return [
+        replace(c, origin="image joints", confidence=float(w))
         for c, w in zip(chosen, weight, strict=True)
         if c.normal is not None
-    )
+    ]
 
 
 def _allowed(size: tuple[int, int]) -> float:

@@ -12,7 +12,7 @@ from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.parallel import in_parallel
-from handtrack.sampling.hypotheses import apart
+from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.control import Control

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J, N, P
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.observation.observation import Observation
-from handtrack.sampling.hypotheses import Hypothesis
+from handtrack.sampling.suppression import apart
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_kernels import pull_back
@@ -61,7 +62,7 @@ def shares(costs: Floats[N], count: float) -> Floats[N]:
     return weight / weight.sum()
 
 
-def nearness(
+def p_in_basin(
     problem: Problem, params: Floats[P], count: float, size_sigma: float, seed: int = 0
 ) -> float:
     """Return how surely a pose has its joints within 12 mm of the true ones on average, if it is the right one.
@@ -93,33 +94,38 @@ def nearness(
     return float(((off < BASIN_M).sum() + 1) / (_DRAWS + 2))  # Laplace's rule: never quite 0 or 1
 
 
-def settled_ways(
-    model: ArticulatedModel, found: Sequence[Hypothesis], seed: int = 0
-) -> list[tuple[Hypothesis, float]]:
-    """Return the ways that poses of one frame differ in, the surest first, each with the share of all that lies near it.
+def clustered_modes(found: Sequence[Candidate], seed: int = 0) -> list[Candidate]:
+    """Return the modes of a mixture of Gaussians, poses of one frame: the surest first, its confidence the share of all that lies near it.
 
-    found: with weights and covariances, a mixture of Gaussians. Near is what tracking goes on from: 12 mm of a hand, 110 mm of a body,
-    on average over the joints, wherever the whole is: one camera does not tell how far away. Poses near a surer one are no way of their
-    own.
+    Near is what tracking goes on from: 12 mm of a hand, 110 mm of a body, on average over the joints, wherever the whole is: one
+    camera does not tell how far away. Poses near a surer one are no mode of their own.
+
+    Parameters
+    ----------
+    found
+        of one model, each with its share of the mixture (`confidence`) and its normal matrix
     """
-    rng = np.random.default_rng(seed)
+    rng, model = np.random.default_rng(seed), found[0].model
     near = BASIN_M if model.kind == "hand" else _BASIN_SHARE * model_length(model)
-    shape = np.array([_shape(model, way.params) for way in found])
-    drawn, weight = [], np.repeat([way.weight / _DRAWN_OF_EACH for way in found], _DRAWN_OF_EACH)
-    for way in found:
-        values, axes = np.linalg.eigh(way.covariance)
+    shape = np.array([_shape(model, c.params) for c in found])
+    drawn, weight = [], np.repeat([c.confidence / _DRAWN_OF_EACH for c in found], _DRAWN_OF_EACH)
+    for candidate in found:
+        assert candidate.normal is not None
+        values, axes = np.linalg.eigh(np.linalg.pinv(candidate.normal))
         steps = rng.normal(size=(_DRAWN_OF_EACH, len(values))) * np.sqrt(np.maximum(values, 0.0))
-        drawn += [_shape(model, model.clipped(way.params + step)) for step in steps @ axes.T]
+        drawn += [_shape(model, model.clipped(candidate.params + step)) for step in steps @ axes.T]
     away = np.linalg.norm(np.array(drawn)[:, None] - shape, axis=3).mean(axis=2)
-    kept: list[int] = []
-    for row in np.argsort(-(weight @ (away < near)), kind="stable").tolist():
-        apart = np.linalg.norm(shape[kept] - shape[row], axis=2).mean(axis=1)
-        if (apart >= near).all():
-            kept.append(row)
+    surest = np.argsort(-(weight @ (away < near)), kind="stable")
+    kept = list(
+        apart(
+            surest,
+            lambda a, rest: np.linalg.norm(shape[rest] - shape[a], axis=2).mean(axis=1) >= near,
+        )
+    )
     nearest = np.where(away[:, kept].min(axis=1) < near, away[:, kept].argmin(axis=1), -1)
-    shares = [float(weight[nearest == place].sum()) for place in range(len(kept))]
+    shares = [float(weight[nearest == n].sum()) for n in range(len(kept))]
     order = np.argsort(np.negative(shares), kind="stable").tolist()
-    return [(found[kept[place]], shares[place]) for place in order]
+    return [replace(found[kept[n]], confidence=shares[n]) for n in order]
 
 
 def model_length(model: ArticulatedModel) -> float:

@@ -14,7 +14,6 @@ from handtrack.arrays import D3, Floats, J, L, M, N, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Keypoints
 from handtrack.sampling.chains import PreparedChain
-from handtrack.sampling.hypotheses import distinct
 from handtrack.sampling.interpretation_tree import (
     InterpretationTree,
     TreeSettings,
@@ -23,6 +22,7 @@ from handtrack.sampling.interpretation_tree import (
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.limb_ik_kernels import pierce
 from handtrack.sampling.polish import PolishSettings, polish_problem
+from handtrack.sampling.suppression import distinct
 from handtrack.simulation.scenes.jump_scene import LIMBS, JumpScene, body, jump_scene, limb_chains
 
 POSES = 120

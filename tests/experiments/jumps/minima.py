@@ -14,10 +14,10 @@ import numpy as np
 from handtrack.arrays import Array, Floats, M, N, P
 from handtrack.bench.measuring import alone
 from handtrack.sampling.diffusion import Tails, covariance_scaled, projected, spherical
-from handtrack.sampling.hypotheses import MERGED_RAD, distinct
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.polish import Polished
+from handtrack.sampling.suppression import MERGED_RAD, distinct
 from handtrack.simulation.scenes.jump_scene import (
     KJS1,
     KJS2,

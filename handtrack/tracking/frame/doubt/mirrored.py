@@ -11,8 +11,8 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.sampling.chains import PreparedChain, chains_of, prepare
-from handtrack.sampling.hypotheses import apart
 from handtrack.sampling.interpretation_tree import chain_flips
+from handtrack.sampling.suppression import apart
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.descent import Minima, by_keypoints_alone, minima
 from handtrack.tracking.frame.frame_terms import FrameTerms

@@ -13,7 +13,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh, surface_mesh
-from handtrack.sampling.hypotheses import apart
+from handtrack.sampling.suppression import apart
 
 POSTURES = ("open", "curl", "fist", "point")
 _WRIST_BENDS_DEG = (0.0, -40.0, 40.0)  # of a forearm in view

@@ -1,9 +1,8 @@
-"""Hypotheses of one frame, and which of many poses stand for all: near-equal ones count once."""
+"""Non-maximum suppression: which of many poses stand for all; near-equal ones count once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,22 +11,6 @@ from handtrack.geometry.rotation import rotation_matrix
 
 MERGED_RAD = 0.1
 """two minima closer than this, root mean square over all angles, count as one"""
-
-
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """One minimum of a frame's cost, and the bell around it."""
-
-    params: Floats[P]
-    """solver parameters, the first three in metres, the next three the root's rotation vector"""
-    cost: float
-    """½ Σ r² at the minimum, priors included"""
-    covariance: Floats[P, P]
-    """[m, rad]"""
-    weight: float
-    """share of the posterior among the hypotheses of its frame"""
-    origin: str
-    """how it was found: a chain's flips, diffusion, the last frame"""
 
 
 def angle_distance(params: Floats[P], others: Floats[N, P]) -> Floats[N]:

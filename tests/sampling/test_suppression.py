@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.sampling.hypotheses import angle_distance, distinct
+from handtrack.sampling.suppression import angle_distance, distinct
 
 
 def test_distance_is_the_root_mean_square_of_angles(rng):
