@@ -14,7 +14,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, Floats, H, Ints, W
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.terms.images.depth_picture import depth_picture
 from tests.experiments.jumps.dance_appearance import WAYS, Dance, DanceTrack, dance, track
 from tests.experiments.scenes.textured_mesh import textured_picture

@@ -20,7 +20,7 @@ from docs.pictures.plotting import pyplot, saved, tight
 from handtrack.arrays import D3, Array, H, W
 from handtrack.bench.measuring import recording
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.run import TrackingRun
 from handtrack.simulation.render import pixel_rays, render

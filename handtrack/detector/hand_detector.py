@@ -2,18 +2,214 @@
 
 from __future__ import annotations
 
+import importlib
+import tempfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, D21, Array, Floats, H, W
-from handtrack.detector.networks import open_network, usual_backend
-from handtrack.detector.palms import PALM_SIZE, palms
-from handtrack.detector.regions import Region, region_of_hand, region_of_palm, whole_image
+from handtrack.arrays import D2, D3, D4, D7, D21, Array, Axes, Floats, H, K, N, W
 from handtrack.detector.weights import Weights, find_weights, read_weights
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.parallel import thread_count
+
+Network = Callable[[Floats[H, W, D3]], Mapping[str, Array[*Axes]]]
+"""image float32 → outputs by name, without the axis of one image"""
+BACKENDS = ("opencv", "litert")
+_LITERT = "ai_edge_litert"
+
+
+def usual_backend() -> str:
+    """Return the quicker one where it is installed."""
+    return "litert" if find_spec(_LITERT) else "opencv"
+
+
+def open_network(data: bytes, backend: str, where: str) -> Network:
+    """Return a network, to be used by one thread at a time. Raises HandtrackError naming `where` it came from."""
+    if backend not in BACKENDS:
+        raise unknown_name("backend", backend, BACKENDS)
+    if backend == "litert" and not find_spec(_LITERT):
+        raise HandtrackError(
+            "LiteRT is not installed: `pip install handtrack3d[detector]` brings it; OpenCV does the same, 2.5 times slower."
+        )
+    try:
+        return _by_litert(data) if backend == "litert" else _by_opencv(data)
+    except (cv2.error, ValueError, RuntimeError, ImportError) as error:
+        said = " ".join(str(error).split())
+        raise HandtrackError(f"{where}: {backend} cannot run this network: {said}.") from None
+
+
+def _by_opencv(data: bytes) -> Network:
+    # of OpenCV's two engines the classic one alone gives several outputs, and it is only to be had for files
+    engine = getattr(cv2.dnn, "ENGINE_CLASSIC", None)
+    with tempfile.TemporaryDirectory(prefix="handtrack_") as folder:
+        file = Path(folder) / "network.tflite"
+        file.write_bytes(data)
+        options = () if engine is None else (engine,)
+        network = cv2.dnn.readNetFromTFLite(str(file), *options)
+    names = network.getUnconnectedOutLayersNames()
+
+    def run(image: Floats[H, W, D3]) -> Mapping[str, Array[*Axes]]:
+        network.setInput(np.ascontiguousarray(image.transpose(2, 0, 1))[None])
+        return {name: found[0] for name, found in zip(names, network.forward(names), strict=True)}
+
+    return run
+
+
+def _by_litert(data: bytes) -> Network:
+    interpreter = importlib.import_module(f"{_LITERT}.interpreter").Interpreter(
+        model_content=data, num_threads=thread_count()
+    )
+    interpreter.allocate_tensors()
+    given = interpreter.get_input_details()[0]["index"]
+    outputs = {row["name"]: row["index"] for row in interpreter.get_output_details()}
+
+    def run(image: Floats[H, W, D3]) -> Mapping[str, Array[*Axes]]:
+        interpreter.set_tensor(given, np.ascontiguousarray(image)[None])
+        interpreter.invoke()
+        return {name: interpreter.get_tensor(index)[0] for name, index in outputs.items()}
+
+    return run
+
+
+# Numbers and points of both squares are MediaPipe's: the networks were trained on crops made so.
+_PALM_SIDE, _PALM_SHIFT = (
+    2.6,
+    0.5,
+)  # times the box's longer side; of its height, towards the fingers
+_HAND_SIDE, _HAND_SHIFT = 2.0, 0.1
+_PALM_WRIST, _PALM_MIDDLE = 0, 2
+_WRIST = 0
+_STEADY = (0, 1, 2, 3, 5, 6, 9, 10, 13, 14, 17, 18)  # without the ends of fingers, which move most
+_INDEX, _MIDDLE, _RING = 6, 10, 14  # PIP
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A square of an image."""
+
+    centre: Floats[D2]
+    """column, row [px], pixel centres at whole numbers"""
+    side: float
+    """[px]"""
+    turn: float
+    """[rad]: turns the crop's axes into the image's"""
+
+    def to_image(self, unit: Floats[*Axes, D2]) -> Floats[*Axes, D2]:
+        """Return pixels of points of the square, which are 0 to 1 between its edges."""
+        return (np.asarray(unit, float) - 0.5) * self.side @ _turning(self.turn).T + self.centre
+
+    def crop(self, image: Array[H, W, D3], size: int) -> Floats[H, W, D3]:
+        """Return the square as an image of size × size, RGB float32 from 0 to 1, black outside. image: uint8 BGR."""
+        pixels = (np.array([[0, 0], [1, 0], [0, 1]]) + 0.5) / size
+        origin, across, down = self.to_image(pixels)
+        to_source = np.column_stack([across - origin, down - origin, origin])
+        crop = cv2.warpAffine(
+            image, to_source, (size, size), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        )
+        return cv2.cvtColor(crop, cv2.COLOR_BGR2RGB).astype(np.float32) / np.float32(255.0)
+
+
+def whole_image(width: int, height: int) -> Region:
+    """Return the smallest square that holds an image, in its middle."""
+    return Region(np.array([width - 1.0, height - 1.0]) / 2, float(max(width, height)), 0.0)
+
+
+def region_of_palm(box: Floats[D4], points: Floats[D7, D2]) -> Region:
+    """Return the hand's square from a palm's box (centre and size) and its seven points [px]."""
+    turn = _turn_up(points[_PALM_MIDDLE] - points[_PALM_WRIST])
+    up = _turning(turn) @ np.array([0.0, -_PALM_SHIFT * box[3]])
+    return Region(box[:2] + up, _PALM_SIDE * float(box[2:].max()), turn)
+
+
+def region_of_hand(points: Floats[D21, D2]) -> Region:
+    """Return the hand's square from its 21 points [px]."""
+    knuckles = ((points[_INDEX] + points[_RING]) / 2 + points[_MIDDLE]) / 2
+    turn = _turn_up(knuckles - points[_WRIST])
+    turning = _turning(turn)
+    turned = points[list(_STEADY)] @ turning
+    least, most = turned.min(axis=0), turned.max(axis=0)
+    size = most - least
+    centre = (least + most) / 2 - np.array([0.0, _HAND_SHIFT * size[1]])
+    return Region(turning @ centre, _HAND_SIDE * float(size.max()), turn)
+
+
+def _turn_up(direction: Floats[D2]) -> float:
+    """Return the turn with which a direction in the image points up in the crop."""
+    return float(np.pi / 2 - np.arctan2(-direction[1], direction[0]))
+
+
+def _turning(turn: float) -> Floats[D2, D2]:
+    cos, sin = np.cos(turn), np.sin(turn)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+PALM_SIZE = 192
+"""of the network's image [px]"""
+_GRIDS = ((24, 2), (12, 6))  # cells a side, anchors a cell
+_LEAST_SCORE = 0.5
+_OVERLAP = 0.3  # intersection over union, beyond which two boxes are of one palm
+_MOST_LOGIT = 100.0
+
+
+class Palm(NamedTuple):
+    """A palm in the unit square that the network saw."""
+
+    score: float
+    box: Floats[D4]
+    """centre x, y, width, height"""
+    points: Floats[D7, D2]
+    """wrist, knuckles of index, middle, ring and little finger, the thumb's base and knuckle"""
+
+
+@lru_cache(maxsize=1)
+def anchors() -> Floats[N, D2]:
+    """Return the 2016 points of the unit square that the network's boxes are offset from: cells of two grids, row by row."""
+    parts = []
+    for cells, each in _GRIDS:
+        middle = (np.arange(cells) + 0.5) / cells
+        grid = np.stack(np.meshgrid(middle, middle), axis=-1).reshape(-1, 2)
+        parts.append(np.repeat(grid, each, axis=0))
+    return np.concatenate(parts)
+
+
+def palms(numbers: Floats[N, K], logits: Floats[N], most: int) -> list[Palm]:
+    """Return up to `most` palms, the surest first.
+
+    numbers: for each anchor box and seven points (18), in pixels of the network's image. Boxes that overlap are averaged, with
+    their scores as weights, rather than dropped.
+    """
+    scores = 1.0 / (1.0 + np.exp(-np.clip(logits.astype(float), -_MOST_LOGIT, _MOST_LOGIT)))
+    sure = np.flatnonzero(scores > _LEAST_SCORE)
+    scores, decoded = scores[sure], numbers[sure].astype(float) / PALM_SIZE
+    offsets = anchors()[sure]
+    decoded[:, :2] += offsets
+    decoded[:, 4:] += np.tile(offsets, 7)
+    found: list[Palm] = []
+    while len(scores) and len(found) < most:
+        best = int(scores.argmax())
+        same = overlaps(decoded[:, :4], decoded[best, :4]) > _OVERLAP
+        same[best] = True
+        mean = np.average(decoded[same], axis=0, weights=scores[same])
+        found.append(Palm(float(scores[best]), mean[:4], mean[4:].reshape(7, 2)))
+        scores, decoded = scores[~same], decoded[~same]
+    return found
+
+
+def overlaps(boxes: Floats[*Axes, D4], box: Floats[D4]) -> Floats[*Axes]:
+    """Return intersection over union of boxes (centre, size) with one."""
+    low = np.maximum(boxes[..., :2] - boxes[..., 2:] / 2, box[:2] - box[2:] / 2)
+    high = np.minimum(boxes[..., :2] + boxes[..., 2:] / 2, box[:2] + box[2:] / 2)
+    common = np.prod(np.maximum(high - low, 0.0), axis=-1)
+    union = np.prod(boxes[..., 2:], axis=-1) + np.prod(box[2:]) - common
+    return common / np.maximum(union, 1e-12)
+
 
 _HAND_SIZE = 224  # of the landmark network's image [px]
 _UNEXPECTED = (cv2.error, KeyError, ValueError, IndexError)

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.images.frames import ImageFiles
-from handtrack.capture.images.image_header import announced_size
+from handtrack.capture.images.frames import ImageFiles, announced_size
 from handtrack.errors import HandtrackError
 
 KINDS = [".png", ".jpg", ".bmp", ".tif", ".webp", ".ppm", ".pgm", ".jp2"]

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from handtrack.arrays import Array, Bytes
-from handtrack.capture.masks.background import BackgroundMedian, BackgroundMog2
 from handtrack.capture.masks.segmentation import (
+    BackgroundMedian,
+    BackgroundMog2,
     DepthRange,
+    SkinAdaptive,
     SkinYCrCb,
 )
-from handtrack.capture.masks.skin_adaptive import SkinAdaptive
 
 SKIN = (110, 140, 200)  # BGR
 DESK = (120, 110, 100)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from handtrack.capture.calibration.rig_file import read_rig
-from handtrack.capture.clouds.correlation import correlate
 from handtrack.capture.clouds.disparity import (
     StereoSettings,
     consistent,
+    correlate,
     disparity,
     without_speckles,
 )

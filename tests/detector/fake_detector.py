@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from handtrack.arrays import D3, Array, H, W
-from handtrack.detector.hand_detector import DetectedHand
-from handtrack.detector.regions import Region, region_of_hand
+from handtrack.detector.hand_detector import DetectedHand, Region, region_of_hand
 from tests.session.small_session import keypoints
 
 _REACH = 0.6  # of a region's side: how far from its centre a hand may be and still be in it

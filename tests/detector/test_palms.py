@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.detector.palms import PALM_SIZE, palms
+from handtrack.detector.hand_detector import PALM_SIZE, palms
 
 ANCHORS = 2016
 SURE, UNSURE = 3.0, -0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.detector.regions import (
+from handtrack.detector.hand_detector import (
     Region,
     region_of_hand,
     region_of_palm,

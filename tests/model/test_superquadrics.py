@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from handtrack.model.model_file import load_model
-from handtrack.model.surfaces.model_mesh import model_mesh
 from handtrack.model.surfaces.superquadrics import Superquadrics
+from handtrack.model.surfaces.surface_mesh import model_mesh
 
 
 def one(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):

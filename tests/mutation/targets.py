@@ -10,7 +10,7 @@ _ROOT = Path(__file__).parents[2]
 _FILES = 3  # of tests that a drawn mutant is tried on
 
 TARGETS: dict[str, tuple[str, ...]] = {
-    "handtrack.sampling.chain_vote": ("tests/sampling/test_chain_vote.py",),
+    "handtrack.sampling.chains": ("tests/sampling/test_chain_vote.py",),
     "handtrack.sampling.suppression": ("tests/sampling/test_suppression.py",),
     "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
     "handtrack.tracking.hypotheses.mixture_search": (

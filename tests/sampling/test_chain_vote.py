@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.sampling.chain_vote import chain_votes
-from handtrack.sampling.chains import chains_of
+from handtrack.sampling.chains import chain_votes, chains_of
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
-from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
-from handtrack.tracking.search.orientation_grid import spread_rotations, turned_by
+from handtrack.geometry.rotation import (
+    matrix_from_quaternion,
+    rotation_matrix,
+    spread_rotations,
+    turned_by,
+)
 
 
 def test_every_rotation_has_one_near(rng):

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from handtrack.geometry.rotation import spread_rotations
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
@@ -21,7 +22,6 @@ from handtrack.tracking.search.evidence.silhouette_evidence import (
     _STRETCH_M,
     silhouette_evidence,
 )
-from handtrack.tracking.search.orientation_grid import spread_rotations
 from tests.tracking.start_reference import cloud_score, silhouette_score
 
 MODEL = load_model()

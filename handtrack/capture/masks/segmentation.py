@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -10,14 +11,208 @@ import cv2
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import D3, Array, Bytes, H, W
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W
 from handtrack.capture.images.frames import FrameSource
-from handtrack.capture.masks.background import BackgroundMedian, BackgroundMog2
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.capture.masks.seeded import Seeded
-from handtrack.capture.masks.skin_adaptive import SkinAdaptive
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above, at_least, checked_table, read_table, required
+
+_LEAST_SPREAD = 0.003  # of r and g: about one step of 8 bit colour at medium brightness
+_TRIM = 3.0  # samples farther than this from the first fit are left out of the second
+
+
+@dataclass(frozen=True)
+class SkinAdaptive:
+    """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample box."""
+
+    name: ClassVar[str] = "skin_adaptive"
+    needs: ClassVar[str] = "images"
+
+    sample: Roi
+    """x, y, w, h [px]: a box that shows skin only, in the reference frame."""
+    size: Annotated[float, above(0, "standard deviations")] = 3.0
+    """size of the ellipse in standard deviations (Mahalanobis distance)."""
+    reference: Annotated[int, at_least(0)] = 0
+    """frame in which the sample lies."""
+    y_min: Annotated[int, at_least(0)] = 40
+    """least luminance; the chromaticity of dark pixels means nothing."""
+    open_px: Annotated[int, at_least(0)] = 5
+    """side of the square of the opening [px]; 0 for none."""
+    largest: bool = True
+    """keep only the largest component."""
+
+    def __post_init__(self) -> None:
+        x, y, width, height = self.sample
+        if x < 0 or y < 0 or width < 2 or height < 2:
+            raise ValueError(
+                f"sample = {list(self.sample)}; expected a box of at least 2 x 2 pixels inside the image."
+            )
+
+    def segmenter(
+        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
+        """Return the function from a BGR image to its mask, fitted to the source's reference frame.
+
+        Raises HandtrackError when that frame is missing or the sample leaves the image.
+        """
+        mean, inverse = self._fit(source)
+
+        def segment(image: Array) -> Bytes:
+            distance2 = _squared_distance(_chromaticity(image), mean, inverse)
+            bright = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)[..., 0] >= self.y_min
+            skin = np.where((distance2 <= self.size**2) & bright, 255, 0).astype(np.uint8)
+            return clean(skin, self.open_px, self.largest, roi)
+
+        return segment
+
+    def _fit(self, source: FrameSource) -> tuple[Floats, Floats]:
+        image = source.read(self.reference)
+        if image is None:
+            raise HandtrackError(
+                f"{source.where}: mask method skin_adaptive takes its sample from frame "
+                f"{self.reference}, which is missing; set `reference` to a frame that exists."
+            )
+        x, y, width, height = self.sample
+        if x < 0 or y < 0 or x + width > image.shape[1] or y + height > image.shape[0]:
+            raise HandtrackError(
+                f"{source.where}: mask method skin_adaptive: sample = {list(self.sample)} leaves "
+                f"the image of {image.shape[1]} x {image.shape[0]}."
+            )
+        colours = _chromaticity(image[y : y + height, x : x + width]).reshape(-1, 2)
+        mean, inverse = _ellipse(colours)
+        near = _squared_distance(colours, mean, inverse) <= _TRIM**2
+        return _ellipse(colours[near])
+
+
+def _chromaticity(image: Array) -> Array:
+    """Return r and g (..., 2) float32 of a BGR image; 0 where black."""
+    bgr = image.astype(np.float32)
+    total = np.maximum(bgr.sum(axis=-1, keepdims=True), 1.0)
+    return bgr[..., [2, 1]] / total
+
+
+def _squared_distance(colours: Array, mean: Floats, inverse: Floats) -> Array:
+    """Return the squared Mahalanobis distance (...) of colours (..., 2)."""
+    r, g = colours[..., 0] - mean[0], colours[..., 1] - mean[1]
+    return inverse[0, 0] * r * r + 2 * inverse[0, 1] * r * g + inverse[1, 1] * g * g
+
+
+def _ellipse(colours: Array) -> tuple[Floats, Floats]:
+    covariance = np.cov(colours.T.astype(float)) + _LEAST_SPREAD**2 * np.eye(2)
+    inverse = np.asarray(np.linalg.inv(covariance), dtype=float)
+    return colours.mean(axis=0, dtype=float), inverse
+
+
+_LEAST_FRAMES = 3
+_MAD_TO_SIGMA = 1.4826
+_LEAST_NOISE = 2.0  # 8 bit levels of Lab: rounding, compression
+_ROWS_AT_ONCE = 64  # bounds the memory of the median
+
+
+@dataclass(frozen=True)
+class BackgroundMedian:
+    """What is far from the recording's median image, in units of each pixel's own noise."""
+
+    name: ClassVar[str] = "background_median"
+    needs: ClassVar[str] = "images"
+
+    samples: Annotated[int, at_least(_LEAST_FRAMES)] = 25
+    """frames, evenly spaced over the recording, whose median is the background."""
+    threshold: Annotated[float, above(0, "standard deviations")] = 8.0
+    """difference in the worst channel of Lab (8 bit), in robust standard deviations of the pixel."""
+    open_px: Annotated[int, at_least(0)] = 5
+    """side of the square of the opening [px]; 0 for none."""
+    largest: bool = True
+    """keep only the largest component."""
+
+    def segmenter(
+        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
+        """Return the function from a BGR image to its mask.
+
+        Raises HandtrackError with fewer than 3 readable frames.
+        """
+        stack = np.stack([_lab(image) for image in sampled_images(source, self.samples)])
+        median = np.empty(stack.shape[1:], np.float32)
+        limit = np.empty(stack.shape[1:], np.float32)
+        for row in range(0, stack.shape[1], _ROWS_AT_ONCE):
+            part = slice(row, row + _ROWS_AT_ONCE)
+            median[part] = np.median(stack[:, part], axis=0)
+            noise = _MAD_TO_SIGMA * np.median(np.abs(stack[:, part] - median[part]), axis=0)
+            limit[part] = self.threshold * np.maximum(noise, _LEAST_NOISE)
+
+        def segment(image: Array) -> Bytes:
+            moved = (np.abs(_lab(image) - median) > limit).any(axis=-1)
+            return clean(np.where(moved, 255, 0).astype(np.uint8), self.open_px, self.largest, roi)
+
+        return segment
+
+
+@dataclass(frozen=True)
+class BackgroundMog2:
+    """OpenCV's mixture of Gaussians (MOG2), learned from sampled frames once and then held fixed.
+
+    So a frame's mask does not depend on which frames were looked at before it.
+    """
+
+    name: ClassVar[str] = "background_mog2"
+    needs: ClassVar[str] = "images"
+
+    samples: Annotated[int, at_least(_LEAST_FRAMES)] = 100
+    """frames, evenly spaced over the recording, that the mixture learns from."""
+    threshold: Annotated[float, above(0, "variances")] = 16.0
+    """squared distance, in variances, from which a pixel no longer belongs to the background."""
+    shadows: bool = True
+    """take darkened background for shadow, not for hand."""
+    open_px: Annotated[int, at_least(0)] = 5
+    """side of the square of the opening [px]; 0 for none."""
+    largest: bool = True
+    """keep only the largest component."""
+
+    def segmenter(
+        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
+    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
+        """Return the function from a BGR image to its mask.
+
+        Raises HandtrackError with fewer than 3 readable frames.
+        """
+        mixture = cv2.createBackgroundSubtractorMOG2(self.samples, self.threshold, self.shadows)
+        for image in sampled_images(source, self.samples):
+            mixture.apply(image)
+        lock = threading.Lock()
+
+        def segment(image: Array) -> Bytes:
+            with lock:
+                moved = mixture.apply(image, learningRate=0.0)
+            hand = np.where(moved == 255, 255, 0).astype(np.uint8)  # 127 is shadow
+            return clean(hand, self.open_px, self.largest, roi)
+
+        return segment
+
+
+def sampled_images(source: FrameSource, count: int) -> Iterator[Array[H, W, D3]]:
+    """Yield up to `count` images evenly spaced over a recording.
+
+    Raises HandtrackError with fewer than 3.
+    """
+    wanted = np.unique(np.linspace(0, max(len(source.frames) - 1, 0), count).round().astype(int))
+    found = 0
+    for frame in wanted:
+        image = source.read(int(frame))
+        if image is not None:
+            found += 1
+            yield image
+    if found < _LEAST_FRAMES:
+        raise HandtrackError(
+            f"{source.where}: a background needs at least {_LEAST_FRAMES} readable images among "
+            f"{len(wanted)} sampled frames; found {found}."
+        )
+
+
+def _lab(image: Array) -> Array:
+    return cv2.cvtColor(image, cv2.COLOR_BGR2Lab)
+
 
 Segmenter = Callable[[Array[H, W, D3]], Bytes[H, W]]
 """image BGR → mask {0, 255}"""

@@ -8,9 +8,8 @@ import numpy as np
 
 from handtrack.arrays import D3, D4, B, F, Floats, Ints, T, V
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.surfaces.model_mesh import model_mesh
 from handtrack.model.surfaces.part_mesh import vertex_normals
-from handtrack.model.surfaces.surface_mesh import carried_mesh
+from handtrack.model.surfaces.surface_mesh import carried_mesh, model_mesh
 
 
 @dataclass(frozen=True, eq=False)

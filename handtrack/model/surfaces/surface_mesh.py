@@ -13,6 +13,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.marching_cubes import marching_cubes
 from handtrack.model.surfaces.metaballs import SHARPNESS_PER_M, MetaballSurface
+from handtrack.model.surfaces.part_mesh import PartMesh, ellipsoid_mesh
 
 MOST_NODES = 16_000_000
 """of the grid; finer ones are refused"""
@@ -135,3 +136,10 @@ def _grid(
             f"{MOST_NODES} are used. Choose a coarser one."
         )
     return low, (int(size[0]), int(size[1]), int(size[2]))
+
+
+def model_mesh(model: ArticulatedModel) -> PartMesh:
+    """Return the parts of a model: a body's superquadrics, or the ellipsoids that silhouettes are fitted with."""
+    if model.superquadrics is not None:
+        return model.superquadrics.mesh()
+    return ellipsoid_mesh(model.flesh["fine"])

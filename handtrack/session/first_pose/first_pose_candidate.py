@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import D3, Floats, J, P
-from handtrack.geometry.rotation import rotation_matrix
+from handtrack.geometry.rotation import rotation_matrix, turned_by
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.tracking.search.orientation_grid import turned_by
 
 _TURNED_DEG = 30.0  # less than that is not worth a word
 

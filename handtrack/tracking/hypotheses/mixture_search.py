@@ -18,8 +18,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.sampling.chain_vote import chain_votes
-from handtrack.sampling.chains import PreparedChain
+from handtrack.sampling.chains import PreparedChain, chain_votes
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
 from handtrack.sampling.suppression import distinct

@@ -15,6 +15,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, Ints, M, N, P
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import spread_rotations, turned_by
 from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import SizeParameters
@@ -34,7 +35,6 @@ from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
 from handtrack.tracking.search.evidence.hand_shapes import HandShape, palm_middle, shape_of
 from handtrack.tracking.search.evidence.silhouette_evidence import silhouette_evidence
 from handtrack.tracking.search.evidence.source import EvidenceSource
-from handtrack.tracking.search.orientation_grid import spread_rotations, turned_by
 from handtrack.tracking.search.policy import UNSEEN_EVERY
 from handtrack.tracking.search.start_confidence import BASIN_M
 from handtrack.tracking.size.estimate import fit_size

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, J, S
 from handtrack.errors import HandtrackError
-from handtrack.geometry.rotation import rotation_vector
+from handtrack.geometry.rotation import rotation_vector, spread_rotations
 from handtrack.geometry.triangulation import missed_px
 from handtrack.geometry.triangulation import triangulated as lines_meet
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
@@ -24,7 +24,6 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.priors import points_rest, pose_priors
 from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, Search, run_rounds
 from handtrack.tracking.search.initialize import FEWEST
-from handtrack.tracking.search.orientation_grid import spread_rotations
 from handtrack.tracking.search.start_confidence import model_length
 
 _ENOUGH_IN_SPACE = 12 / 21

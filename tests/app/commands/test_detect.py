@@ -14,8 +14,7 @@ import pytest
 
 from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.masks.seeded import Seeded
-from handtrack.detector.hand_detector import DetectedHand, HandDetector
-from handtrack.detector.regions import Region, region_of_hand
+from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, region_of_hand
 from handtrack.detector.weights import read_weights
 from handtrack.session.session import Session
 from tests.app.command_line import CommandLine, refused

@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.detector.hand_detector import DetectedHand, HandDetector
-from handtrack.detector.regions import Region, whole_image
+from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, whole_image
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.truth import read_truth

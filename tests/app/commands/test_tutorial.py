@@ -9,7 +9,7 @@ import shutil
 
 import pytest
 
-from handtrack.session import bundled, samples
+from handtrack.session import bundled
 from handtrack.simulation.simulate import Simulation, simulate
 from tests.app.command_line import CommandLine
 from tests.conftest import REPOSITORY
@@ -70,4 +70,4 @@ def test_samples_are_files_of_ones_own(tmp_path, capsys):
     other = handtrack("sample", "three_videos", "--to", tmp_path / "other")
     assert other.code == 2
     assert "known: another_hand, open_fist_open, two_videos" in other.err
-    assert samples.sample_names() == ("another_hand", "open_fist_open", "two_videos")
+    assert bundled.sample_names() == ("another_hand", "open_fist_open", "two_videos")

@@ -16,7 +16,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
-from handtrack.model.surfaces.model_mesh import model_mesh
+from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageKeypoints, ImageView, Observation
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import BANDAI_JOINTS

@@ -12,9 +12,8 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, H, W
 from handtrack.bench.measuring import data_folder, recording
-from handtrack.detector.hand_detector import HandDetector
+from handtrack.detector.hand_detector import BACKENDS, HandDetector, usual_backend
 from handtrack.detector.hand_follower import HandFollower
-from handtrack.detector.networks import BACKENDS, usual_backend
 
 _RUN, _EVERY = (
     3,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from handtrack.errors import unknown_name
-from handtrack.session.samples import TWO_VIDEOS, sample_names, write_sample
+from handtrack.session.bundled import TWO_VIDEOS, sample_names, write_sample
 from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import check_new, new_folder
 

@@ -12,8 +12,8 @@ from handtrack.arrays import Array, Floats, Ints
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.surfaces.model_mesh import model_mesh
 from handtrack.model.surfaces.part_mesh import PartMesh
+from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.terms.images.carried_texture import (
     CarriedTextureTerm,
