@@ -23,8 +23,8 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.layout import KEYPOINTS_FOLDER, SESSION_FILE, inside
-from handtrack.session.seen.views import View
 from handtrack.session.session import Session
+from handtrack.session.sources.views import View
 
 LAYOUT = "mediapipe21"
 _WRITER = "handtrack detect"

@@ -25,8 +25,8 @@ from handtrack.observation.agreement import outlines_off
 from handtrack.observation.observation import Silhouette
 from handtrack.observation.undistortion import undistort_silhouette
 from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
-from handtrack.session.seen.views import View
 from handtrack.session.session import Session
+from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
 

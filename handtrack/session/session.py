@@ -33,11 +33,6 @@ from handtrack.session.layout import (
     inside,
     matching_files,
 )
-from handtrack.session.seen.camera_times import SessionTimes, recording_of, session_times
-from handtrack.session.seen.clouds import CloudSource, cloud_source
-from handtrack.session.seen.memory import Memory, most_clouds, most_observations
-from handtrack.session.seen.session_pins import SessionPins
-from handtrack.session.seen.views import MaskChoice, View, scaled_camera
 from handtrack.session.session_file import (
     CloudSettings,
     SessionFile,
@@ -45,6 +40,11 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
+from handtrack.session.sources.camera_times import SessionTimes, recording_of, session_times
+from handtrack.session.sources.clouds import CloudSource, cloud_source
+from handtrack.session.sources.lru_cache import LRUCache, most_clouds, most_observations
+from handtrack.session.sources.session_pins import SessionPins
+from handtrack.session.sources.views import MaskChoice, View, scaled_camera
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -79,8 +79,8 @@ class Session:
         self.check_init(self.known_frames)
         self.pins = SessionPins(folder, rig, has_file=self.live is None)
         """where a person pointed at joints and segments"""
-        self._observations = Memory[tuple[int, bool, bool], Observation]()
-        self._measured = Memory[int, PointCloud | None]()
+        self._observations = LRUCache[tuple[int, bool, bool], Observation]()
+        self._measured = LRUCache[int, PointCloud | None]()
 
     @classmethod
     def open(cls, folder: Path | str) -> Session:
@@ -265,9 +265,9 @@ class Session:
         changed.file = replace(self.file, clouds=clouds)
         if clouds is None or known is None or clouds.sources != known.sources:
             changed._clouds = cloud_source(changed.file, self.cloud_files, self.views, self.rig)
-            changed._measured = Memory()
+            changed._measured = LRUCache()
         changed.cloud_filters = changed._filters(seed)
-        changed._observations = Memory()
+        changed._observations = LRUCache()
         return changed
 
     def with_masks(self, wanted: Mapping[str, MaskChoice]) -> Session:
@@ -282,7 +282,7 @@ class Session:
         )
         changed.file = replace(self.file, cameras=tuple(view.settings for view in changed.views))
         changed._clouds = cloud_source(changed.file, self.cloud_files, changed.views, self.rig)
-        changed._measured, changed._observations = Memory(), Memory()
+        changed._measured, changed._observations = LRUCache(), LRUCache()
         return changed
 
     def look_again(self) -> None:

@@ -24,17 +24,17 @@ from handtrack.observation.observation import ImageKeypoints, ImageView, Observa
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
-from handtrack.session.idle_settings import idle_settings
+from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.run import TrackingRun
-from handtrack.session.seen.corrected_masks import CorrectedMasks
-from handtrack.session.seen.session_pins import SessionPins
-from handtrack.session.seen.views import MaskChoice
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
     RecordingSettings,
     SessionFile,
 )
+from handtrack.session.sources.corrected_masks import CorrectedMasks
+from handtrack.session.sources.session_pins import SessionPins
+from handtrack.session.sources.views import MaskChoice
 from handtrack.tracking.frame.assessment import OutlineFit
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.reason import Reason
@@ -186,7 +186,7 @@ class FakeRun:
 
     @property
     def notes(self) -> list[str]:
-        return idle_settings(self.settings, self.session, self.model.kind)
+        return ineffective_settings(self.settings, self.session, self.model.kind)
 
     def with_values(self, overrides: Mapping[str, object]) -> FakeRun:
         settings = self.settings.with_values(overrides)

@@ -17,7 +17,6 @@ from handtrack.session import layout
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.formats.tables import write_npz
-from handtrack.session.seen.session_pins import SessionPins
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
@@ -27,6 +26,7 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
+from handtrack.session.sources.session_pins import SessionPins
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore

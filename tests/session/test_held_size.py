@@ -12,7 +12,7 @@ from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.model.size import POPULATION_SIGMA, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.session.sizing import size_of_frames, tracked_for_size, who_is_open
+from handtrack.session.run import size_of_frames, tracked_for_size, who_is_open
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.look_ahead import LookAhead
+from handtrack.session.sources.look_ahead import LookAhead
 
 
 class Recording:

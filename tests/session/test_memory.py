@@ -11,8 +11,8 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.session.seen.views import View
 from handtrack.session.session_file import CameraSettings
+from handtrack.session.sources.views import View
 
 SIDE = 5000
 STATUS = Path("/proc/self/status")

@@ -10,8 +10,8 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.observation.pins import Pin
-from handtrack.session.seen.session_pins import SessionPins
 from handtrack.session.session import Session
+from handtrack.session.sources.session_pins import SessionPins
 from tests.session.small_session import make_session
 
 LENS = np.array([-0.2, 0.05, 0.001, -0.001, 0.0])

@@ -12,8 +12,8 @@ import pytest
 
 import handtrack.capture.images.video as video_module
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.video_audits import keep_audits
 from handtrack.session.session import Session
+from handtrack.session.sources.video_audits import keep_audits
 from tests.session.small_session import edit, make_session, write_init
 
 FRAMES = 40

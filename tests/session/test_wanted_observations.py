@@ -10,8 +10,8 @@ import pytest
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.session.run import TrackingRun
-from handtrack.session.seen.views import View
 from handtrack.session.session import Session
+from handtrack.session.sources.views import View
 from tests.session.small_session import make_session
 
 MIDDLE = np.array([0.0, 0.0, 0.01])

@@ -13,8 +13,8 @@ from handtrack.files.atomic import replacing
 from handtrack.session.doctor.check_joints import joint_lines
 from handtrack.session.doctor.examine import examine
 from handtrack.session.doctor.finding import SEVERITIES, Finding
-from handtrack.session.seen.video_audits import keep_audits
 from handtrack.session.session import Session
+from handtrack.session.sources.video_audits import keep_audits
 from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.output import output_file
 

@@ -13,9 +13,9 @@ from handtrack.capture.clouds.rectification import rectified
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.session.doctor.check_synchrony import check_synchrony
-from handtrack.session.seen.clouds import StereoClouds
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
+from handtrack.session.sources.clouds import StereoClouds
 from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.progress import progress_bar, say, stoppable
 from handtrack_app.commands.terminal.track_options import parse_frames

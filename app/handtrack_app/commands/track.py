@@ -17,8 +17,8 @@ from handtrack.errors import HandtrackError
 from handtrack.session.doctor.examine import examine_start
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
-from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
+from handtrack.session.sources.video_audits import count_beside
 from handtrack.session.takes.take_recorder import TakeOptions, TakeRecorder
 from handtrack.session.track_session import Ended, request_for, track_session
 from handtrack.tracking.frame.assessment import hand_words

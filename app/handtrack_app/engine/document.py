@@ -17,8 +17,8 @@ from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.run import TrackingRun
-from handtrack.session.seen.views import MaskChoice
 from handtrack.session.session_file import SessionFile
+from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_about import files_read
 from handtrack.simulation.body_motion import BODY_POSES
 from handtrack.store.current_track import CurrentTrack, TakeFrames

@@ -14,8 +14,8 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import Keypoints
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.run import TrackingRun
-from handtrack.session.seen.video_audits import count_beside
 from handtrack.session.session import Session
+from handtrack.session.sources.video_audits import count_beside
 from handtrack.tracking.search.initialize import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import scene_centre

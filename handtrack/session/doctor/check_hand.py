@@ -17,9 +17,9 @@ from handtrack.observation.observation import Keypoints
 from handtrack.session.doctor.finding import Finding, error, note, ok, warning
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
-from handtrack.session.seen.seen_keypoints import NO_JOINTS
-from handtrack.session.seen.views import View
 from handtrack.session.side import doubt_of_side
+from handtrack.session.sources.seen_keypoints import NO_JOINTS
+from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack.tracking.search.initialize import fit_keypoints

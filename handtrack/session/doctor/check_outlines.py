@@ -18,7 +18,7 @@ from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
 from handtrack.session.doctor.check_views import spread
 from handtrack.session.doctor.finding import Finding, warning
-from handtrack.session.seen.views import View
+from handtrack.session.sources.views import View
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.synchrony import Motion, TimeOffset, time_offsets
 from handtrack.session.doctor.finding import Finding, note, ok, warning
-from handtrack.session.seen.views import View
+from handtrack.session.sources.views import View
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session

@@ -13,8 +13,8 @@ from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.video import VideoFile
 from handtrack.session.doctor.finding import Finding, error, note, ok, warning
-from handtrack.session.seen.camera_times import recording_of
-from handtrack.session.seen.views import View
+from handtrack.session.sources.camera_times import recording_of
+from handtrack.session.sources.views import View
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session

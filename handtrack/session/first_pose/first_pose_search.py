@@ -16,8 +16,8 @@ from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.first_pose.image_first_pose import pose_in_space, poses_by_joints
 from handtrack.session.run import TrackingRun
-from handtrack.session.seen.seen_keypoints import NO_JOINTS, of_model
 from handtrack.session.session import Session
+from handtrack.session.sources.seen_keypoints import NO_JOINTS, of_model
 from handtrack.tracking.find_pose import SURE, spread_order
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status

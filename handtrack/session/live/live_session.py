@@ -19,8 +19,6 @@ from handtrack.observation.observation import Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.timestamps import FrameTimes
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE
-from handtrack.session.seen.camera_times import SessionTimes
-from handtrack.session.seen.views import View
 from handtrack.session.session import Session, session_rig
 from handtrack.session.session_file import (
     CameraSettings,
@@ -29,6 +27,8 @@ from handtrack.session.session_file import (
     SessionFile,
     read_session_file,
 )
+from handtrack.session.sources.camera_times import SessionTimes
+from handtrack.session.sources.views import View
 
 LIVE_SETTINGS: dict[str, object] = {"model.fit_size": False}
 """in place of the usual ones: a search for lost fingers takes as long as many frames, and motion has gone on by then"""

@@ -11,8 +11,8 @@ import pytest
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse, chromaticity
 from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.corrected_masks import encoded
 from handtrack.session.session import Session
+from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.cli import main
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.pictures.cloud_service import skin_in_force

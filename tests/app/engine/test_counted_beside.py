@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import handtrack.session.seen.video_audits as video_audits
+import handtrack.session.sources.video_audits as video_audits
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener

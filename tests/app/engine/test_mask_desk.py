@@ -13,8 +13,8 @@ import pytest
 from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.versions import versions
-from handtrack.session.seen.corrected_masks import encoded
 from handtrack.session.session import Session
+from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker

@@ -74,7 +74,8 @@ def found_from(model, cost, start):
 
     rounds = (Round((Propose(finger_shift),), keep=0, fits=(Fit(measured),)),)
     search, standing = replace(LOST_FINGER, rounds=rounds), Candidate(model, start, cost(start))
-    return improved(search, None, standing, Control(), 0, "a test").params
+    nothing_kept = SimpleNamespace(distinct=lambda candidates, most: [])
+    return improved(search, nothing_kept, standing, Control(), 0, "a test").params
 
 
 @pytest.mark.parametrize("hand", ["right", "left"])

@@ -233,7 +233,7 @@ def test_of_a_first_frame_costs_alone_decide():
         *_,
         taken,
     ) = explained(0, told, None)
-    assert by == "  compared by energy"
+    assert by == "  compared by cost"
     assert taken == "  taken: start at 1.00, distinct minima, the heaviest by exp(−cost)"
 
 

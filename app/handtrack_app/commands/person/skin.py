@@ -10,8 +10,8 @@ from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_edit import edit_toml
 from handtrack.session.layout import SESSION_FILE
-from handtrack.session.seen.skin_samples import painted_skin, segmented_skin
 from handtrack.session.session import Session
+from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
 from handtrack_app.commands.terminal.answer import answer
 from handtrack_app.commands.terminal.progress import say
 

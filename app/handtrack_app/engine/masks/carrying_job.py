@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 from handtrack.capture.masks.mask_correction import carried
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.corrected_masks import encoded
-from handtrack.session.seen.views import View
+from handtrack.session.sources.corrected_masks import encoded
+from handtrack.session.sources.views import View
 from handtrack.store.history import Value
 from handtrack_app.engine.jobs import BackgroundJob, Carried, Report
 from handtrack_app.engine.masks.mask_state import correction_value

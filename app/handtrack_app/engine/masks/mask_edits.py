@@ -12,8 +12,8 @@ from handtrack.capture.masks.mask_correction import AS_IT_IS, BACKGROUND, HAND, 
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import METHODS, mask_method_table
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.session.seen.corrected_masks import encoded
-from handtrack.session.seen.views import MaskChoice, View
+from handtrack.session.sources.corrected_masks import encoded
+from handtrack.session.sources.views import MaskChoice, View
 from handtrack.store.history import Value
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.mask_state import choice_value, correction_value, usual_values

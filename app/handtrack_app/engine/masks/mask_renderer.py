@@ -11,8 +11,8 @@ from handtrack.arrays import D3, Bytes, H, W
 from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.diagnostics.residual_image import mask_picture
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.views import View
 from handtrack.session.session import Session
+from handtrack.session.sources.views import View
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.protocol.masks import MaskPicture
 

@@ -9,9 +9,9 @@ from dataclasses import MISSING, dataclass, fields
 
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.corrected_masks import CorrectedMasks, decoded
-from handtrack.session.seen.views import MaskChoice, View
 from handtrack.session.session import Session
+from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
+from handtrack.session.sources.views import MaskChoice, View
 from handtrack.store.history import Value
 from handtrack_app.engine.store import keys
 

@@ -10,7 +10,7 @@ from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.posed_frames import solver_params_of
-from handtrack.session.seen.skin_samples import painted_skin
+from handtrack.session.sources.skin_samples import painted_skin
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput

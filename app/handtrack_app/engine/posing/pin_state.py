@@ -8,8 +8,8 @@ import numpy as np
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.observation.pins import Pin
-from handtrack.session.seen.session_pins import SessionPins
 from handtrack.session.session import Session
+from handtrack.session.sources.session_pins import SessionPins
 from handtrack.store.history import Value
 from handtrack_app.engine.store import keys
 

@@ -23,7 +23,7 @@ class Evidence(Protocol):
     def has_clouds(self) -> bool: ...
 
 
-def idle_settings(settings: TrackerSettings, seen: Evidence, kind: str) -> list[str]:
+def ineffective_settings(settings: TrackerSettings, seen: Evidence, kind: str) -> list[str]:
     """Return a sentence on the changed settings that have no effect, for each reason. kind: of the model, hand or body."""
     flat, usual = settings.flat(), settings.usual
     changed = [
@@ -33,15 +33,15 @@ def idle_settings(settings: TrackerSettings, seen: Evidence, kind: str) -> list[
     ]
     found = settings.without_effect(kind)
     for prefix, why in _reasons(settings, seen):
-        idle = [n for n in changed if n.startswith(prefix) and not n.endswith(".weight")]
-        if idle:
-            has = "have" if len(idle) > 1 else "has"
-            found.append(f"{' and '.join(idle)} {has} no effect: {why}.")
+        without = [n for n in changed if n.startswith(prefix) and not n.endswith(".weight")]
+        if without:
+            has = "have" if len(without) > 1 else "has"
+            found.append(f"{' and '.join(without)} {has} no effect: {why}.")
     return found
 
 
 def _reasons(settings: TrackerSettings, seen: Evidence) -> Iterator[tuple[str, str]]:
-    """Yield how names of idle settings begin, and why they are idle."""
+    """Yield how names of ineffective settings begin, and why."""
     cameras = [view.settings for view in seen.views]
     there = {
         "silhouettes": any(camera.masks is not None for camera in cameras),

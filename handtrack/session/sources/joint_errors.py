@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import ImageKeypoints
-from handtrack.session.seen.views import View
+from handtrack.session.sources.views import View
 from handtrack.tracking.frame.constants import BODY_BY_HAND
 from handtrack.tracking.search.keypoint_start import triangulated
 

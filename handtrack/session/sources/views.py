@@ -33,12 +33,12 @@ from handtrack.geometry.source_lens import PinholeView, SourceLens
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
-from handtrack.session.seen.camera_times import CameraTimes, JoinedByTime, recording_of
-from handtrack.session.seen.corrected_masks import CorrectedMasks
-from handtrack.session.seen.memory import Memory
-from handtrack.session.seen.seen_keypoints import KeypointFiles
-from handtrack.session.seen.video_audits import read_audit
 from handtrack.session.session_file import CameraSettings, wrong_together
+from handtrack.session.sources.camera_times import CameraTimes, JoinedByTime, recording_of
+from handtrack.session.sources.corrected_masks import CorrectedMasks
+from handtrack.session.sources.lru_cache import LRUCache
+from handtrack.session.sources.seen_keypoints import KeypointFiles
+from handtrack.session.sources.video_audits import read_audit
 
 MaskChoice = tuple[str | MaskMethod | None, Roi | None]
 """files, a method or none, and a region of interest"""
@@ -95,7 +95,7 @@ class View:
         self.images = recorded if live is None else live
         self._taught_by = None if recorded is None else recording_of(recorded)
         self._said_unknown = settings.mask_unknown
-        self._lessons: dict[str, Memory[int, Array | None]] | None = None
+        self._lessons: dict[str, LRUCache[int, Array | None]] | None = None
         """what methods learned from, images or depth, where several are tried"""
         self.mask_files = self._mask_files()
         self.depth = self._source(folder, settings.depth, DEPTH)
@@ -280,7 +280,7 @@ class View:
             source = self._taught_by
         assert source is not None
         if self._lessons is not None:
-            source = Lessons(source, self._lessons.setdefault(method.needs, Memory()))
+            source = Lessons(source, self._lessons.setdefault(method.needs, LRUCache()))
         try:
             if isinstance(method, Seeded):
                 return method.learned(source, self._seeds, self.settings.roi)
@@ -372,7 +372,9 @@ class View:
 class Lessons:
     """A source that reads each frame once; see capture.images.frames.FrameSource."""
 
-    def __init__(self, source: FrameSource, memory: Memory[int, Array[H, W, *Axes] | None]) -> None:
+    def __init__(
+        self, source: FrameSource, memory: LRUCache[int, Array[H, W, *Axes] | None]
+    ) -> None:
         """memory: of this source alone."""
         self._source, self._memory = source, memory
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from handtrack.session.idle_settings import idle_settings
+from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.session_file import CameraSettings
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -73,4 +73,4 @@ class Recording:
     ],
 )
 def test_only_what_is_idle_is_named(values, seen, said):
-    assert idle_settings(TrackerSettings().with_values(values), seen, "hand") == said
+    assert ineffective_settings(TrackerSettings().with_values(values), seen, "hand") == said

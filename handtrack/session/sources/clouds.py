@@ -19,8 +19,8 @@ from handtrack.capture.clouds.stereo_check import check_pair
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
-from handtrack.session.seen.views import View
 from handtrack.session.session_file import SessionFile
+from handtrack.session.sources.views import View
 
 _TRIED = 5  # files, until one can be read
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Bytes, H, N, W
 from handtrack.errors import HandtrackError
-from handtrack.session.seen.corrected_masks import CorrectedMasks
 from handtrack.session.session_file import CameraSettings
+from handtrack.session.sources.corrected_masks import CorrectedMasks
 
 _HAND = 255
 

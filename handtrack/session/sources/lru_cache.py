@@ -20,7 +20,7 @@ _PIXELS_KEPT = 400_000_000  # of all masks kept
 _POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
 
 
-class Memory(Generic[K, V]):
+class LRUCache(Generic[K, V]):
     """Values by keys; those longest not used are forgotten."""
 
     def __init__(self) -> None:
