@@ -15,8 +15,8 @@ from handtrack.arrays import D3, Bytes, Floats, H, P, W
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.part_mesh import PartMesh, ellipsoid_mesh
-from handtrack.simulation.body_motion import body_pose
 
 _SIZE = (190, 350)  # pixels of one picture
 _PIXELS_PER_M = 148.0
@@ -35,8 +35,8 @@ def body_pictures(model: ArticulatedModel) -> Bytes[H, W, D3]:
     parts = model.superquadrics.mesh(40, 28)
     rest = model.rest_params()
     shown = [drawn(model, parts, rest, turn) for turn in np.deg2rad((0, -40, -90, 180))]
-    shown.append(drawn(model, parts, body_pose(model, "reach"), 0.4))
-    shown.append(drawn(model, parts, body_pose(model, "lunge"), 1.0))
+    shown.append(drawn(model, parts, named_pose(model, "reach"), 0.4))
+    shown.append(drawn(model, parts, named_pose(model, "lunge"), 1.0))
     shown.append(drawn(model, ellipsoid_mesh(model.flesh["fine"], 3), rest, 0.0))
     return np.concatenate(shown, axis=1)
 

@@ -19,17 +19,17 @@ from handtrack.errors import unknown_name
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 
-_FILES = ("hand.toml", "lsf.toml")
+_FILES = {"hand": ("hand.toml", "lsf.toml"), "body": ("body.toml",)}
 _HINTS = ("palm", "fingers", "like", "title")
 _ALPHABET, _LETTER = "French manual alphabet", "lsf_"
 _PALM, _FINGERS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)  # to the viewer, up
 
 
-@lru_cache(maxsize=1)
-def _library() -> dict[str, dict[str, Any]]:
+@lru_cache(maxsize=2)
+def _library(kind: str) -> dict[str, dict[str, Any]]:
     folder = resources.files("handtrack.model.poses")
     poses: dict[str, dict[str, Any]] = {}
-    for file in _FILES:
+    for file in _FILES[kind]:
         poses |= tomllib.loads(folder.joinpath(file).read_text(encoding="utf-8"))
     return {name: _with_model(poses, name) for name in poses}
 
@@ -42,9 +42,9 @@ def _with_model(poses: dict[str, dict[str, Any]], name: str) -> dict[str, Any]:
     return _with_model(poses, own["like"]) | own
 
 
-def pose_names() -> tuple[str, ...]:
-    """Return the names of the hand poses."""
-    return tuple(_library())
+def pose_names(kind: str = "hand") -> tuple[str, ...]:
+    """Return the names of the poses of a hand or a body."""
+    return tuple(_library(kind))
 
 
 def alphabet() -> tuple[str, ...]:
@@ -52,18 +52,22 @@ def alphabet() -> tuple[str, ...]:
     return tuple(name for name in pose_names() if name.startswith(_LETTER))
 
 
-def pose_title(name: str) -> tuple[str, str]:
-    """Return what a hand pose is called, and what it is one of: ("A", "French manual alphabet")."""
+def pose_title(name: str, kind: str = "hand") -> tuple[str, str]:
+    """Return what a pose is called, and what it is one of: ("A", "French manual alphabet")."""
+    if kind == "body":
+        return name.capitalize(), "Body"
     if name.startswith(_LETTER):
         return name.removeprefix(_LETTER).upper(), _ALPHABET
     return str(_pose(name).get("title", name)), "Everyday"
 
 
 def named_pose(model: ArticulatedModel, name: str) -> Floats[S]:
-    """Return joint parameters of a named hand pose, the root at the world's origin."""
-    joint = np.zeros(len(model.parameter_names))
-    for parameter, degrees in _pose(name).items():
-        if parameter not in _HINTS:
+    """Return joint parameters of a named pose of a hand or body, the root at the world's origin."""
+    is_body = model.kind == "body"
+    joint = model.rest.copy() if is_body else np.zeros(len(model.parameter_names))
+    for parameter, degrees in _pose(name, model.kind).items():
+        lacking = is_body and parameter not in model.parameter_names  # not all bodies have wrists
+        if parameter not in _HINTS and not lacking:
             joint[model.skeleton.parameter(parameter)] = np.deg2rad(degrees)
     return joint
 
@@ -87,7 +91,7 @@ def pose_turn(name: str, side: str = "right") -> Floats[D3]:
     return rotation_vector(turn)
 
 
-def _pose(name: str) -> dict[str, Any]:
-    if name not in _library():
-        raise unknown_name("pose", name, pose_names())
-    return _library()[name]
+def _pose(name: str, kind: str = "hand") -> dict[str, Any]:
+    if name not in _library(kind):
+        raise unknown_name("pose", name, pose_names(kind))
+    return _library(kind)[name]

@@ -1,4 +1,4 @@
-"""Known motions for simulated recordings: named poses joined smoothly, while the hand turns and wanders."""
+"""Known motions for simulated recordings: named poses joined smoothly, while the hand or body turns and wanders."""
 
 from __future__ import annotations
 
@@ -9,15 +9,22 @@ from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
 
-MOTIONS: dict[str, tuple[str, ...]] = {
-    "open_fist_open": ("open", "curl", "fist", "curl", "open"),
-    "curl": ("flat", "curl", "flat"),
-    "gestures": ("open", "pinch", "open", "point", "curl", "fist", "open"),
-    "still": ("open", "open"),
+MOTIONS: dict[str, dict[str, tuple[str, ...]]] = {
+    "hand": {
+        "open_fist_open": ("open", "curl", "fist", "curl", "open"),
+        "curl": ("flat", "curl", "flat"),
+        "gestures": ("open", "pinch", "open", "point", "curl", "fist", "open"),
+        "still": ("open", "open"),
+    },
+    "body": {
+        "dance": ("stand", "reach", "lunge", "stand", "kick", "bow", "stand"),
+        "still": ("stand", "stand"),
+        "greet": ("stand", "reach", "stand", "bow", "stand"),
+    },
 }
+"""names of poses by motion, of each kind of model"""
 
-_WANDER_M = 0.02
-_TURN_RAD = 0.25
+_WANDER = {"hand": (0.02, 0.25), "body": (0.06, 0.12)}  # [m, rad]
 
 
 def motion(
@@ -25,19 +32,22 @@ def motion(
 ) -> Floats[F, S]:
     """Return joint parameters of a named motion.
 
-    Angles pass through the poses without overshoot; the palm stays near the world's origin, its back
-    turned to +z, and wanders smoothly (`wander` = 1: about 2 cm and 15°; 0: the root stays).
+    Angles pass through the poses without overshoot. A hand's palm stays near the world's origin, its back turned to +z, and
+    wanders smoothly (`wander` = 1: about 2 cm and 15°; 0: the root stays). A body's pelvis stays near there, where it sways and
+    turns (about 6 cm and 7°, and a quarter turn there and back).
     """
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
-    if name not in MOTIONS:
-        raise unknown_name("motion", name, tuple(MOTIONS))
-    keys = np.stack([named_pose(model, pose) for pose in MOTIONS[name]])
-    at = np.linspace(0.0, 1.0, len(keys))
-    time = np.linspace(0.0, 1.0, frames)
-    joint = PchipInterpolator(at, keys, axis=0)(time)
-    knots = max(len(keys), 4)
-    path = rng.normal(size=(knots, 6)) * ([_WANDER_M] * 3 + [_TURN_RAD] * 3) * wander
+    known, is_body = MOTIONS[model.kind], model.kind == "body"
+    if name not in known:
+        raise unknown_name("motion", name, tuple(known))
+    keys = np.stack([named_pose(model, pose) for pose in known[name]])
+    time, knots = np.linspace(0.0, 1.0, frames), len(keys) if is_body else max(len(keys), 4)
+    joint = PchipInterpolator(np.linspace(0.0, 1.0, len(keys)), keys, axis=0)(time)
+    path = rng.normal(size=(knots, 6)) * np.repeat(_WANDER[model.kind], 3) * wander
     joint[:, :6] = CubicSpline(np.linspace(0.0, 1.0, knots), path, axis=0)(time)
-    joint[:, 1] -= 0.09  # the palm's middle, not the wrist, at the origin
+    if is_body:
+        joint[:, 4] += wander * np.deg2rad(45.0) * np.sin(2 * np.pi * time)
+    else:
+        joint[:, 1] -= 0.09  # the palm's middle, not the wrist, at the origin
     return joint

@@ -28,7 +28,6 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
-from handtrack.simulation.body_motion import body_motion
 from handtrack.simulation.motion import motion
 from handtrack.simulation.render import pixel_rays, render, shade
 from handtrack.simulation.seen_files import write_clouds, write_seen_joints
@@ -144,8 +143,7 @@ def simulate(
     rng = np.random.default_rng(what.seed)
     if known is None:
         model = load_model(what.model, side=what.side, scale=what.scale, forearm=what.forearm)
-        moves = body_motion if model.kind == "body" else motion
-        joint, distance_m = moves(model, what.motion, what.frames, rng), what.distance_m
+        joint, distance_m = motion(model, what.motion, what.frames, rng), what.distance_m
     else:
         model, joint = known.model, known.joint
         distance_m = max(what.distance_m, known.distance_m)

@@ -16,7 +16,7 @@ from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
-from handtrack.simulation.body_motion import body_motion
+from handtrack.simulation.motion import motion as named_motion
 
 LAYOUT = LAYOUTS["body_25b"]
 FPS = 25.0
@@ -57,7 +57,7 @@ def film(
     hand: what [hand] says beside the model.
     """
     model, rng = load_model("body34", scale=person), np.random.default_rng(4)
-    joint = body_motion(model, motion, frames, rng)
+    joint = named_motion(model, motion, frames, rng)
     poses = np.array([model.clipped(model.transform.solver_params(row)) for row in joint])
     rig = CameraRig(tuple(_camera(k) for k in range(cameras)))
     off = np.zeros(cameras)

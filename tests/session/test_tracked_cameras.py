@@ -26,7 +26,7 @@ from handtrack.simulation.simulate import Simulation, simulate
 def recorded(folder: Path, seed: int, cameras: int = 3, joints_px: float = 0.0) -> Path:
     """A hand before small cameras: its masks, or joints with so much noise."""
     what = Simulation(
-        cameras=cameras, frames=5, size=(320, 240), images=False, seed=seed, motion=sorted(MOTIONS)[seed % len(MOTIONS)],
+        cameras=cameras, frames=5, size=(320, 240), images=False, seed=seed, motion=sorted(MOTIONS["hand"])[seed % len(MOTIONS["hand"])],
         init_noise_m=0.0, distance_m=0.4,
     )  # fmt: skip
     simulate(folder, what)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.simulation.body_motion import BODY_POSES, body_pose
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.terms.collision import CollisionTerm
 
@@ -24,9 +24,9 @@ def session(tmp_path_factory):
     return Session.open(simulate(tmp_path_factory.mktemp("body") / "new", what))
 
 
-@pytest.mark.parametrize("name", BODY_POSES)
+@pytest.mark.parametrize("name", pose_names("body"))
 def test_poses_are_within_limits_and_hardly_collide(name):
-    joint = body_pose(BODY, name)
+    joint = named_pose(BODY, name)
     low, high = BODY.limits.interval.T
     assert ((joint >= low) & (joint <= high)).all()
     assert CollisionTerm.of(BODY).depths(BODY.bones(joint)).max() < 0.03

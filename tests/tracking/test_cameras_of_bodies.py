@@ -10,7 +10,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.simulation.body_motion import body_motion
+from handtrack.simulation.motion import motion as named_motion
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
@@ -41,7 +41,7 @@ def _said(camera: Camera, off_deg: float) -> Camera:
 def test_cameras_that_were_turned_are_put_right_before_a_body(rng):
     cameras = [_camera(k) for k in range(3)]
     said = [_said(camera, off) for camera, off in zip(cameras, OFF_DEG, strict=True)]
-    motion = body_motion(BODY, "dance", FRAMES, rng)
+    motion = named_motion(BODY, "dance", FRAMES, rng)
     poses = [BODY.clipped(BODY.transform.solver_params(row)) for row in motion]
     rows = [BODY.joint_names.index(name) for name in NAMES]
     places = [BODY.joint_positions(BODY.bones(pose))[rows] for pose in poses]

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.model_file import load_model
-from handtrack.simulation.body_motion import BODY_MOTIONS
 from handtrack.simulation.captured import known_motion, staged
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
@@ -101,7 +100,7 @@ def _motion_file(args: argparse.Namespace) -> Path | None:
 
 def _check(args: argparse.Namespace, is_named: bool) -> None:
     """Raise HandtrackError for numbers that Simulation.check lets pass."""
-    known = tuple(BODY_MOTIONS if load_model(args.model).kind == "body" else MOTIONS)
+    known = tuple(MOTIONS[load_model(args.model).kind])
     if is_named and args.motion not in known:
         raise unknown_name("motion", args.motion, known, "--motion")
     if max(args.size) > _LARGEST_IMAGE:

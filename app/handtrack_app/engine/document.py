@@ -20,7 +20,6 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import SessionFile
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_about import files_read
-from handtrack.simulation.body_motion import BODY_POSES
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack.store.history import Value
 from handtrack.store.spans import Span
@@ -372,7 +371,7 @@ class Document:
     @property
     def pose_names(self) -> tuple[str, ...]:
         """The pose library of the model."""
-        return tuple(BODY_POSES) if self.model.kind == "body" else pose_names()
+        return pose_names(self.model.kind)
 
     def start_from(self, first: FirstPose) -> None:
         """Make the pose shown the one that tracking starts from; `first` is what was saved of it."""

@@ -15,7 +15,7 @@ from handtrack.arrays import D2, D3, F, Floats, J, K
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import load_model
-from handtrack.simulation.body_motion import body_motion
+from handtrack.simulation.motion import motion as named_motion
 from handtrack.simulation.simulate import simulated_rig
 
 SIZE = (640, 480)
@@ -31,7 +31,7 @@ def names() -> tuple[str, ...]:
 def places(motion: str = "greet", frames: int = FRAMES) -> Floats[F, J, D3]:
     """Return joints world [m] of a body about the origin, upright."""
     model = load_model("body38")
-    poses = body_motion(model, motion, frames, np.random.default_rng(3))
+    poses = named_motion(model, motion, frames, np.random.default_rng(3))
     bones = [model.bones(model.transform.solver_params(pose)) for pose in poses]
     return np.stack([model.joint_positions(one) for one in bones])
 

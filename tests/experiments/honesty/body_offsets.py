@@ -20,7 +20,7 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.simulation.body_motion import body_motion
+from handtrack.simulation.motion import motion
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
@@ -92,7 +92,7 @@ def own_bodies() -> Iterator[Filmed]:
         deviations[0] *= 0.5  # 5 %: the 10 that the prior allows are for children as well
         scale = replace(size.scale(deviations), offsets_mm=_offsets_mm(names, rng))
         model = body(scale)
-        joint = body_motion(model, "dance", OWN_FRAMES, rng)
+        joint = motion(model, "dance", OWN_FRAMES, rng)
         poses = np.array([model.clipped(model.transform.solver_params(row)) for row in joint])
         rows = [model.joint_names.index(name) for name in names]
         places = np.array([model.joint_positions(model.bones(pose))[rows] for pose in poses])

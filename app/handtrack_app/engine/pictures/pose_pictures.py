@@ -6,11 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Floats, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose, pose_names, pose_title, pose_turn
 from handtrack.session.posed_frames import solver_params_of
-from handtrack.simulation.body_motion import BODY_POSES, body_pose
 from handtrack_app.protocol.library import PoseName
 from handtrack_app.protocol.palette import colour_of
 
@@ -18,22 +16,16 @@ _SIDE, _EDGE = 100.0, 3.0  # of a picture and its margin; SVG has no size of its
 _EDGE_COLOUR = "#0008"  # fingers of one colour lie apart
 
 
-def library_pose(model: ArticulatedModel, name: str) -> Floats[S]:
-    """Return joint parameters of a pose of the model's library, the root at the world's origin."""
-    return body_pose(model, name) if model.kind == "body" else named_pose(model, name)
-
-
 def pose_titles(model: ArticulatedModel) -> tuple[PoseName, ...]:
     """Return the library of a model in words."""
-    if model.kind == "body":
-        return tuple(PoseName(name, name.capitalize(), "Body") for name in BODY_POSES)
-    return tuple(PoseName(name, *pose_title(name)) for name in pose_names())
+    names = pose_names(model.kind)
+    return tuple(PoseName(name, *pose_title(name, model.kind)) for name in names)
 
 
 @lru_cache(maxsize=256)
 def pose_picture(model: ArticulatedModel, name: str) -> str:
     """Return a pose of the library as SVG, seen from where its turn shows it; a body from the front. Forearms are left out."""
-    values = library_pose(model, name)
+    values = named_pose(model, name)
     values[:6] = 0.0
     if model.kind != "body":
         values[3:6] = pose_turn(name, model.side)

@@ -10,6 +10,7 @@ from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_table
+from handtrack.model.pose_library import named_pose
 from handtrack.model.size import with_number
 from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings
@@ -20,7 +21,6 @@ from handtrack.store.store import spans_of
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.pictures.pose_pictures import library_pose
 from handtrack_app.engine.posing.inverse_kinematics import reach
 from handtrack_app.engine.store import keys
 
@@ -54,7 +54,7 @@ def taken_pose(document: Document, frame: int, source: str) -> Values:
     """Replace a frame's pose by the first-frame pose (`start`), the one before (`previous`), or the library's fingers."""
     current, model = document.pose_at(frame), document.model
     if source in document.pose_names:
-        taken = library_pose(model, source)
+        taken = named_pose(model, source)
         taken[:6] = current[:6]
     elif source == "previous":
         earlier = range(frame - 1, document.frames.start - 1, -1)
