@@ -204,6 +204,11 @@ class Observation:
             how = "PointCloud(points), of shape (N, 3) [m]"
             check_kind(self.cloud, PointCloud, f"cloud of frame {self.frame}", how)
 
+    @property
+    def image_keypoints(self) -> list[ImageKeypoints]:
+        """The keypoints in images, without those in space."""
+        return [one for one in self.keypoints if isinstance(one, ImageKeypoints)]
+
     @classmethod
     def sequence(
         cls, cameras: Iterable[Camera], masks: Mapping[str, Array[F, H, W]], fps: float = 30.0

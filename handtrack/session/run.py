@@ -48,7 +48,7 @@ from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
 from handtrack.tracking.size.person import OpenPerson
-from handtrack.tracking.size.seen_around import FEWEST_BY_JOINTS, image_joints, seen_around
+from handtrack.tracking.size.seen_around import FEWEST_BY_JOINTS, seen_around
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
@@ -583,7 +583,7 @@ def posed_by_joints(
         if should_stop is not None and should_stop():
             return []
         seen = run.seen(frame)
-        joints = image_joints(seen)
+        joints = seen.image_keypoints
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:
             params = carried_over(hand, found.params, run.model)

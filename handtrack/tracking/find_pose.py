@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, check_kind
+from handtrack.observation.observation import Keypoints, Observation, check_kind
 from handtrack.parallel import one_blas_thread
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
@@ -61,7 +61,7 @@ def find_pose(
     if model.kind == "hand" and (observation.silhouettes or observation.cloud is not None):
         found = auto_start([model], settings, observation, should_stop)
         return [FoundPose(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
-    joints = _image_joints(observation)
+    joints = observation.image_keypoints
     if not joints and model.kind == "body" and not observation.is_empty:
         raise HandtrackError(
             f"the model '{model.name}' is found by joints only, in images (ImageKeypoints) or in space (Keypoints), and frame "
@@ -122,9 +122,5 @@ def _points(
             return replace(
                 given, names=tuple(given.names[i] for i in rows), positions=given.positions[rows]
             )
-    images = _image_joints(seen)
+    images = seen.image_keypoints
     return in_space(model, images, settings.keypoints.sigma_mm * 1e-3) if images else None
-
-
-def _image_joints(seen: Observation) -> list[ImageKeypoints]:
-    return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]

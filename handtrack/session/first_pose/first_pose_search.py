@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.observation.observation import Observation
 from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
 from handtrack.session.first_pose.image_first_pose import pose_in_space, poses_by_joints
@@ -198,7 +198,7 @@ def _found(
     known = _is_size_known(run)
     sigma, resize = (KNOWN_SIZE_SIGMA, None) if known else (SIZE_SIGMA, run.resized)
     models = (run if scale == run.scale else run.with_scale(scale)).whole_hands()
-    joints = _image_joints(of_model(seen, models[0]))
+    joints = of_model(seen, models[0]).image_keypoints
     placed = pose_in_space(run.settings, models[0], seen.frame, joints) if joints else None
     if placed is not None:
         return [placed]
@@ -227,12 +227,8 @@ def _fits(best: Candidate) -> str:
     return arm if best.result.status == Status.TRACKED else f"{arm}; {best.result.note}"
 
 
-def _image_joints(seen: Observation) -> list[ImageKeypoints]:
-    return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]
-
-
 def _has_joints_in_two(seen: Observation) -> bool:
-    return len({joints.camera for joints in _image_joints(seen)}) > 1
+    return len({joints.camera for joints in seen.image_keypoints}) > 1
 
 
 def _is_by_joints_alone(run: TrackingRun, seen: Observation) -> bool:
@@ -242,7 +238,7 @@ def _is_by_joints_alone(run: TrackingRun, seen: Observation) -> bool:
 
 def _most_joints(seen: Observation) -> int:
     """Return how many joints the image shows that shows most."""
-    known = [np.isfinite(joints.pixels).all(axis=1).sum() for joints in _image_joints(seen)]
+    known = [np.isfinite(joints.pixels).all(axis=1).sum() for joints in seen.image_keypoints]
     return int(max(known, default=0))
 
 

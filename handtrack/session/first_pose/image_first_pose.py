@@ -44,7 +44,7 @@ def poses_from_images(
     with_joints = replace(seen, keypoints=tuple(images))
     rows = [
         FirstPoseCandidate(first.frame, c.params, c.confidence, "", c.model, c.cost)
-        for c in auto_start((), settings, with_joints, search=GIVEN_JOINTS, found=candidates)
+        for c in auto_start((), settings, with_joints, found=candidates)
     ]
     return _noted(rows, images) if rows else poses_by_joints(model, first.frame, images)
 

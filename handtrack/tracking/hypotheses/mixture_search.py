@@ -17,7 +17,7 @@ from handtrack.arrays import D2, Floats, Ints, J, K, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import PreparedChain, chain_votes
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
 from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
@@ -78,8 +78,7 @@ class ReferenceCamera:
 
     @classmethod
     def of(cls, model: ArticulatedModel, observation: Observation) -> ReferenceCamera | None:
-        images = [seen for seen in observation.keypoints if isinstance(seen, ImageKeypoints)]
-        if images:
+        if images := observation.image_keypoints:
             most = max(images, key=lambda seen: int(np.isfinite(seen.pixels).sum()))
             joints = np.full((len(model.joint_names), 2), np.nan)
             joints[[model.joint_names.index(name) for name in most.names]] = most.pixels

@@ -18,7 +18,12 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate, Search, run_rounds
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes
 from handtrack.tracking.search.frame_solve import solve_frame
-from handtrack.tracking.search.global_search import FIRST_POSE, GlobalObjective, Resize
+from handtrack.tracking.search.global_search import (
+    FIRST_POSE,
+    GIVEN_JOINTS,
+    GlobalObjective,
+    Resize,
+)
 from handtrack.tracking.search.start_confidence import (
     SIZE_SIGMA,
     fit_quality,
@@ -39,16 +44,25 @@ def auto_start(
     on_progress: Progress | None = None,
     size_sigma: float = SIZE_SIGMA,
     resize: Resize | None = None,
-    search: Search = FIRST_POSE,
     found: Sequence[Candidate] = (),
 ) -> list[Candidate]:
     """Return first poses for what was seen of one frame, the surest first; empty where no hand can be seen.
 
-    models: those that may explain it, say without and with a forearm. size_sigma: the share to which their size is
-    known. Looks everywhere: nothing is assumed of place, turn and posture but that the hand is rather open than closed.
-    resize: makes them in other sizes, where it is not; the best poses then find theirs. search, found: another row of the policy, and what it begins with.
+    Looks everywhere: nothing is assumed of position, rotation and posture but that the hand is rather open than closed.
+
+    Parameters
+    ----------
+    models
+        those that may explain it, say without and with a forearm
+    size_sigma
+        the share to which their size is known
+    resize
+        makes them in other sizes, where it is not; the best poses then find theirs
+    found
+        poses by joints in images, of which silhouettes and cloud decide instead of a search over `models`
     """
     tell = on_progress or (lambda share, text: None)
+    search = GIVEN_JOINTS if found else FIRST_POSE
     control = Control() if should_stop is None else Control(should_stop)
     tell(0.0, "looking for the hand")
     objective = GlobalObjective.of(seen, settings)

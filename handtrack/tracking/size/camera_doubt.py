@@ -93,7 +93,7 @@ class _Look:
             silhouettes=replace(settings.silhouettes, bands_mm=(_BAND_MM,)),
             tracker=replace(settings.tracker, smoothing=0.0),
         )
-        joints = [seen for seen in observed.keypoints if isinstance(seen, ImageKeypoints)]
+        joints = observed.image_keypoints
         views = {one.camera.name: one for one in (*observed.silhouettes, *joints)}
         seen: dict[str, JointSystem] = {}
         priors = frame_terms(model, alone, observed, bones, None).priors

@@ -10,7 +10,7 @@ import numpy as np
 from handtrack.arrays import D6, D9, Array, C, F, Floats, K, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.observation.observation import Observation
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.motion import PLACE, TURN, changes, moved
 
@@ -88,7 +88,7 @@ class CameraChanges:
         """Return those that may change, of masks and joints in some frames, where two can tell; as they were calibrated."""
         seen: dict[str, Camera] = {}
         for one in frames:
-            joints = [points for points in one.keypoints if isinstance(points, ImageKeypoints)]
+            joints = one.image_keypoints
             seen |= {view.camera.name: view.camera for view in (*one.silhouettes, *joints)}
         frames_later = {
             name: float(np.median([one.frames_later.get(name, 0.0) for one in frames]))

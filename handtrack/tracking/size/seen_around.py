@@ -19,20 +19,15 @@ def seen_around(seen: Observation, place: Floats[D3]) -> bool:
 
     From one side a hand that is larger and further back, or flatter, looks the same; a cloud is one-sided too.
     """
-    return _apart([*seen.silhouettes, *image_joints(seen)], place)
+    return _apart([*seen.silhouettes, *seen.image_keypoints], place)
 
 
 def joints_around(used: Sequence[tuple[Observation, Floats[D3]]]) -> tuple[str, ...]:
     """Return the joints that a detector saw in frames enough, from directions that differ enough."""
-    sets = [image_joints(seen) for seen, place in used if _apart(image_joints(seen), place)]
+    sets = [seen.image_keypoints for seen, place in used if _apart(seen.image_keypoints, place)]
     if len(sets) < FEWEST_BY_JOINTS:
         return ()
     return tuple(dict.fromkeys(name for points in sets for p in points for name in p.names))
-
-
-def image_joints(seen: Observation) -> list[ImageKeypoints]:
-    """Return the joints that were seen in images."""
-    return [joints for joints in seen.keypoints if isinstance(joints, ImageKeypoints)]
 
 
 def _apart(views: Sequence[Silhouette | ImageKeypoints], place: Floats[D3]) -> bool:
