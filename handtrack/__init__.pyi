@@ -23,7 +23,7 @@ from .session.track_session import TrackingRequest as TrackingRequest
 from .session.track_session import request_for as request_for
 from .session.track_session import track_session as track_session
 from .terms.joint_position_term import JointPositionTerm as JointPositionTerm
-from .tracking.find_pose import FoundPose as FoundPose
+from .tracking.find_pose import PoseEstimate as PoseEstimate
 from .tracking.find_pose import find_pose as find_pose
 from .tracking.frame.result import FrameResult as FrameResult
 from .tracking.frame.result import Status as Status

@@ -24,7 +24,7 @@ _TRIED = 4
 
 
 @dataclass(frozen=True, eq=False)
-class FoundPose:
+class PoseEstimate:
     """A pose that tracking may start from: `TrackerState.beginning_at(found.params)`."""
 
     frame: int
@@ -32,8 +32,8 @@ class FoundPose:
     """solver parameters of the model"""
     confidence: float
     """0 to 1, that its joints are within 12 mm (of a body 110 mm) of the true ones on average; 1 where points say where they are"""
-    found_in: str
-    """what it was found in, in a word"""
+    source: str
+    """the kind of observation that gives it, in words"""
 
 
 @one_blas_thread
@@ -42,7 +42,7 @@ def find_pose(
     observation: Observation,
     settings: TrackerSettings = TrackerSettings(),
     should_stop: Callable[[], bool] | None = None,
-) -> list[FoundPose]:
+) -> list[PoseEstimate]:
     """Return the poses that a frame may show, the surest first; empty where no hand can be seen in it.
 
     Points in space come first, then joints on which two images agree, then silhouettes and cloud, which are searched for an
@@ -52,7 +52,7 @@ def find_pose(
     check_kind(observation, Observation, "observation", "one Observation(frame, time_s, …)")
     points = _points(model, observation, settings)
     if points is not None:
-        return [FoundPose(observation.frame, fit_keypoints(model, points), 1.0, "points")]
+        return [PoseEstimate(observation.frame, fit_keypoints(model, points), 1.0, "points")]
     if model.kind == "hand" and not model.has_keypoints21:
         raise HandtrackError(
             f"the model '{model.name}' is no whole hand: a first pose is found by itself for whole hands and bodies only. Give one as solver "
@@ -60,7 +60,7 @@ def find_pose(
         )
     if model.kind == "hand" and (observation.silhouettes or observation.cloud is not None):
         found = auto_start([model], settings, observation, should_stop)
-        return [FoundPose(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
+        return [PoseEstimate(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
     joints = observation.image_keypoints
     if not joints and model.kind == "body" and not observation.is_empty:
         raise HandtrackError(
@@ -70,7 +70,7 @@ def find_pose(
     if not joints:
         return []
     modes = clustered_modes(hands_from_images(model, joints))
-    return [FoundPose(observation.frame, c.params, c.confidence, "joints of one image") for c in modes]  # fmt: skip
+    return [PoseEstimate(observation.frame, c.params, c.confidence, "joints of one image") for c in modes]  # fmt: skip
 
 
 def find_first_pose(
@@ -78,14 +78,14 @@ def find_first_pose(
     observations: Sequence[Observation],
     settings: TrackerSettings = TrackerSettings(),
     should_stop: Callable[[], bool] = lambda: False,
-) -> FoundPose:
+) -> PoseEstimate:
     """Return a pose of a frame of a sequence to start from: they are looked at spread over all, until one shows a hand surely;
     or the surest once four were looked at. While none shows any, the search goes on through all of them (some seconds a frame).
 
     should_stop: asked between frames and in them. Raises HandtrackError where no hand is found.
     """
     seen = [one for one in observations if not one.is_empty]
-    best: FoundPose | None = None
+    best: PoseEstimate | None = None
     looked = 0
     for row in spread_order(range(len(seen))):
         if should_stop() or (best is not None and (best.confidence >= SURE or looked >= _TRIED)):

@@ -83,7 +83,7 @@ def test_calibrations_are_read_in_metres(tmp_path):
 def test_a_pose_from_points_in_space():
     params = posed(0.9)
     found = find_pose(HAND, points(params))
-    assert [one.found_in for one in found] == ["points"]
+    assert [one.source for one in found] == ["points"]
     off = HAND.joint_positions(HAND.bones(found[0].params)) - HAND.joint_positions(HAND.bones(params))  # fmt: skip
     assert np.abs(off).max() < 2e-3
 
