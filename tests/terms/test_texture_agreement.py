@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack.terms.images.carried_texture import Texture
-from handtrack.terms.images.texture_agreement import contradicts
+from handtrack.terms.images.carried_texture import Texture, contradicts
 from tests.terms.silhouette_scene import camera_of
 
 

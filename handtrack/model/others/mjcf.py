@@ -14,8 +14,7 @@ from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
 from handtrack.model.others import shapes
-from handtrack.model.others.tree import Hinge, Link, Shape, definition_of
-from handtrack.model.others.xml_numbers import numbers, read_root
+from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, numbers, read_root
 
 _EXPANDS = ("include", "frame", "replicate", "attach", "composite", "flexcomp")
 """what MuJoCo makes bodies of when it loads a file; its own saved form has none of them"""

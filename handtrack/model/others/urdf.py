@@ -13,8 +13,7 @@ from handtrack.arrays import D3, Floats
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.others import shapes
-from handtrack.model.others.tree import Hinge, Link, Shape, definition_of
-from handtrack.model.others.xml_numbers import numbers, read_root
+from handtrack.model.others.tree import Hinge, Link, Shape, definition_of, numbers, read_root
 
 _TURNING = ("revolute", "continuous")
 _Element = ElementTree.Element

@@ -18,6 +18,7 @@ from handtrack.observation.observation import ImageView, Observation
 from handtrack.terms.images.carried_texture import (
     CarriedTextureTerm,
     Texture,
+    contradicts,
     exposed_as,
     still_visible,
     texture_points,
@@ -27,7 +28,6 @@ from handtrack.terms.images.edge_search import edges_near
 from handtrack.terms.images.model_outline import outline_points
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.terms.images.smooth_image import smooth_image
-from handtrack.terms.images.texture_agreement import contradicts
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import (
