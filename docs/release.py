@@ -1,25 +1,45 @@
-"""Builds a release: `python -m docs.release SOURCE --out dist`. SOURCE is the web address of the repository's files at the tag.
+"""Writes the project's addresses and a README with absolute links into what is built, whoever builds it (hatchling's hook).
 
-README.md links to files of the repository, which a package registry's page does not have; here links and pictures are made
-absolute, and the project's addresses are written into its metadata. The checkout is not changed.
+A package registry's page does not have the files that README.md links to. The address is that of the clone's `origin`, at the tag
+of the version, or what HANDTRACK_SOURCE says, such as https://HOST/OWNER/handtrack/blob/v0.1.0. Without either, as in a clone of a
+folder, README.md is taken as it is. A wheel built from an sdist takes the sdist's.
 """
 
 from __future__ import annotations
 
-import argparse
+import os
 import re
-import shutil
 import subprocess
-import sys
-import tempfile
-from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-_BUILDERS = (("uv", "build"), ("build",))
-"""modules that build sdist and wheel; both take the tree, and `-o FOLDER`"""
-_REPOSITORY = Path(__file__).resolve().parents[1]
 _DISTRIBUTION = "handtrack3d"
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:|#)([^)\s]+)\)")
+_REMOTE = re.compile(r"(?:https?://(?:[^@/]*@)?|ssh://git@|git@)([\w.-]+)[:/](.+?)(?:\.git)?/?$")
+
+
+def get_metadata_hook() -> type:
+    """Return what `[tool.hatch.metadata.hooks.custom]` of pyproject.toml runs; hatchling is there while a package is built."""
+    from hatchling.metadata.plugin.interface import MetadataHookInterface  # type: ignore[import]
+
+    class ReleaseMetadata(MetadataHookInterface):
+        def update(self, metadata: dict[str, Any]) -> None:
+            root = Path(self.root)
+            source = os.environ.get("HANDTRACK_SOURCE") or source_of(
+                _origin(root), metadata["version"]
+            )
+            text = (root / "README.md").read_text(encoding="utf-8")
+            text = readme(text, source.rstrip("/")) if source else text
+            metadata["readme"] = {"content-type": "text/markdown", "text": text}
+            metadata["urls"] = urls(source.rstrip("/")) if source else {}
+
+    return ReleaseMetadata
+
+
+def source_of(remote: str, version: str) -> str:
+    """Return the web address of a repository's files at the tag of a version; empty for a remote that has none."""
+    found = _REMOTE.match(remote)
+    return f"https://{found[1]}/{found[2]}/blob/v{version}" if found else ""
 
 
 def absolute(text: str, source: str) -> str:
@@ -39,52 +59,23 @@ def readme(text: str, source: str) -> str:
     return absolute(text.replace("## Start\n\nIt", install, 1), source)
 
 
-def with_urls(project: str, source: str) -> str:
-    """Return pyproject.toml with the project's addresses. source: as `absolute`."""
+def urls(source: str) -> dict[str, str]:
+    """Return the project's addresses by their names. source: as `absolute`."""
     home = source.partition("/blob/")[0]
-    urls = {
+    return {
         "Homepage": home,
         "Documentation": f"{source}/docs/index.md",
         "Changelog": f"{source}/docs/changelog.md",
         "Issues": f"{home}/issues",
     }
-    table = "\n".join(f'{name} = "{url}"' for name, url in urls.items())
-    return project.replace("[project.scripts]", f"[project.urls]\n{table}\n\n[project.scripts]", 1)
 
 
-def tracked_files() -> list[Path]:
-    """Return the files of the checkout that are committed, relative to it."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=_REPOSITORY, capture_output=True, check=True)  # fmt: skip
-    return [Path(name) for name in listed.stdout.decode().split("\0") if name]
-
-
-def main() -> int:
-    """Build sdist and wheel."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)  # fmt: skip
-    parser.add_argument("source", help="such as https://HOST/OWNER/handtrack/blob/v0.1.0")
-    parser.add_argument("--out", type=Path, default=Path("dist"))
-    args = parser.parse_args()
-    builder = next(
-        ([sys.executable, "-m", *words] for words in _BUILDERS if find_spec(words[0])), None
-    )
-    if builder is None:
-        print(
-            "docs.release: nothing here builds packages; `pip install uv` (or `build`).",
-            file=sys.stderr,
-        )
-        return 2
-    with tempfile.TemporaryDirectory(prefix="handtrack_release_") as place:
-        tree = Path(place) / "handtrack"
-        for file in tracked_files():
-            (tree / file).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(_REPOSITORY / file, tree / file)
-        for name, change in (("README.md", readme), ("pyproject.toml", with_urls)):
-            text = (tree / name).read_text(encoding="utf-8")
-            (tree / name).write_text(change(text, args.source.rstrip("/")), encoding="utf-8")
-        return subprocess.run(
-            [*builder, str(tree), "-o", str(args.out.resolve())], check=False
-        ).returncode
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def _origin(root: Path) -> str:
+    try:
+        told = subprocess.run(
+            ["git", "-C", str(root), "remote", "get-url", "origin"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    except OSError:  # no git
+        return ""
+    return told.stdout.strip()

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 import tomllib
 
-from docs.release import readme, with_urls
+import pytest
+
+from docs.release import readme, source_of, urls
 from handtrack.version import VERSION
 from tests.conftest import REPOSITORY
 
@@ -32,9 +34,17 @@ def test_the_readme_of_a_release_has_no_relative_link():
 
 
 def test_a_release_names_its_addresses():
-    urls = tomllib.loads(with_urls(PROJECT, SOURCE))["project"]["urls"]
-    assert urls["Homepage"] == "https://host.example/owner/handtrack"
-    assert set(urls) == {"Homepage", "Documentation", "Changelog", "Issues"}
+    named = urls(SOURCE)
+    assert named["Homepage"] == "https://host.example/owner/handtrack"
+    assert set(named) == {"Homepage", "Documentation", "Changelog", "Issues"}
+
+
+@pytest.mark.parametrize("remote", [
+    "https://host.example/owner/handtrack.git", "https://name@host.example/owner/handtrack", "git@host.example:owner/handtrack.git",
+])  # fmt: skip
+def test_the_address_is_that_of_the_clone_s_origin(remote: str) -> None:
+    assert source_of(remote, "1") == SOURCE
+    assert source_of("/folder/handtrack", "1") == ""
 
 
 def test_what_users_are_told_to_install_is_ours_and_there_is_such_an_extra():
