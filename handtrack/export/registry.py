@@ -102,6 +102,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("openpose", "_openpose.json", "Keypoints in space in OpenPose's order (hands 21, bodies BODY_25), all frames in one file.", "tables.openpose"),
     ExportFormat("openpose-files", "_openpose.zip", "The same as OpenPose's own folder of JSON, a file a frame, zipped.", "tables.openpose:write_files"),
     ExportFormat("mediapipe", "_mediapipe.json", "Landmarks in MediaPipe's order (hands 21, bodies 33), all frames in one file.", "tables.mediapipe"),
+    ExportFormat("pose", ".pose", "MediaPipe's points in space [mm] for sign language research, which pose-format reads.", "tables.pose", ("pose-format",), up="-y"),
     ExportFormat("bvh", ".bvh", "An animated skeleton for Blender, Maya, MotionBuilder.", "motion.bvh", one_skeleton=True, up="y"),
     ExportFormat("bvh-humanik", "_humanik.bvh", "The same with HumanIK's bone names, as MotionBuilder, Maya and Mixamo's tools know them.", "motion.bvh:write_humanik", one_skeleton=True, up="y"),
     ExportFormat("glb", ".glb", "A skinned, animated mesh for Blender, game engines and viewers on the web.", "shown.glb", one_skeleton=True, up="y"),

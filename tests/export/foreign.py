@@ -25,10 +25,10 @@ from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 
 BOUNDS_MM = {
     "trc": 0.1, "mot": 0.1, "bvh": 0.05, "glb": 0.1, "urdf": 0.05, "urdf in MuJoCo": 0.05, "mcap": 0.05, "c3d": 0.1, "anipose": 0.1,
-    "netcdf": 0.1, "nwb": 0.1, "openpose": 0.1, "openpose-files": 0.1, "mediapipe": 0.1,
+    "netcdf": 0.1, "nwb": 0.1, "openpose": 0.1, "openpose-files": 0.1, "pose": 0.1, "mediapipe": 0.1,
 }  # fmt: skip
 """of issue 15 where it says one, else 0.1 mm"""
-OF_KNOWN_SKELETONS = ("openpose", "openpose-files", "mediapipe")
+OF_KNOWN_SKELETONS = ("openpose", "openpose-files", "pose", "mediapipe")
 
 
 def written(kind: str, name: str, folder: Path) -> tuple[ResultsTable, list[Path]]:
@@ -295,6 +295,23 @@ def openpose_files(kind: str, folder: Path) -> float:
     return _worst(np.array(found), np.array(wanted))
 
 
+def pose(kind: str, folder: Path) -> float:
+    """pose-format's reader: a component of points by MediaPipe's names, masked where the pose is lost."""
+    Pose = library("pose_format").Pose
+    table, (path,) = written(kind, "pose", folder)
+    found = Pose.read(path.read_bytes())
+    names = found.header.components[0].points
+    ours, theirs = (
+        ("right_wrist", "RIGHT_WRIST") if kind == "body" else ("index_dip", "INDEX_FINGER_DIP")
+    )
+    places = found.body.data[:, 0, names.index(theirs)]
+    lost = np.ma.getmaskarray(places).all(axis=1)
+    assert lost.tolist() == list(table.is_lost)
+    assert found.body.fps == pytest.approx(50.0)
+    wanted = table.track.joint_positions[:, table.track.joint_names.index(ours)]
+    return _worst(np.asarray(places)[~lost] / 1e3, wanted[~lost])
+
+
 def mediapipe(kind: str, folder: Path) -> float:
     """Python's json, by the order in MediaPipe's documentation."""
     return _ordered(kind, "mediapipe", folder)
@@ -424,7 +441,7 @@ def nwb(kind: str, folder: Path) -> float:
 
 READERS: dict[str, Callable[[str, Path], float]] = {
     "glb": glb, "trc": trc, "mot": mot, "bvh": bvh, "urdf": urdf, "urdf in MuJoCo": mujoco, "mcap": mcap, "c3d": c3d,
-    "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": openpose, "openpose-files": openpose_files, "mediapipe": mediapipe,
+    "netcdf": netcdf, "nwb": nwb, "anipose": anipose, "openpose": openpose, "openpose-files": openpose_files, "pose": pose, "mediapipe": mediapipe,
 }  # fmt: skip
 
 
