@@ -120,7 +120,7 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
 
 _BY_HAND = (
     "Go to a frame that shows the {kind} well, enter a camera view, and pose it over the image: '{pose} as', "
-    "'Nudge', then 'Fit this frame' and 'Save as first-frame pose'."
+    "'Nudge', then 'Fit frame' and 'Save as first-frame pose'."
 )
 NO_POSE = {
     "hand": "Press 'Detect hand' at the timeline, or in the tab Pose. Or pose it: "

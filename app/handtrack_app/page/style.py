@@ -71,6 +71,10 @@ div:has(> .handtrack-next) + div { top: 24px; }
 div:has(> .handtrack-next.handtrack-aside) + div { top: 3px; text-align: right; padding-right: 4px !important; }
 div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !important; width: auto !important; height: 27px !important; padding: 0 1.1em !important;
   pointer-events: auto; box-shadow: 0 0 6px var(--mantine-color-body); }
+.handtrack-keys { columns: 21em auto; column-gap: 1.5em; padding: .3em .9em; font-size: 13px; line-height: 1.5; max-height: 60vh; overflow: auto; }
+.handtrack-keys > div { display: flex; gap: .8em; break-inside: avoid; }
+.handtrack-keys kbd { flex: 0 0 7.5em; }
+[role="dialog"]:has(.handtrack-keys) { min-width: min(70em, 92vw); }
 .handtrack-bar { height: 5px; border-radius: 3px; background: rgba(128, 128, 128, .3); margin: .35em 0; }
 .handtrack-bar > div { height: 100%; border-radius: 3px; background: #009e73; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 320px) !important; }

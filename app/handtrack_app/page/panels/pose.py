@@ -83,7 +83,7 @@ class PosePanel:
                 hint="The whole library as it looks; a click takes a pose.",
             )  # fmt: skip
             fit = gui.add_button(
-                "Fit this frame", icon=viser.Icon.FOCUS_2, color="gray",
+                "Fit frame", icon=viser.Icon.FOCUS_2, color="gray",
                 hint="Solves this frame from the pose you see. Undo brings your pose back.",
             )  # fmt: skip
             save = gui.add_button(
@@ -95,7 +95,7 @@ class PosePanel:
             self.copies.build()
             self.nudges.build()
         page.on(fit, lambda _: self._fit())
-        self.nudges.keys.add("Fit this frame", "F", page.from_user(lambda _: self._fit()))
+        self.nudges.keys.add("Fit frame", "F", page.from_user(lambda _: self._fit()))
         page.on(self.edit_buttons, lambda event: self._edit(str(event.target.value)))
         page.on(self.history, lambda _: self._go_back(str(page.said(self.history))))
         page.on(take, lambda event: self.take(event.target.value))

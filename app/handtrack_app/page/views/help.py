@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Keys, Page
+from handtrack_app.page.page import Keys, Page, put
 
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
 _GESTURES = (
@@ -88,18 +88,24 @@ class Help:
 
     def show(self, client: viser.ClientHandle) -> None:
         """Show all keys."""
-        modal, say = self.page.dialog(client, "Keys and gestures"), self.page.words.of
+        modal = self.page.dialog(client, "Keys and gestures")
         with modal:
-            rows = "".join(
-                f"<tr><td style='white-space:nowrap;padding-right:1em'><b>{html.escape(say(how))}</b></td><td>{html.escape(say(what))}</td></tr>"
-                for how, what in _GESTURES
-            )
-            client.gui.add_html(
-                "<div style='display:flex;flex-wrap:wrap;gap:0 1.5em;max-height:60vh;overflow:auto'>"
-                f"<table style='font-size:.8em;line-height:1.6;align-self:flex-start'>{rows}</table>{self.keys.table()}</div>"
-            )
+            search = client.gui.add_text("Search", "")
+            found = client.gui.add_html(self._table(""))
             close = client.gui.add_button("Close")
+        search.on_update(lambda event: put(found, content=self._table(str(event.target.value))))
         close.on_click(lambda _: self.page.close_dialog(client))
+
+    def _table(self, wanted: str) -> str:
+        """Return gestures and keys, or those of them that hold some words."""
+        say = self.page.words.of
+        known = (*_GESTURES, *self.keys.known, ("Ctrl K", "All commands, by name"))
+        rows = "".join(
+            f"<div><kbd>{html.escape(say(how))}</kbd><span>{html.escape(say(what))}</span></div>"
+            for how, what in known
+            if wanted.strip().lower() in f"{say(how)} {say(what)}".lower()
+        )
+        return f"<div class='handtrack-keys'>{rows or 'Nothing has these words.'}</div>"
 
     def tour(self, client: viser.ClientHandle) -> None:
         """Begin the tour."""
