@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -23,10 +24,29 @@ _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 def meaning(path: Path) -> Any:
     """Return what a file says, as JSON has it; of a folder, which is a log, its records."""
     known = {
-        ".npz": _npz, ".glb": _glb, ".c3d": _c3d, ".mcap": _mcap, ".nc": _netcdf, ".nwb": _nwb, ".mp4": _film, ".html": _page, "": _log,
+        ".npz": _npz, ".glb": _glb, ".c3d": _c3d, ".mcap": _mcap, ".nc": _netcdf, ".nwb": _nwb, ".mp4": _film, ".zip": _zip, ".pose": _pose, ".html": _page, "": _log,
     }  # fmt: skip
     read: Callable[[Path], Any] = known.get(path.suffix, _text)
     return json.loads(json.dumps(read(path)).replace(VERSION, "VERSION"))
+
+
+def _zip(path: Path) -> Any:
+    with zipfile.ZipFile(path) as archive:
+        return {name: json.loads(archive.read(name)) for name in archive.namelist()}
+
+
+def _pose(path: Path) -> Any:
+    from pose_format import Pose  # type: ignore[import]
+
+    pose = Pose.read(path.read_bytes())
+    parts = {part.name: part.points for part in pose.header.components}
+    data, sure = pose.body.data.filled(0.0), pose.body.confidence
+    return {
+        "parts": parts,
+        "fps": pose.body.fps,
+        "data": array_told(data),
+        "confidence": array_told(sure),
+    }
 
 
 def differences(before: Any, after: Any, where: str = "") -> Iterator[str]:
