@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-KILLS = int(os.environ.get("HANDTRACK_KILLS", "40"))
+KILLS = int(os.environ.get("HANDTRACK_KILLS", "15"))
 forked = pytest.mark.skipif(
     not hasattr(os, "fork"), reason="processes are copied where they can be"
 )

@@ -158,7 +158,8 @@ def _unobserved(progress: Progress | ProvisionalFrame) -> None:
 def request_for(
     run: TrackingRun, frames: range | None = None, from_init: bool = True
 ) -> TrackingRequest:
-    """Return the request to track a recording with all that a person decided in the workbench.
+    """Return the request to track a recording with all that a person decided in the workbench for its frames. Where poses were set,
+    it is tracked with the size that they were set for, whether session.toml says it yet or not.
 
     Parameters
     ----------

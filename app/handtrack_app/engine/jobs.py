@@ -124,7 +124,8 @@ class BackgroundJob:
         self._stop.set()
 
     def join(self, timeout: float) -> None:
-        self._thread.join(timeout)
+        if self._thread.is_alive():  # else it may not have begun
+            self._thread.join(timeout)
 
     def eta_s(self) -> float:
         """Return the expected seconds left; 0 while unknown. The first frame, which may compile, does not count."""

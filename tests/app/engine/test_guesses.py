@@ -71,7 +71,7 @@ def test_the_hand_is_found_taken_and_can_be_undone(
 ) -> None:
     panel, state = bench.layout.guesses, bench.state
     before = state.values
-    client.set_value(panel.find, "any frame")
+    client.set_value(panel.find, "best frame")
     eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible, "it can be cancelled")
     shown = bench.layout.progress
     eventually(
@@ -106,7 +106,7 @@ def test_a_found_pose_is_set_by_hand_once_it_is_edited(
 ) -> None:
     card, timeline = bench.layout.pose.card, bench.layout.timeline.picture
     search.set()
-    client.set_value(bench.layout.guesses.find, "any frame")
+    client.set_value(bench.layout.guesses.find, "best frame")
     eventually(lambda: ">found<" in card.content, "found")
     panel = bench.layout.guesses
     eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")

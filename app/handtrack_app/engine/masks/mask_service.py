@@ -2,46 +2,31 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from functools import cached_property
 
 from handtrack.capture.masks.segmentation import mask_method_table
-from handtrack_app.engine.document import Document
-from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.masks import mask_edits
 from handtrack_app.engine.masks.carrying_job import CarryingJob
 from handtrack_app.engine.masks.mask_renderer import MaskMoment, MaskRenderer
-from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.pictures.preview_service import PreviewService
 from handtrack_app.engine.store import edits, keys, saving
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.masks import FILES, NO_MASKS, MaskCameraCard, MaskCard, MaskPicture
-from handtrack_app.protocol.snapshots import Notice, Snapshot
+from handtrack_app.protocol.snapshots import Notice
 
-_HURRIED_S = 0.6  # while tracking runs, masks are shown at most this often
 _MOST_CARRIED = 50  # frames each way; what is carried drifts
 _NO_IMAGES = "No camera of this recording has images: its masks cannot be computed, nor seen against anything."
 _FILES = "Masks of {} are files. Choose a method to compute them from the images, or correct them below: the files stay."
 
 
-class MaskService:
-    """Lives on the worker's thread; what takes time is made on the render thread or by a job."""
+class MaskService(PreviewService):
+    """Masks."""
 
-    def __init__(
-        self,
-        document: Document,
-        store: Persistence,
-        jobs: JobControl,
-        render_thread: RenderThread,
-        publish: Callable[[Snapshot], None],
-        followed: Callable[[Callable[[], None]], None],
-    ) -> None:
-        """followed: makes a change of what is tracked by, and lets the frame shown follow."""
-        self._document, self._store, self._jobs = document, store, jobs
-        self._render_thread, self._publish = render_thread, publish
-        self._maker = MaskRenderer(document.run.session)
-        self._on_all, self._screens = False, tuple[str, ...]()
-        self._shown_at, self._followed = 0.0, followed
+    _on_all, _screens = False, tuple[str, ...]()
+
+    @cached_property
+    def _maker(self) -> MaskRenderer:
+        return MaskRenderer(self._document.run.session)
 
     # ---- showing
 
@@ -58,18 +43,17 @@ class MaskService:
         self._screens = tuple(name for name in wanted if name in names)
         self.show()
 
-    def show(self, hurried: bool = False) -> None:
-        """Have made what the page wants of the frame shown. hurried: tracking runs, which comes first."""
-        now = time.monotonic()
-        if not (self._on_all or self._screens) or (hurried and now - self._shown_at < _HURRIED_S):
-            return
-        self._shown_at = now
+    @property
+    def _is_wanted(self) -> bool:
+        return self._on_all or bool(self._screens)
+
+    def _show(self, hurried: bool) -> None:
         moment = self._moment()
         self._render_thread.ask("masks", lambda: self._maker.picture(moment))
 
     def picture(self) -> MaskPicture | None:
         """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
-        if not (self._on_all or self._screens):
+        if not self._is_wanted:
             return None
         moment = self._moment()
         made = self._render_thread.wait_for("masks", lambda: self._maker.picture(moment))
@@ -78,10 +62,6 @@ class MaskService:
     def _moment(self) -> MaskMoment:
         document = self._document
         return MaskMoment(document.frame, document.run.session, self._on_all, self._screens)
-
-    def tell(self) -> None:
-        """Say where masks come from."""
-        self._publish(self.card())
 
     def card(self) -> MaskCard:
         """Return where masks come from, with the settings in force."""
@@ -202,16 +182,3 @@ class MaskService:
             )  # fmt: skip
 
         self._change(change)
-
-    def _change(self, change: Callable[[], object]) -> None:
-        """Change, save or restore masks. Raises HandtrackError for what cannot be done."""
-
-        def changed() -> None:
-            try:
-                self._jobs.require_idle()
-                change()
-                self.show()
-            finally:
-                self.tell()  # the page shows what holds
-
-        self._followed(changed)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import cached_property
 from itertools import combinations
 
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
@@ -12,37 +12,23 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
-from handtrack_app.engine.pictures.render_thread import RenderThread
+from handtrack_app.engine.pictures.preview_service import PreviewService
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import CloudCard, CloudSelection, Notice, Snapshot
+from handtrack_app.protocol.snapshots import CloudCard, CloudSelection, Notice
 
-_HURRIED_S = 0.6  # while tracking runs, clouds are shown at most this often
 _PAIRS = 12  # offered for stereo
 
 
-class CloudService:
-    """Lives on the worker's thread; what takes time is made on the render thread."""
+class CloudService(PreviewService):
+    """Clouds, and the surface that the solver fits to them."""
 
-    def __init__(
-        self,
-        document: Document,
-        store: Persistence,
-        jobs: JobControl,
-        render_thread: RenderThread,
-        publish: Callable[[Snapshot], None],
-        followed: Callable[[Callable[[], None]], None],
-    ) -> None:
-        """followed: makes a change of what is tracked by, and lets the frame shown follow."""
-        self._document, self._render_thread = document, render_thread
-        self._store, self._jobs, self._publish = store, jobs, publish
-        self._wanted, self._followed = CloudSelection(), followed
-        self._surface = False
-        self._shown_at = 0.0
-        self._maker = CloudRenderer()
+    _wanted, _surface = CloudSelection(), False
+
+    @cached_property
+    def _maker(self) -> CloudRenderer:
+        return CloudRenderer()
 
     # ---- showing
 
@@ -58,16 +44,16 @@ class CloudService:
         self._wanted = view
         self.show()
 
-    def show(self, hurried: bool = False) -> None:
-        """Have made what the page wants of the pose shown. hurried: tracking runs, which comes first."""
-        cloud = self._has_clouds and (self._wanted.points or self._wanted.picture == "images")
-        stereo = self._wanted.picture == "stereo"
-        now = time.monotonic()
-        if not (self._surface or cloud or stereo) or (
-            hurried and now - self._shown_at < _HURRIED_S
-        ):
-            return
-        self._shown_at = now
+    @property
+    def _wants_cloud(self) -> bool:
+        return self._has_clouds and (self._wanted.points or self._wanted.picture == "images")
+
+    @property
+    def _is_wanted(self) -> bool:
+        return self._surface or self._wants_cloud or self._wanted.picture == "stereo"
+
+    def _show(self, hurried: bool) -> None:
+        cloud, stereo = self._wants_cloud, self._wanted.picture == "stereo"
         moment, maker = self._moment(), self._maker
         if self._surface and not hurried and "metaballs" in moment.model.flesh:
             self._render_thread.ask("surface", lambda: maker.surface(moment))
@@ -98,10 +84,6 @@ class CloudService:
         return self._document.run.session.has_clouds
 
     # ---- settings
-
-    def tell(self) -> None:
-        """Say where clouds come from."""
-        self._publish(self.card())
 
     @command(edits=True, latest=("values",), words="settings of clouds")
     def set_clouds(self, values: dict[str, object]) -> None:
@@ -144,19 +126,6 @@ class CloudService:
             self._publish(Notice("done", "Clouds' settings saved", said))
 
         self._change(change)
-
-    def _change(self, change: Callable[[], object]) -> None:
-        """Change, save or restore the settings of [clouds]. Raises HandtrackError."""
-
-        def changed() -> None:
-            try:
-                self._jobs.require_idle()
-                change()
-                self.show()
-            finally:
-                self.tell()  # the page shows what holds
-
-        self._followed(changed)
 
     @property
     def settings(self) -> CloudSettings | None:
