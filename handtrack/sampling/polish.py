@@ -43,16 +43,26 @@ class Polished:
     """solver parameters, within limits"""
     cost: Floats[N]
     """infinite where the start was behind a camera"""
-    gradient_norm: Floats[N]
-    """√Σ g²/H over the free directions, H the Gauss-Newton diagonal: in standard deviations"""
-    least_eigenvalue: Floats[N]
-    """of the exact Hessian on the free directions, scaled to unit Gauss-Newton diagonal: in (−∞, P]"""
+    has_converged: Array[N]
+    """gradient below the tolerance"""
     iterations: Ints[N]
     """linearisations used"""
     normal: Floats[N, P, P]
     """Gauss-Newton matrix and priors; its inverse is the covariance"""
-    is_minimum: Array[N]
-    """gradient below the tolerance, and positive Hessian on the free directions"""
+    hessian: Floats[N, P, P]
+    """exact, with nothing but a large diagonal where a parameter is held"""
+
+    @property
+    def is_stable(self) -> Array[N]:
+        """Whether the exact Hessian is positive definite on the free directions; scaled to unit Gauss-Newton diagonal, which changes no sign."""
+        scale = np.sqrt(np.maximum(np.diagonal(self.normal, axis1=1, axis2=2), 1e-30))
+        scaled = self.hessian / (scale[:, :, None] * scale[:, None, :])
+        return np.linalg.eigvalsh(scaled)[:, 0] > 0.0
+
+    @property
+    def is_minimum(self) -> Array[N]:
+        """Whether descent ended in a minimum: gradient below the tolerance, and positive Hessian on the free directions."""
+        return self.has_converged & self.is_stable
 
 
 def polish(
@@ -91,15 +101,5 @@ def polish_problem(
         settings.least_damping, settings.step_limit_m, settings.step_limit_rad,
         cost, norm, used, normal, hessian,
     )  # fmt: skip
-    least = least_eigenvalues(hessian, normal)
-    minimum = (norm < settings.gradient_tolerance) & (least > 0.0) & np.isfinite(cost)
-    return Polished(params, cost, norm, least, used, normal, minimum)
-
-
-def least_eigenvalues(hessian: Floats[N, P, P], normal: Floats[N, P, P]) -> Floats[N]:
-    """Return least eigenvalues on the free directions, in units of the Gauss-Newton diagonal.
-
-    hessian: with nothing but a large diagonal where a parameter is held. The scaling changes no sign.
-    """
-    scale = np.sqrt(np.maximum(np.diagonal(normal, axis1=1, axis2=2), 1e-30))
-    return np.linalg.eigvalsh(hessian / (scale[:, :, None] * scale[:, None, :]))[:, 0]
+    converged = (norm < settings.gradient_tolerance) & np.isfinite(cost)
+    return Polished(params, cost, converged, used, normal, hessian)
