@@ -26,6 +26,7 @@ from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_leng
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.person import OpenPerson
+from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
@@ -127,6 +128,30 @@ def test_a_cloud_shows_an_arm_where_it_goes_on_behind_the_wrist(rng):
     for points, shown in clouds:
         seen = Observation(0, 0.0, cloud=PointCloud(points))
         assert (forearm_in_view(HAND, [(hand, seen)]) > 0) is shown
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_arm_in_a_cloud_does_not_pull_a_hand_alone(seed):
+    """A depth camera shows the arm in too few frames to model one; the hand is as it would be without, not slid back over it."""
+    rng, hand = np.random.default_rng(seed), without_arm(posed())
+
+    def before_camera(model, params, count):
+        points, normals = sample_surface(MetaballSurface.of(model), model.bones(params), count, rng)
+        points = points[normals[:, 2] > 0.3]
+        return points + rng.normal(scale=0.003, size=points.shape)
+
+    alone = before_camera(HAND, hand, 6000)
+    arm = before_camera(WHOLE, WHOLE.transform.solver_params(posed()), 9000)
+    arm = arm[arm[:, 1] < hand[1] - 0.02]
+    start = hand - np.eye(26)[1] * 0.006
+    found = []
+    for points in (alone, np.concatenate([alone, arm])):
+        cloud = PointCloud(points)
+        seen = Observation(0, 0.0, cloud=cloud, cloud_views=(np.array([[0.0, 0.0, 0.6]]),))
+        _, result = Tracker(HAND, QUICK).step(TrackerState.beginning_at(start), seen)
+        found.append(result.joint_positions)
+    moved = np.linalg.norm(found[1] - found[0], axis=1).mean()
+    assert moved < 5e-4  # measured 0.1 mm; 1.2 where points behind the wrist counted
 
 
 @pytest.mark.parametrize(("turn", "period"), [(1.0, 12), (0.8, 9)])

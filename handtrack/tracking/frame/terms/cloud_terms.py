@@ -22,6 +22,7 @@ from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_SEEN_MM
 from handtrack.tracking.frame.methods import Traits
 from handtrack.tracking.frame.reason import NEAR_M
 from handtrack.tracking.frame.settings import CloudTermSettings, TrackerSettings
+from handtrack.tracking.frame.terms.forearm import is_behind_hand
 
 _MM = 1e-3
 _ROBUST_BANDS = 4.0  # points further off than this many bands hardly pull
@@ -96,7 +97,7 @@ def see_cloud(
 ) -> SeenCloud | None:
     """Return the points near the hand at `start`; None where too few are.
 
-    Far points are background or the rest of the body; beyond the forearm's stretch the model knows nothing.
+    Far points are background or the rest of the body; beyond the forearm's stretch, or a hand without one, the model knows nothing.
     """
     if seen.cloud is None or settings.cloud.weight == 0:
         return None
@@ -114,6 +115,8 @@ def see_cloud(
         bone = model.skeleton.bone("forearm")
         along = (points - start.position[bone]) @ start.rotation[bone][:, 1]
         points = points[along < FOREARM_SEEN_MM * _MM]
+    elif model.has_keypoints21:  # as of masks: to cover an arm, a hand alone would slide along it
+        points = points[~is_behind_hand(points, model, start)]
     if len(points) < _FEWEST:
         return None
     patches = _area(points) / _patch_area(model)

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, P
+from handtrack.arrays import D3, Array, Floats, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
@@ -160,6 +160,13 @@ def forearm_cut(
     half = np.linalg.norm(np.einsum("eji,j->ei", hand.rotation, across) * hand.radii, axis=1)
     hand_ends = centre @ along - long * half * _pixels_per_m(camera, hand.centre)
     return float(along[0]), float(along[1]), -float(min(along @ at, hand_ends.min()))
+
+
+def is_behind_hand(points: Floats[N, D3], model: ArticulatedModel, bones: BonePoses) -> Array[N]:
+    """Return which points (N, 3) lie beyond the end of a hand behind its wrist: of an arm, whatever the model has of one."""
+    hand, along = _hand(model, bones), bones.rotation[0][:, 1]
+    half = np.linalg.norm(np.einsum("eji,j->ei", hand.rotation, along) * hand.radii, axis=1)
+    return points @ along < (hand.centre @ along - half).min()
 
 
 def _hand(model: ArticulatedModel, bones: BonePoses) -> PosedEllipsoids:
