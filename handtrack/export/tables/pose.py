@@ -42,7 +42,9 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     limbs = _BODY if body else _HAND
     component = PoseHeaderComponent(f"{kind}_LANDMARKS", said, limbs, [(0, 110, 180)], "XYZC")
     extent = _MM * np.ptp(points[sure > 0], axis=0) if (sure > 0).any() else np.ones(3)
-    header = PoseHeader(0.2, PoseHeaderDimensions(*extent.tolist()), [component])
+    header = PoseHeader(
+        0.2, PoseHeaderDimensions(*np.ceil(extent).astype(int).tolist()), [component]
+    )
     time_s = table.track.time_s
     fps = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     data = (_MM * points)[:, None].astype(np.float32)

@@ -68,8 +68,9 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
             raise _unknown(path)
         for key, value in tree.content.items():  # a camera's table may stand in each
             known = merged.get(str(key))
-            both = isinstance(known, Mapping) and isinstance(value, Mapping)
-            merged[str(key)] = {**known, **value} if both else value
+            if isinstance(known, Mapping) and isinstance(value, Mapping):
+                value = {**known, **value}
+            merged[str(key)] = value
     rig = read_tables(merged, " and ".join(map(str, paths)), paths[0].stem)
     if rig is None or len(rig.cameras) < 2:
         raise _half(merged, " and ".join(map(str, paths))) or _unknown(paths[0])
