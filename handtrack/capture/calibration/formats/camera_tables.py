@@ -356,7 +356,7 @@ def _size(known: Mapping[str, Any], where: str, matrix: Floats[D3, D3]) -> tuple
     if "size" in known:  # some write height, width: the axis goes through the image's middle
         size = whole_size(numbers(known["size"], f"{where}, size").ravel()[:2], f"{where}, size")
         off, turned = (np.abs(matrix[:2, 2] / shape - 0.5).max() for shape in (size, size[::-1]))
-        return size if turned > off / 2 or off < _MIDDLE else size[::-1]
+        return size if turned > off / 2 or off < _MIDDLE else (size[1], size[0])
     if {"width", "height"} <= known.keys():
         return whole_size([known["width"], known["height"]], f"{where}, width and height")
     return None
