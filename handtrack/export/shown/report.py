@@ -72,7 +72,8 @@ def _about(table: ResultsTable) -> str:
     if table.rig is not None:
         words.append(f"cameras {', '.join(table.rig.names)}")
     if track.hand_length_mm is not None:
-        std = "" if track.hand_length_std_mm is None else f" ± {track.hand_length_std_mm:.0f}"
+        std = track.hand_length_std_mm
+        std = "" if std is None else f" ± {max(std, 1.0):.0f}"  # as the command line rounds it
         words.append(f"hand {track.hand_length_mm:.0f} mm{std}")
     if track.refinement:
         why = json.loads(track.refinement).get("why", "")
