@@ -23,7 +23,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.worker import Worker
@@ -37,7 +37,6 @@ _ROUNDS = 2  # of the recording, forward and backward
 def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     """Return the figures of tracking the bundled hand, videos played as cameras at so many times their pace."""
     shown: list[tuple[float, int]] = []
-    results: list[FrameResult] = []
     opened, idle = threading.Event(), threading.Event()
     pictures: list[float] = []
 
@@ -45,16 +44,16 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
         now = time.monotonic()
         match snapshot:
             case snapshots.ProgressSnapshot(state="idle"):
-                (idle if results else opened).set()
+                opened.set()
+            case snapshots.Notice(title="Tracking ended"):
+                idle.set()
             case snapshots.PictureSnapshot():
                 pictures.append(now)
             case snapshots.PoseSnapshot() if not shown or snapshot.frame > shown[-1][1]:
                 shown.append((now, snapshot.frame))  # a frame solved anew does not count again
 
     opener = partial(open_live_document, LiveOptions(devices, 0.05, rate=rate))
-    worker = Worker(
-        bundled_session("open_fist_open"), publish, opener, lambda _, result: results.append(result)
-    )
+    worker = Worker(bundled_session("open_fist_open"), publish, opener)
     worker.start()
     opened.wait(120.0)
     began_s = time.process_time()
@@ -64,7 +63,7 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
     spent_s = time.process_time() - began_s
     feed = worker.document.run.session.live
     assert feed is not None
-    counts = list(feed.counts.values())
+    counts, results = list(feed.counts.values()), list(worker.document.results.values())
     taken = {frame: feed.time_s(frame) for _, frame in shown}
     worker.stop(20.0)
     held_s = _STILL_S / rate
