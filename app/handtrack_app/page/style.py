@@ -101,6 +101,10 @@ p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color
 .multi-slider-mark-label, .mantine-Slider-markLabel { font-size: 11px !important; color: var(--mantine-color-text) !important; opacity: .85; }
 .mantine-Input-input, .mantine-Button-label, .mantine-Checkbox-label { font-size: 13px !important; }
 .mantine-Button-root[style*="--button-color: var(--mantine-color-black)"]:not([style*="--button-bg"]) { --button-color: #fff !important; }
+[data-mantine-color-scheme="light"] .mantine-Button-root[style*="--button-color: var(--mantine-color-black)"]:not([style*="--button-bg"]) {
+  --button-bg: #0072b2 !important; --button-hover: #005f96 !important; }
+[data-mantine-color-scheme="light"] .mantine-Button-root[style*="gray-filled"] { --button-bg: #5c6670 !important; }
+[data-mantine-color-scheme="light"] .mantine-Button-root[data-variant="outline"] { --button-color: #005f96 !important; border-color: #005f96 !important; }
 [role="tab"] { opacity: 1 !important; color: var(--mantine-color-text) !important; }
 [role="tab"][aria-selected="true"] { font-weight: 600; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important; padding: .25em .6em !important; font-size: .8em; }

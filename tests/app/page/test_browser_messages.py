@@ -22,6 +22,7 @@ def test_what_matters_is_read_whole_and_stays(tmp_path: Path) -> None:
     bench = Workbench(tmp_path, port=0, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
         page = view.page
+        bench.layout.messages.see_pose(False)  # as where there is no first pose
         bench.page.notify("guide", "What to do first", "Press the button that finds the hand.")
         bench.page.notify("error", "A title that is longer than some", LONG)
         assert eventually(lambda: page.evaluate(CUT), "a notice") == [False]
