@@ -45,7 +45,7 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
         match snapshot:
             case snapshots.ProgressSnapshot(state="idle"):
                 opened.set()
-            case snapshots.Notice(title="Tracking ended"):
+            case snapshots.Notice(title="Tracking ended" | "Tracking stopped"):
                 idle.set()
             case snapshots.PictureSnapshot():
                 pictures.append(now)
