@@ -66,7 +66,7 @@ def test_a_start_that_is_not_sure_is_not_tracked_from_in_silence(
     asked = ("track", session, "--init", "auto", "--frames", "0:5", "--out", out)
     refused = handtrack(*asked)
     assert refused.code == 2
-    assert "nothing was tracked from it" in refused.err
+    assert "nothing was tracked" in refused.err
     assert "--yes" in refused.err
     assert not out.exists()
     ended = handtrack(*asked, "--yes")
