@@ -19,6 +19,8 @@ from handtrack_app.page.panels.tracking import Order
 from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.page.state import Display
 from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.snapshots import RerunPage
+from handtrack_app.rerun.recorder import LiveRecorder
 from handtrack_app.workbench import Workbench, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -258,3 +260,17 @@ def test_c60_what_is_hidden_of_the_hand_is_not_sent_and_follows_when_it_is_shown
         bench.page.draw("mode", "Skeleton")
         assert client.wait_for(asked, "/hand/bones", "batched_positions") is not None
     bench.page.draw("mode", "Flesh")
+
+
+def test_the_residuals_of_what_was_tracked_open_in_rerun(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = "http://127.0.0.1:9090"
+    monkeypatch.setattr(LiveRecorder, "open", lambda recorder: recorder._publish(RerunPage(url)))
+    with WireClient(bench.url) as client:
+        client.set_value(bench.layout.tracking.residuals, True)
+        eventually(
+            lambda: bench.layout.tracking.rerun is not None, "a link to the viewer on the page"
+        )
+        assert bench.layout.tracking.rerun is not None
+        assert url in bench.layout.tracking.rerun.content

@@ -109,6 +109,10 @@ class TrackingPanel:
             )  # fmt: skip
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray", visible=not session.live,
                                   hint="Writes tracks/poses.npz into the session.")  # fmt: skip
+            self.residuals = gui.add_button(
+                "Open in rerun", icon=icon.CHART_DOTS, color="gray",
+                hint="Residuals of every camera in rerun's viewer: of the frames tracked so far, then as they come.",
+            )  # fmt: skip
         page.on(self.odd, lambda _: self.go_to_odd())
         page.on(self.refine, lambda _: page.engine.refine())
         page.on(self.between, lambda _: self.start("between"))
@@ -120,6 +124,7 @@ class TrackingPanel:
         page.on(self.cancel, lambda _: page.engine.cancel())
         page.on(self.follow, lambda event: self._follow(bool(event.target.value)))
         page.on(save, lambda _: page.engine.save_track())
+        page.on(self.residuals, lambda _: page.engine.open_rerun())
         self._show_size()
 
     def _add_range(self, session: SessionSnapshot, last: int) -> None:
