@@ -222,20 +222,14 @@ def _numbers(values: Any) -> str:
     return "[" + ", ".join(f"{round(float(v), 2) + 0.0:g}" for v in values) + "]"
 
 
-def read_start(path: Path) -> dict[str, Any]:
-    """Return the definition that a mean begins with, its coarse palm on a metacarpal, as today's is."""
-    definition = tomllib.loads(path.read_text())
-    bones = bones_of(definition)
-    for row in definition["ellipsoids"]["metaballs"]:
-        if row["bone"] == "root":
-            row["bone"] = "middle_metacarpal"
-            row["centre"] = np.subtract(row["centre"], bones[row["bone"]]["head"]).tolist()
-    return definition
-
-
 def main() -> None:
     start, makehuman, out = map(Path, sys.argv[1:4])
-    definition = read_start(start)
+    definition = tomllib.loads(start.read_text())
+    bones = bones_of(definition)
+    for row in definition["ellipsoids"]["metaballs"]:
+        if row["bone"] == "root":  # the palm's, which today follows the palm's proportions
+            row["bone"] = "middle_metacarpal"
+            row["centre"] = np.subtract(row["centre"], bones[row["bone"]]["head"]).tolist()
     hands = families(definition, makehuman)
     text = resources.files("handtrack.model.definitions").joinpath("hand26.toml").read_text()
     out.write_text(written(text, mean_definition(definition, hands, report=True)))
