@@ -31,7 +31,7 @@ def test_most_frames_off_come_first_with_reason_and_size():
     first, second = worth_a_look([*thumb, *fine, *ring])
     assert (first.first, first.last, first.worst) == (212, 219, 215)
     assert first.expected == pytest.approx(8 * 0.4 + 0.05)
-    assert str(first) == "212–219, ring finger, P 0.45 off, ± 12 mm"
+    assert str(first) == "212–219, ring finger, P(error > 25 mm) 0.45, ± 12 mm"
     assert (second.first, second.last) == (30, 31), "1.8 frames are expected to be off"
 
 

@@ -117,7 +117,7 @@ def _check(args: argparse.Namespace, is_named: bool) -> None:
         )
     if args.joints_px is not None and not 0 <= args.joints_px <= _MOST_JOINTS_PX:
         raise HandtrackError(
-            f"--joints-px {args.joints_px:g}: expected an error of joints of 0 to {_MOST_JOINTS_PX:g} px."
+            f"--joints-px {args.joints_px:g}: expected 0 to {_MOST_JOINTS_PX:g} px of error in each joint."
         )
     if not is_named and args.frames is not None and args.frames < 1:
         raise HandtrackError(f"--frames {args.frames}: expected 1 at least.")

@@ -145,7 +145,14 @@ if (document.getElementById("handtrack-style") === null) {
   document.body.addEventListener("keydown", (event) => {
     const open = document.querySelector('[role="dialog"]') !== null, held = event.ctrlKey || event.metaKey || event.altKey;
     const busy = event.target instanceof Element && event.target.closest(controls) !== null && !held;
-    if (event.key === "Escape") { awaited = false; if (busy) event.target.blur(); }
+    if (event.key === "Escape") {
+      awaited = false;
+      if (busy) event.target.blur();
+      if (busy && open) {  // keys from a text field are not heard: the dialog closes all the same
+        event.stopPropagation();
+        document.body.dispatchEvent(new KeyboardEvent("keydown", {key: "Escape", code: "Escape", bubbles: true}));
+      }
+    }
     else if (open || awaited || busy || (event.key === "Tab" && event.shiftKey)) event.stopPropagation();
     else awaited = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === (event.shiftKey ? "p" : "k");
     if (open) awaited = false;

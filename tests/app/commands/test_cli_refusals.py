@@ -140,7 +140,7 @@ LINES: dict[str, Words] = {
         "new --out {t}/x --calibration {t}/c.toml --video cam0={v}", ["c.toml: no such file"]
     ),
     "new with something else": Words(
-        "new --out {t}/x --calibration {s}/session.toml --video cam0={v}", ["no calibration that is known here", "Accepted: TOML of Anipose", "Kalibr"]
+        "new --out {t}/x --calibration {s}/session.toml --video cam0={v}", ["neither a camera matrix nor a pose", "its keys: session", "write JSON"]
     ),
     "new on a session": Words(
         "new --out {s} --calibration {s}/calibration.toml --video cam0={v}", ["is not empty"]

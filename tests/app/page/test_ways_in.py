@@ -76,7 +76,7 @@ def shows_all_frames(view: PageUnderTest, bench: Workbench, session: Path) -> No
     there = [strip.start + n for n, status in enumerate(strip.status) if status >= 0]
     assert there == frames and frames
     assert view.page.get_by_text("nothing tracked").count() == 0
-    assert view.page.locator(".handtrack-hidden").count() == 0
+    assert view.page.get_by_text("Show them").count() == 0
 
 
 def opens_with_all(session: Path) -> None:
@@ -100,8 +100,7 @@ def test_what_was_tracked_until_ctrl_c_is_there_and_shown_by_a_button_where_it_d
     toml.write_text(toml.read_text().replace('forearm = "auto"', "forearm = false"))
     bench = Workbench(session, port=0)
     with browsing(bench) as view:
-        view.page.locator(".handtrack-hidden").first.wait_for()
         view.press("Show them")
         eventually(lambda: "wrist_flex" in bench.state.names, "the model has the arm")
-        view.page.locator(".handtrack-hidden").first.wait_for(state="hidden")
+        view.page.get_by_text("Show them").wait_for(state="hidden")
         shows_all_frames(view, bench, session)
