@@ -65,7 +65,7 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root {
 .handtrack-lane { position: absolute; left: 4px; display: flex; align-items: center; gap: .6em; line-height: 1.1; font-size: 11px;
   white-space: nowrap; pointer-events: none; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
 /* the next step: over an empty timeline in its middle, else at its right end */
-div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 66px; top: 3px; z-index: 2;
+div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 66px; top: 3px; z-index: 6;
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
 div:has(> .handtrack-next) + div { top: 24px; }
 div:has(> .handtrack-next.handtrack-aside) + div { top: 3px; text-align: right; padding-right: 4px !important; }
