@@ -14,7 +14,7 @@ from handtrack.observation.observation import Observation
 from handtrack.tracking.find_pose import SURE
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, unconfirmed
-from handtrack.tracking.pursuit import Observe, Pursuit
+from handtrack.tracking.speculative import Observe, SpeculativeExecution
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import MOSTLY_NEW, Evidence, Recording, new_share
@@ -140,7 +140,7 @@ def track_frames(
         if steps:
             state = _state_after(steps, tracker, observe)
         todo = path[len(steps) - len(begun) :]
-        for after, result in Pursuit(tracker, observe, state, control).frames(todo):
+        for after, result in SpeculativeExecution(tracker, observe, state, control).frames(todo):
             if not steps:
                 steps.append(after.step)
             if control.on_step is not None:

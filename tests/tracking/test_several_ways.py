@@ -137,7 +137,7 @@ def test_where_errors_come_again_hypotheses_are_tracked_once_more(monkeypatch, s
 
 @pytest.mark.parametrize(("share", "asked"), [(0.6, False), (0.4, True)])
 def test_ways_are_refined_where_errors_last(monkeypatch, share, asked):
-    """Else a limb may be wrong for some frames alone, which the lattice tells."""
+    """Else a limb may be wrong for some frames alone, which the trellis tells."""
     poses, made = _reaching(), []
     evidence = _evidence(poses, FRONT)
     plain = replace(evidence.settings, tracker=replace(evidence.settings.tracker, hypotheses=1))

@@ -22,9 +22,9 @@ from handtrack.tracking.frame.result import Alternative, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.motion import changes
 from handtrack.tracking.whole.evidence import Recording
-from handtrack.tracking.whole.lattice import Lattice, Minimum
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.recording_estimate import refine
+from handtrack.tracking.whole.trellis import Minimum, Trellis
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras
@@ -46,8 +46,8 @@ def test_a_way_that_fits_less_well_but_goes_together_is_the_most_probable():
         [_minimum(0.5, 1.0), _minimum(0.02, 5.0)],
         [_minimum(0.03, 5.0)],
     ]
-    assert Lattice(rows, CHANGE).best.tolist() == [0, 1, 0]
-    wide = Lattice(rows, 100.0 * CHANGE)
+    assert Trellis(rows, CHANGE).best.tolist() == [0, 1, 0]
+    wide = Trellis(rows, 100.0 * CHANGE)
     assert wide.best.tolist() == [0, 0, 0]  # where a frame may change by that much
     assert wide.probabilities[1][0] > 0.7
 
@@ -58,7 +58,7 @@ def test_probabilities_are_those_of_all_ways_together(rng):
         [_minimum(0.1 * rng.normal(), 2.0 * rng.uniform(), 10 ** rng.uniform(1, 4)) for _ in range(n)]
         for n in counts
     ]  # fmt: skip
-    lattice = Lattice(rows, CHANGE)
+    trellis = Trellis(rows, CHANGE)
 
     def log_mass(way):
         chosen = [row[k] for row, k in zip(rows, way, strict=True)]
@@ -72,8 +72,8 @@ def test_probabilities_are_those_of_all_ways_together(rng):
 
     ways = list(product(*map(range, counts)))
     mass = np.exp([log_mass(way) for way in ways])
-    assert tuple(lattice.best) == ways[int(mass.argmax())]
-    for n, found in enumerate(lattice.probabilities):
+    assert tuple(trellis.best) == ways[int(mass.argmax())]
+    for n, found in enumerate(trellis.probabilities):
         there = [mass[[way[n] == k for way in ways]].sum() for k in range(counts[n])]
         np.testing.assert_allclose(found, np.array(there) / mass.sum(), rtol=1e-6)
 
@@ -148,12 +148,12 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
         [minimum(pose, 5.0), minimum(near, 5.5)],
         [minimum(pose, 5.0), minimum(far, 5.5)],
     ]
-    lattice = Lattice(rows, 100.0 * np.eye(len(pose)))
+    trellis = Trellis(rows, 100.0 * np.eye(len(pose)))
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
     results = [
         posed_result(HAND, seen, pose, Judgement(Status.TRACKED, None, known)) for seen in views
     ]
-    alone, two, apart = with_other_ways(HAND, results, lattice)
+    alone, two, apart = with_other_ways(HAND, results, trellis)
     assert not alone.alternatives
     assert alone.status == two.status == Status.TRACKED
     assert len(two.alternatives) == len(apart.alternatives) == 2
@@ -182,9 +182,9 @@ def test_poses_that_were_asked_for_differ_in_shape():
         _at(x, 5.0 + cost, sure)
         for x, cost in ((pose, 0.0), *((x, 1.0) for x in alike), (turned, 9.0))
     ]
-    lattice = Lattice([minima], 100.0 * np.eye(len(pose)))
+    trellis = Trellis([minima], 100.0 * np.eye(len(pose)))
     result = posed_result(HAND, Observation(0, 0.0), pose, Judgement(Status.TRACKED))
-    (found,) = with_other_ways(HAND, [result], lattice, shown=2)
+    (found,) = with_other_ways(HAND, [result], trellis, shown=2)
     np.testing.assert_array_equal(found.alternatives[1].parameters, HAND.joint_params(turned))
     assert len(found.alternatives) == 5, "others above 3 % stay as well"
 

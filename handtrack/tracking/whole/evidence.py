@@ -50,7 +50,7 @@ MOSTLY_NEW = 0.5
 """share of a frame that is new from which its errors hardly last: those of joints are correlated by less than a third"""
 
 Observe = Callable[[int, BonePoses | None], Observation]
-"""what is seen of a frame; see tracking.pursuit.Observe"""
+"""what is seen of a frame; see tracking.speculative.Observe"""
 
 
 @dataclass(frozen=True, eq=False)

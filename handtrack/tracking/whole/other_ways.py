@@ -14,8 +14,8 @@ from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
-from handtrack.tracking.whole.lattice import Lattice
 from handtrack.tracking.whole.several import Way
+from handtrack.tracking.whole.trellis import Trellis
 from handtrack.tracking.whole.ways import APART_M
 
 _LEAST = 0.03
@@ -25,21 +25,21 @@ _LEAST = 0.03
 def with_other_ways(
     model: ArticulatedModel,
     results: Sequence[FrameResult],
-    lattice: Lattice,
+    trellis: Trellis,
     shown: int = 1,
     refined: Sequence[Way] = (),
 ) -> list[FrameResult]:
     """Return refined frames with the other poses that all frames together leave open, the most probable first, behind the
     frame's own. What is stated contains them.
 
-    lattice: on whose most probable way the frames were refined; shown: how many poses a frame has that were asked for,
+    trellis: on whose most probable way the frames were refined; shown: how many poses a frame has that were asked for,
     however probable: such as differ in shape come first. refined: of ways that were refined as a whole, the frames' own first, the
     others are what is shown.
     """
     found = []
     several = len(refined) > 1
     weights = np.exp(min((w.cost for w in refined), default=0.0) - np.array([w.cost for w in refined]))  # fmt: skip
-    rows = zip(results, lattice.minima, lattice.probabilities, lattice.best.tolist(), strict=True)
+    rows = zip(results, trellis.minima, trellis.probabilities, trellis.best.tolist(), strict=True)
     for n, (result, minima, share, own) in enumerate(rows):
         poses = [m.pose for m in minima]
         others = _shown(model, result, poses, share, own, 0 if several else shown - 1)

@@ -34,10 +34,10 @@ from handtrack.tracking.whole.evidence import (
     new_share,
 )
 from handtrack.tracking.whole.keyframes import with_keyframes
-from handtrack.tracking.whole.lattice import Lattice
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack.tracking.whole.several import Way, several_ways
+from handtrack.tracking.whole.trellis import Trellis
 from handtrack.tracking.whole.ways import Ways
 
 _BESIDE = 7
@@ -80,7 +80,7 @@ class RecordingEstimate:
     """what frames say, and what they share"""
     poses: Floats[F, P]
     """solver parameters"""
-    trellis: Lattice | None = None
+    trellis: Trellis | None = None
     """modes of each frame, joined; `poses` lie on its Viterbi path"""
     solution: WholeEstimate | None = None
     """all poses, and what they share, found together"""

@@ -21,7 +21,7 @@ from handtrack.tracking.search.lost_finger import finger_grid
 from handtrack.tracking.search.policy import SUSPICIOUS_RATIO
 from handtrack.tracking.size.motion import Motion, changes, moved
 from handtrack.tracking.whole.evidence import Evidence, FrameEvidence
-from handtrack.tracking.whole.lattice import Lattice, Minimum
+from handtrack.tracking.whole.trellis import Minimum, Trellis
 
 APART_M = 0.01
 """[m] by which some joint of two minima differs at least: the breadth of half a finger"""
@@ -57,8 +57,8 @@ class Ways:
         prior, seconds = self.evidence.settings.prior, self.evidence.seconds
         self.motion = Motion.usual(prior, self.poses.shape[1], seconds)
 
-    def gathered(self) -> Lattice | None:
-        """Return the lattice of tracked poses, of those that they lead to where frames don't go together or are in doubt,
+    def gathered(self) -> Trellis | None:
+        """Return the trellis of tracked poses, of those that they lead to where frames don't go together or are in doubt,
         carried on from both sides, and of fingers tried elsewhere there; None when stopped.
         """
         for n, pose in enumerate(self.poses):
@@ -81,15 +81,15 @@ class Ways:
                 self._carry(n - 1, 1, self._pose(n - 1), self._speed(n - 1, -1, firm))
         for n in _spread(doubted & firm):
             self._try_fingers(n)
-        usual = Lattice(self.minima, self.motion.pushes)
+        usual = Trellis(self.minima, self.motion.pushes)
         for _ in range(_ROUNDS):
             if not self._bridge(usual.way(self.moving_as_found(usual).best)):
                 break
-            usual = Lattice(self.minima, self.motion.pushes)
+            usual = Trellis(self.minima, self.motion.pushes)
         return None if self.control.should_stop() else usual
 
-    def moving_as_found(self, usual: Lattice) -> Lattice:
-        """Return the lattice where frames change as they do on the most probable way by what is usual."""
+    def moving_as_found(self, usual: Trellis) -> Trellis:
+        """Return the trellis where frames change as they do on the most probable way by what is usual."""
         return replace(usual, change=self._change(usual.way(usual.best)))
 
     def _change(self, poses: Floats[F, P]) -> Floats[P, P]:

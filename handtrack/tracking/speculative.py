@@ -57,7 +57,7 @@ class _Frame:
     """instead of a result: told once the frames before it are settled"""
 
 
-class Pursuit:
+class SpeculativeExecution:
     """Frames on from a state, yielded once settled; `control.on_early` is shown them as soon as they are solved.
 
     Whoever watches single solver steps, or has one thread, gets one frame after the other, searches included.

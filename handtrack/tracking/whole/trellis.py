@@ -31,7 +31,7 @@ class Minimum:
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class Trellis:
     """Minima of frames that follow one another, at least one each, joined by what a frame may change.
 
     A minimum's mass is its bell's, exp(−cost) · √det C (Laplace), C = (H + S⁻¹)⁻¹: what the frame leaves open is known as

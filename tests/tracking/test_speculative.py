@@ -11,7 +11,7 @@ import pytest
 
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.pursuit import Pursuit
+from handtrack.tracking.speculative import SpeculativeExecution
 
 COUNT = 60
 AHEAD = Control().ahead
@@ -58,8 +58,8 @@ def observe(frame, _bones):
 
 def poses(path, threads, monkeypatch, observe=observe, count=COUNT, **more):
     monkeypatch.setenv("HANDTRACK_THREADS", str(threads))
-    pursuit = Pursuit(path, observe, 0, Control(**more))
-    return [(r.frame, r.parameters[0]) for _, r in pursuit.frames(range(count))]
+    execution = SpeculativeExecution(path, observe, 0, Control(**more))
+    return [(r.frame, r.parameters[0]) for _, r in execution.frames(range(count))]
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -92,13 +92,13 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
 
 def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
     path, early = Path(frozenset({3, 5, 40}), frozenset({3, 5, 40})), []
-    searches, begun = [], Pursuit._begun
+    searches, begun = [], SpeculativeExecution._begun
 
     def noted(*given):
         searches.append(begun(*given))
         return searches[-1]
 
-    monkeypatch.setattr(Pursuit, "_begun", noted)
+    monkeypatch.setattr(SpeculativeExecution, "_begun", noted)
 
     def show(result):
         early.append(result.frame)
