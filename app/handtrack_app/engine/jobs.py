@@ -80,7 +80,7 @@ before the next"""
 
 
 class BackgroundJob:
-    """Works until done, cancelled, or failed; posts reports and at last Ended."""
+    """Works until done, cancelled, or failed; posts reports and at last JobEnded."""
 
     kind = "job"
 
