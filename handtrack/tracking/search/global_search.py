@@ -139,7 +139,7 @@ class GlobalObjective:
             lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > BASIN_M,
         ))  # fmt: skip
         palms = np.array([palm_middle(c.model, c.params) for c in ordered])
-        promising = [n for n in rows if ordered[n].cost <= _PROMISING * ordered[0].cost]
+        promising = [n for n in rows if ordered[n].cost <= _PROMISING_COST * ordered[0].cost]
         kept = [*spread_over_places(promising, palms, most), *rows[len(promising) :]]
         return sorted((ordered[n] for n in kept[:most]), key=lambda c: c.cost)
 
