@@ -25,7 +25,6 @@ from handtrack.errors import HandtrackError
 _FIRST_PIXEL = 1.0
 _MARK = "CameraParameters1"
 _MIDDLE = 0.2  # of the image: how far from its middle a lens's axis may be
-_UNIT_M = UNITS_M["mm"]
 HOW = "In MATLAB: s = toStruct(stereoParams); save('stereo.mat', 's', '-v7'), or write jsonencode(s) to a .json file."
 
 
