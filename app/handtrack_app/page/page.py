@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import html
 import json
 import logging
 import math
@@ -266,16 +265,3 @@ class Keys:
             shown = _KEY_WORDS.get(key, key)
             self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))
         return internals.id_of(command)
-
-    def table(self) -> str:
-        """Return the list of keys for the page."""
-        rows = "".join(
-            f"<tr><td style='white-space:nowrap;padding-right:1em'><kbd>{html.escape(key)}</kbd></td>"
-            f"<td style='opacity:.8'>{html.escape(self.words.of(words))}</td></tr>"
-            for key, words in (*self.known, ("Ctrl K", "All commands, by name"))
-        )
-        return (
-            "<div style='padding:.2em .9em 0;font-size:.8em;opacity:.8'>After a list or a number was used, click into the "
-            "scene first.</div>"
-            f"<table style='padding:.2em .9em .5em;font-size:.8em;line-height:1.6'>{rows}</table>"
-        )

@@ -28,7 +28,7 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
 /* the timeline below all else, as wide as the window: nothing stands before scene and panel */
-:root { --handtrack-below: 84px; }
+:root { --handtrack-below: 82px; }
 div:has(> .mantine-Paper-root[style*="position: absolute"] .handtrack-timeline) {
   height: calc(100% - var(--handtrack-below)) !important; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { position: fixed !important; inset: auto 0 0 0 !important; width: 100vw !important; height: var(--handtrack-below) !important;

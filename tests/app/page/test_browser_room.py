@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from handtrack_app.engine.document import Document
 from handtrack_app.page.scene.hand_place import hand_balls
 from handtrack_app.page.views.room import LARGE, LIGHT, Taste
 from handtrack_app.workbench import Workbench
@@ -14,20 +17,25 @@ from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.page.test_browser_zoom import CANVAS
 from tests.app.waiting import eventually
-from tests.experiments.workbench.chromium import PROJECT
+from tests.experiments.workbench.chromium import CHROMIUM, PROJECT, chromium, there_is_one
 
 NOTICE = """() => {
   const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();
   return r ? [r.left, r.top, r.right, r.bottom] : null;
 }"""
-LAYOUT = """() => {
+BELOW = """() => {
   const below = [...document.querySelectorAll('.mantine-Paper-root')].find((one) =>
     one.style.position === 'absolute' && one.querySelector('.handtrack-timeline'));
-  const r = below.getBoundingClientRect(), slider = below.querySelector('.mantine-Slider-thumb').getBoundingClientRect();
-  return {below: [r.left, r.right, innerHeight - r.bottom], thumb: slider.width,
+  const r = below?.getBoundingClientRect();
+  return r && [r.left, r.right, innerHeight - r.bottom];
+}"""
+"""where the timeline stands"""
+LAYOUT = """() => {
+  const slider = document.querySelector('.mantine-Paper-root:has(.handtrack-timeline) .mantine-Slider-thumb').getBoundingClientRect();
+  return {below: (%s)(), thumb: slider.width,
           scale: getComputedStyle(document.documentElement).getPropertyValue('--mantine-scale').trim(),
           ground: getComputedStyle(document.querySelector('canvas').closest('div[style*="background-color"]')).backgroundColor};
-}"""
+}""".replace("%s", BELOW)
 NAMELESS = """() => [...document.querySelectorAll('button, input, img, [role="slider"], [role="progressbar"]')].filter((one) =>
   one.offsetParent !== null && !one.getAttribute('aria-label') && !one.alt && !one.textContent.trim() && !one.labels?.length)
   .map((one) => one.outerHTML.slice(0, 150))"""
@@ -76,6 +84,33 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path: Path) -> None:
         view.page.wait_for_timeout(2000)
         assert looks() == before
         assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"
+
+
+@pytest.mark.browser
+def test_a_page_that_comes_while_the_session_opens_is_laid_out(tmp_path: Path) -> None:
+    opens = threading.Event()
+
+    def opener(folder: Path, overrides: dict[str, Any]) -> Document:
+        opens.wait(60.0)
+        return fake_document(folder, overrides)
+
+    if not there_is_one():
+        pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
+    bench = Workbench(tmp_path, port=0, opener=opener).start()
+    try:
+        with chromium((1280, 800)) as (page, errors):
+            page.goto(f"{bench.url}&fixedDpr=0.5")
+            page.wait_for_function(
+                f"() => {{ const at = ({BELOW})(); return at && at[1] === innerWidth; }}"
+            )
+            assert page.evaluate(BELOW) == [0, 1280, 0] and not errors
+            taste = eventually(
+                lambda: list(bench.layout.room.tastes.values()), "the system's colours"
+            )
+            assert taste == [Taste(False, LIGHT)]
+    finally:
+        opens.set()
+        bench.stop()
 
 
 @pytest.mark.browser

@@ -30,7 +30,7 @@ def test_every_command_is_there_and_no_key_is_given_twice_or_to_viser(bench: Wor
     assert len(keys) == len(set(keys)), sorted(k for k in keys if keys.count(k) > 1)
     walking = {"W", "A", "S", "D", "Q", "E"}
     assert not walking & {key for key, _ in keys}
-    table = bench.layout.keys.table()
+    table = bench.layout.help.table()
     assert "Shift →" in table and "Keep this pose" in table
 
 

@@ -106,6 +106,6 @@ def test_no_key_does_two_things(bench: Workbench) -> None:
     keys = [key for key, _ in bench.layout.keys.known]
     assert len(keys) == len(set(keys))
     assert {"Ctrl Z", "F", "N", "Shift N", "1", "2", "0"} <= set(keys)
-    table = bench.layout.keys.table()
+    table = bench.layout.help.table()
     assert "Look through side" in table and "Ctrl K" in table
     assert isinstance(bench.layout.keys, Keys)

@@ -85,6 +85,7 @@ class SessionPanel:
                 "Other recordings …", icon=viser.Icon.FOLDERS, color="gray", order=1e6,
                 hint="Leaves this one; all that was done is kept.",
             )  # fmt: skip
+            self.room.build()  # a page that comes while the session opens has its taste at once
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the tab once for a session's cameras."""
@@ -132,9 +133,6 @@ class SessionPanel:
                     self._toggle("Ground truth", "truth", "True joints, white.")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
             self._look_by_keys(cameras)
-            self.room.build()
-            with gui.add_folder("Keys", expand_by_default=False):
-                gui.add_html(self.keys.table())
         page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.target.value)))
         page.on(self.opacity, lambda e: page.draw("opacity", number(e.target.value, 0.1, 1.0)))
         page.own(self.through, self._look)

@@ -25,7 +25,7 @@ from handtrack_app.protocol.timeline import (
 
 LEFT, RIGHT = 172, 66  # [px] where viser's slider begins and ends: it lies over the lanes
 _CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 34, 14, 14, 14, 14, 18  # heights [px]
-_REST = 2  # [px] of the panel besides its lanes: its edge
+_REST, _LEAST = 2, 82  # [px]: the panel's edge; what the transport beside the lanes needs
 _FOUND = 5  # beside the codes of contracts §5: a search's pose, which no frame was tracked from
 _SHOWN_AS = {**STATUS, _FOUND: FOUND}
 _BADNESS = (
@@ -105,7 +105,7 @@ def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window
     return (
         f"<div class='handtrack-timeline' style='padding:0 {RIGHT}px 0 {LEFT}px;position:relative;font-size:12px'>"
         f"<style>:root{{--handtrack-lanes:{top + _AXIS}px;"
-        f"--handtrack-below:calc({top + _AXIS + _REST}px * var(--mantine-scale))}}</style>"
+        f"--handtrack-below:calc({max(top + _AXIS + _REST, _LEAST)}px * var(--mantine-scale))}}</style>"
         f"<div style='position:relative;height:{top + _AXIS}px'>{labels}"
         f"<div class='handtrack-lane' style='left:30%;top:2px'>{_legends(strip)}</div>"
         f"<svg viewBox='0 0 {WIDTH} {top + _AXIS}' preserveAspectRatio='none' "

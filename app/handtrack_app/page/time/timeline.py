@@ -16,6 +16,8 @@ _PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
 _ZOOM: tuple[str, ...] = ("+", "−", "↔", "☰")
 _SPEEDS: tuple[str, ...] = ("¼×", "½×", "1×", "2×")
 _FACTOR = 2.0
+_BEFORE_SESSION = "<div class='handtrack-timeline'></div>"
+"""by it the style sheet knows the panel"""
 
 
 @dataclass
@@ -38,7 +40,7 @@ class TimelinePanel:
 
     def __post_init__(self) -> None:
         with self.tab:
-            self.picture = self.page.gui.add_html("")
+            self.picture = self.page.gui.add_html(_BEFORE_SESSION)
             self.cursor = self.page.gui.add_html("")
 
     def fit(self, session: SessionSnapshot) -> None:

@@ -91,12 +91,12 @@ class Help:
         modal = self.page.dialog(client, "Keys and gestures")
         with modal:
             search = client.gui.add_text("Search", "")
-            found = client.gui.add_html(self._table(""))
+            found = client.gui.add_html(self.table())
             close = client.gui.add_button("Close")
-        search.on_update(lambda event: put(found, content=self._table(str(event.target.value))))
+        search.on_update(lambda event: put(found, content=self.table(str(event.target.value))))
         close.on_click(lambda _: self.page.close_dialog(client))
 
-    def _table(self, wanted: str) -> str:
+    def table(self, wanted: str = "") -> str:
         """Return gestures and keys, or those of them that hold some words."""
         say = self.page.words.of
         known = (*_GESTURES, *self.keys.known, ("Ctrl K", "All commands, by name"))

@@ -71,7 +71,7 @@ class Room:
     def build(self) -> None:
         """Add the widgets where the page builds now, and the keys."""
         gui, own = self.page.gui, self.page.own
-        with gui.add_folder("This page", expand_by_default=False):
+        with gui.add_folder("This page", expand_by_default=False, order=1e5):
             self.colours = gui.add_dropdown(
                 "Colours", _COLOURS, initial_value=DARK, hint="Light is for print and projectors."
             )  # fmt: skip
