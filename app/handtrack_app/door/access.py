@@ -349,7 +349,7 @@ class MessageFilter:
 
         The widget's own may be another by now: the program moves it, too.
         """
-        return self._values.get(internals.id_of(handle), handle.value)
+        return self._values.get(internals.id_of(handle), getattr(handle, "value", None))
 
     def _keep(self, uuid: str, value: object) -> None:
         if len(self._values) >= _MOST_VALUES and self.server is not None:

@@ -6,12 +6,11 @@ import functools
 import json
 import logging
 import math
-import operator
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import viser
 
@@ -31,15 +30,14 @@ _OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => [...document.querySelect
 _ASKED_S = 60.0  # a browser is waited for
 
 
-class UserEvent(Protocol):
-    """What viser tells of a widget that was used, or of a command."""
+@dataclass(frozen=True)
+class UserEvent:
+    """A widget that was used, or a command that was given."""
 
-    @property
-    def client(self) -> viser.ClientHandle | None: ...
-    @property
-    def client_id(self) -> int | None: ...
-    @property
-    def target(self) -> Any: ...
+    client: viser.ClientHandle
+    target: Any
+    value: Any
+    """what the user chose: `target.value` may be the program's by now, written since"""
 
 
 Action = Callable[[UserEvent], None]
@@ -58,8 +56,8 @@ class Page:
     """apply changed display options to the scene"""
     go_to: Callable[[float], None]
     """show a frame"""
-    said: Callable[[Any], Any] = operator.attrgetter("value")
-    """the value that a page last gave to a widget; its own may be the program's by now, written since"""
+    said: Callable[[Any], Any]
+    """the value that a page last gave to a widget"""
     own_widgets: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """by id: what is called with a client and the value that it gave to a widget that each page has for itself"""
     everyones: set[str] = field(default_factory=set)
@@ -195,13 +193,14 @@ class Page:
         register = getattr(widget, "on_click", None) or widget.on_update
         register(self.from_user(action))
 
-    def from_user(self, action: Action) -> Action:
+    def from_user(self, action: Action) -> Callable[[Any], None]:
         """Wrap a callback: values that the program itself wrote are ignored, mistakes are told in words."""
 
         @functools.wraps(action)
-        def callback(event: UserEvent) -> None:
+        def callback(event: Any) -> None:
             if event.client_id is not None:
-                self._tried(event.client, partial(action, event))
+                used = UserEvent(event.client, event.target, self.said(event.target))
+                self._tried(event.client, partial(action, used))
 
         return callback
 
@@ -254,7 +253,11 @@ class Keys:
     """key and what it does, in words"""
 
     def add(
-        self, words: str, key: str | None, action: Action, modifier: KeyModifier | None = None
+        self,
+        words: str,
+        key: str | None,
+        action: Callable[[Any], None],
+        modifier: KeyModifier | None = None,
     ) -> str:
         """Let a key do something, or the palette alone (None); `action` gets viser's event. Return the command's id."""
         hotkey = cast("HotkeyKey | None", key)

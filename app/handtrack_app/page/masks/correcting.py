@@ -94,7 +94,7 @@ class CorrectingWidgets:
 
     def _end(self, event: UserEvent) -> None:
         if event.client is not None:
-            self.stage.look(self.page.state.look(event.client_id).through, event.client)
+            self.stage.look(self.page.state.look(event.client.client_id).through, event.client)
 
     def _show_painting(self, on: bool) -> None:
         put(self.paint, visible=not on)

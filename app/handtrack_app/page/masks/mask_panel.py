@@ -81,9 +81,9 @@ class MaskPanel:
             hint="Forget what was changed here since; corrections stay.",
         )  # fmt: skip
         self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
-        page.on(self.on, lambda event: self._show_masks(bool(event.target.value)))
+        page.on(self.on, lambda event: self._show_masks(bool(event.value)))
         page.on(self.camera, lambda _: self._show_chosen())
-        page.on(self.method, lambda event: self._choose(str(event.target.value)))
+        page.on(self.method, lambda event: self._choose(str(event.value)))
         page.on(self.save, lambda _: page.engine.save_masks())
         page.on(self.back, lambda _: page.engine.restore_masks())
 
@@ -122,7 +122,7 @@ class MaskPanel:
 
     def _one_camera(self, event: UserEvent) -> str | None:
         """Return the camera that is meant where there can be one only: chosen, or looked through, or the first."""
-        through = self.page.state.look(event.client_id).through
+        through = self.page.state.look(event.client.client_id).through
         return self._named() or through or self._shown_camera().name
 
     def _show_chosen(self) -> None:

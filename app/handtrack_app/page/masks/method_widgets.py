@@ -85,9 +85,7 @@ class MethodWidgets:
                 self._widgets[name] = widget
                 page.on(
                     widget,
-                    lambda event, name=name, drawn=drawn: _send(
-                        set_, name, drawn, event.target.value
-                    ),
+                    lambda event, name=name, drawn=drawn: _send(set_, name, drawn, event.value),
                 )
         self._fields = FIELDS[method]
 

@@ -96,12 +96,12 @@ class CloudPanel:
             "Back to session.toml", icon=viser.Icon.RESTORE, color="gray",
             hint="Forget what was changed here since.",
         )  # fmt: skip
-        page.on(picture, lambda e: self._show("cloud_picture", _PICTURES.get(e.target.value)))
-        page.on(wide, lambda e: self._show("cloud_wide", bool(e.target.value)))
-        page.on(on, lambda e: self._show("cloud", bool(e.target.value)))
-        page.on(colour, lambda e: self._show("cloud_colour", _COLOURS.get(e.target.value)))
-        page.on(dropped, lambda e: self._show("cloud_dropped", bool(e.target.value)))
-        page.on(size, lambda e: self._show("cloud_size_mm", number(e.target.value, 0.4, 6.0)))
+        page.on(picture, lambda e: self._show("cloud_picture", _PICTURES.get(e.value)))
+        page.on(wide, lambda e: self._show("cloud_wide", bool(e.value)))
+        page.on(on, lambda e: self._show("cloud", bool(e.value)))
+        page.on(colour, lambda e: self._show("cloud_colour", _COLOURS.get(e.value)))
+        page.on(dropped, lambda e: self._show("cloud_dropped", bool(e.value)))
+        page.on(size, lambda e: self._show("cloud_size_mm", number(e.value, 0.4, 6.0)))
         page.on(save, lambda _: page.engine.save_clouds())
         page.on(back, lambda _: page.engine.restore_clouds())
         self.widgets = {

@@ -82,7 +82,7 @@ class Sliders:
         widget = self.page.gui.add_slider(
             slider.known.label, low, high, step, low, hint=slider.hint
         )
-        self.page.on(widget, lambda event: self._changed(slider, event.target))
+        self.page.on(widget, lambda event: self._changed(slider, event.value))
         self.known[slider.name] = (slider, widget)
 
     def fit(self, card: CloudCard) -> None:
@@ -91,8 +91,8 @@ class Sliders:
             shown = slider.on_page(card.values.get(name))
             put(widget, value=shown)
 
-    def _changed(self, slider: FilterSlider, widget: viser.GuiSliderHandle[float]) -> None:
-        shown = number(widget.value, *slider.span[:2])
+    def _changed(self, slider: FilterSlider, value: object) -> None:
+        shown = number(value, *slider.span[:2])
         if shown is not None:
             self.set(**{slider.name: slider.in_file(shown)})
 
@@ -118,7 +118,7 @@ class FilterControls:
         with thin:
             for slider in THIN:
                 self.sliders.add(slider)
-        page.on(self.part, lambda e: set_(component=_PARTS.get(e.target.value, "all")))
+        page.on(self.part, lambda e: set_(component=_PARTS.get(e.value, "all")))
 
     def fit(self, card: CloudCard) -> None:
         """Show the settings in force."""
@@ -151,8 +151,8 @@ class StereoControls:
                 "Clouds from this pair", icon=viser.Icon.ARROW_MERGE, color="gray", visible=False,
                 hint="The session's clouds come from this pair from now on.",
             )  # fmt: skip
-        page.on(self.pair, lambda event: self._choose(event.target.value))
-        page.on(self.method, lambda e: self.set(stereo_method=_METHODS.get(e.target.value, "sgbm")))
+        page.on(self.pair, lambda event: self._choose(event.value))
+        page.on(self.method, lambda e: self.set(stereo_method=_METHODS.get(e.value, "sgbm")))
         page.on(self.take, lambda _: self._take())
 
     def chosen(self) -> tuple[str, str] | None:

@@ -164,7 +164,7 @@ class SettingsPanel:
             self.told[setting.name] = gui.add_html("")
 
     def _changed(self, setting: Setting, event: UserEvent) -> None:
-        value: Any = event.target.value
+        value: Any = event.value
         if setting.words:
             value = next((own for own, word in setting.words.items() if word == value), None)
         elif not isinstance(value, bool):
@@ -265,7 +265,7 @@ class ShapePanel:
 
     def _set(self, event: UserEvent) -> None:
         row = self._row
-        value = number(event.target.value, event.target.min, event.target.max)
+        value = number(event.value, event.target.min, event.target.max)
         if row is not None and value is not None:
             self.page.engine.set_shape(row.name, value, f"Shape: {row.label}")
 
@@ -366,7 +366,7 @@ class LimitsPanel:
         put(self.ranges[name], label=label)
 
     def _changed(self, name: str, event: UserEvent) -> None:
-        interval = clean_interval(event.target.value, event.target.min, event.target.max)
+        interval = clean_interval(event.value, event.target.min, event.target.max)
         if interval is not None:
             unit = unit_of(name)
             self.page.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))

@@ -57,12 +57,12 @@ class ExportPanel:
 
         def download(event: UserEvent) -> None:
             axis = up.value if up.visible and up.value != _AS_RECORDED else ""
-            page.engine.export(chosen.value, event.client_id or 0, axis)
+            page.engine.export(chosen.value, event.client.client_id, axis)
 
         explain()
         page.on(chosen, explain)
         page.on(button, download)
-        page.on(first, lambda event: page.engine.export("init", event.client_id or 0))
+        page.on(first, lambda event: page.engine.export("init", event.client.client_id))
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""

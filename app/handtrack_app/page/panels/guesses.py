@@ -53,7 +53,7 @@ class GuessesPanel:
         self.cancel = gui.add_button(
             "Cancel the search", icon=viser.Icon.PLAYER_STOP, color="red", visible=False
         )
-        page.on(self.find, lambda event: self.search(event.target.value == _ANYWHERE))
+        page.on(self.find, lambda event: self.search(event.value == _ANYWHERE))
         page.on(self.fetch, lambda _: self.search(fetch=True))
         page.on(self.cancel, lambda _: page.engine.cancel())
         self.folder = gui.add_folder("Other poses", visible=False)
@@ -67,8 +67,8 @@ class GuessesPanel:
                 True,
                 hint="Draw these poses in the scene, each in the colour of its number.",
             )
-        page.on(self.takes, lambda event: self._take(event.target.value))
-        page.on(self.ghosts, lambda event: page.draw("ghosts", bool(event.target.value)))
+        page.on(self.takes, lambda event: self._take(event.value))
+        page.on(self.ghosts, lambda event: page.draw("ghosts", bool(event.value)))
 
     def search(self, anywhere: bool = False, fetch: bool = False) -> None:
         """Detect the model in the frame shown, or in the surest of several."""

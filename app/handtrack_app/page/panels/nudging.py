@@ -113,7 +113,7 @@ class NudgePanel:
         with gui.add_folder("Nudge as you see it", expand_by_default=False):
             for label, words in _ROWS.items():
                 row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
-                page.on(row, lambda e, words=words: self.nudge(words.get(e.target.value), e.client))
+                page.on(row, lambda e, words=words: self.nudge(words.get(e.value), e.client))
             words = tuple(self.steps)
             self.step = gui.add_dropdown(
                 "Step", words, initial_value=words[_USUAL],

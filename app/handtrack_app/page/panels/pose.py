@@ -96,9 +96,9 @@ class PosePanel:
             self.nudges.build()
         page.on(fit, lambda _: self._fit())
         self.nudges.keys.add("Fit frame", "F", page.from_user(lambda _: self._fit()))
-        page.on(self.edit_buttons, lambda event: self._edit(str(event.target.value)))
-        page.on(self.history, lambda _: self._go_back(str(page.said(self.history))))
-        page.on(take, lambda event: self.take(event.target.value))
+        page.on(self.edit_buttons, lambda event: self._edit(str(event.value)))
+        page.on(self.history, lambda event: self._go_back(str(event.value)))
+        page.on(take, lambda event: self.take(event.value))
         page.on(self.library, self._choose)
         page.on(pictures, self._ask)
         self.nudges.keys.add("Poses in pictures", "L", page.from_user(self._ask), "alt")
@@ -143,14 +143,13 @@ class PosePanel:
         self.page.engine.take_pose(state.frame, source, version)
 
     def _choose(self, event: UserEvent) -> None:
-        chosen = str(event.target.value)
+        chosen = str(event.value)
         if chosen != _KEEP:
             self.take(self.titles[chosen])
             self.library.value = _KEEP  # so that the same pose can be chosen again
 
     def _ask(self, event: UserEvent) -> None:
-        if event.client_id is not None:
-            self.page.engine.want_library(event.client_id)
+        self.page.engine.want_library(event.client.client_id)
 
     # ---- sliders
 
@@ -184,7 +183,7 @@ class PosePanel:
                     "Edit joints of" if i == 0 else " ", named, order=self.sliders_at,
                     hint="One group's sliders at a time: all of them are on the screen.",
                 )  # fmt: skip
-                self.page.on(row, lambda event: self.open(str(event.target.value)))
+                self.page.on(row, lambda event: self.open(str(event.value)))
                 self.rows.append(row)
             for group, members in groups.items():
                 self._add_folder(group, members, session)
@@ -217,7 +216,7 @@ class PosePanel:
 
     def _moved(self, name: str, event: UserEvent) -> None:
         slider = event.target
-        value = number(self.page.said(slider), slider.min, slider.max)
+        value = number(event.value, slider.min, slider.max)
         if value is None:
             slider.value = round(self.page.state.value_of(name) / self._unit(name), 1)
             return

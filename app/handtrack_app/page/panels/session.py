@@ -133,8 +133,8 @@ class SessionPanel:
                     self._toggle("Ground truth", "truth", "True joints, white.")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
             self._look_by_keys(cameras)
-        page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.target.value)))
-        page.on(self.opacity, lambda e: page.draw("opacity", number(e.target.value, 0.1, 1.0)))
+        page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.value)))
+        page.on(self.opacity, lambda e: page.draw("opacity", number(e.value, 0.1, 1.0)))
         page.own(self.through, self._look)
         page.own(self.paint, self._paint)
         page.own(
@@ -183,7 +183,7 @@ class SessionPanel:
     def _toggle(self, label: str, name: str, hint: str) -> None:
         page = self.page
         box = page.gui.add_checkbox(label, getattr(page.state.display, name), hint=hint)
-        page.on(box, lambda event: page.draw(name, bool(event.target.value)))
+        page.on(box, lambda event: page.draw(name, bool(event.value)))
         self.toggles[name] = box
 
     def _look(self, client: viser.ClientHandle, chosen: str) -> None:

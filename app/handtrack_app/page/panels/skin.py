@@ -63,8 +63,8 @@ class SkinControls:
                 hint="Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
             )  # fmt: skip
         page.on(painted, lambda _: self._take_painted())
-        page.on(self.on, lambda event: self._switch(bool(event.target.value)))
-        page.on(self.size, lambda event: self._resize(event.target.value))
+        page.on(self.on, lambda event: self._switch(bool(event.value)))
+        page.on(self.size, lambda event: self._resize(event.value))
         page.on(self.camera, lambda _: self._camera_chosen())
         for slider in (self.across, self.down):
             page.on(slider, lambda _: self._show_box(self.box()))

@@ -118,11 +118,11 @@ class TrackingPanel:
         page.on(self.between, lambda _: self.start("between"))
         for which, button in starters:
             page.on(button, lambda _, which=which: self.start(which))
-        page.on(self.later, lambda event: self._put_off(bool(event.target.value)))
-        page.on(self.again, lambda event: self._again(event.target.value))
+        page.on(self.later, lambda event: self._put_off(bool(event.value)))
+        page.on(self.again, lambda event: self._again(event.value))
         page.on(self.pause, lambda _: self.pause_or_go_on())
         page.on(self.cancel, lambda _: page.engine.cancel())
-        page.on(self.follow, lambda event: self._follow(bool(event.target.value)))
+        page.on(self.follow, lambda event: self._follow(bool(event.value)))
         page.on(save, lambda _: page.engine.save_track())
         page.on(self.residuals, lambda _: page.engine.open_rerun())
         self._show_size()
@@ -143,9 +143,9 @@ class TrackingPanel:
                 "Track range", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
                 hint="From the frame shown, if it has a pose of its own; else from the nearest frame of the range that has one.",
             )  # fmt: skip
-        page.on(onward, lambda event: self.start(event.target.value))
+        page.on(onward, lambda event: self.start(event.value))
         page.on(ranged, lambda _: self.start("range"))
-        page.on(ends, lambda event: self._reach(str(event.target.value)))
+        page.on(ends, lambda event: self._reach(str(event.value)))
         self.range.on_update(lambda _: self._name_range())  # whoever moved it
         self._name_range()
         self.starters += [onward, span]

@@ -56,10 +56,10 @@ class PinPanel:
                 hint="The same correction beside, moved as what was tracked moves.",
                 visible=False,
             )
-        page.on(self.held, lambda event: self._hold(str(event.target.value)))
+        page.on(self.held, lambda event: self._hold(str(event.value)))
         page.on(self.drop, lambda _: self._drop(len(self.pins) - 1))
         page.on(self.drop_all, lambda _: self._drop(None))
-        page.on(self.copy, lambda event: self._copy(str(event.target.value)))
+        page.on(self.copy, lambda event: self._copy(str(event.value)))
         add = self.keys.add
         add("Drop the last pin", "Backspace", page.from_user(lambda _: self._drop_last()))
         add(

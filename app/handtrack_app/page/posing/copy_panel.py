@@ -57,12 +57,10 @@ class CopyPanel:
         page.on(
             self.whole,
             lambda event: (
-                self.mirror(event.client)
-                if event.target.value == MIRROR
-                else acts[event.target.value](ALL)
+                self.mirror(event.client) if event.value == MIRROR else acts[event.value](ALL)
             ),
         )
-        page.on(self.part, lambda event: acts[event.target.value](self.group))
+        page.on(self.part, lambda event: acts[event.value](self.group))
         keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[], None]], ...] = (
             ("Copy the pose", "C", "alt", lambda: self.copy(ALL)),
             ("Paste the pose that was copied", "V", "alt", lambda: self.paste(ALL)),

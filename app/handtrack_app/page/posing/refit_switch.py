@@ -30,7 +30,7 @@ class RefitSwitch:
     def build(self) -> None:
         """Add a switch where the page builds now."""
         box = self.page.gui.add_checkbox("Refit as I tune", self.on, hint=_HINT)
-        self.page.on(box, lambda event: self.turn(bool(event.target.value)))
+        self.page.on(box, lambda event: self.turn(bool(event.value)))
         self.boxes.append(box)
 
     def turn(self, on: bool) -> None:

@@ -97,7 +97,7 @@ class PlotsPanel:
             self.speed = gui.add_checkbox("Speed", False, hint="Plot the angles' speed instead.")
             self.note = gui.add_html("")
         page.words.on(self.note, content=text(_CHOOSE))
-        page.on(self.group, lambda _: self._choose())
+        page.on(self.group, lambda event: self._choose(str(event.value)))
         page.on(self.speed, lambda _: self.draw())
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -106,8 +106,7 @@ class PlotsPanel:
             self.names = session.parameter_names
             self.group.options = (_NONE, *groups_of(self.names))
 
-    def _choose(self) -> None:
-        chosen = str(self.page.said(self.group))
+    def _choose(self, chosen: str) -> None:
         self.page.engine.want_curves(groups_of(self.names).get(chosen, ()))
 
     def show(self, snapshot: CurvesSnapshot) -> None:

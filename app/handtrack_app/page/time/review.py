@@ -62,10 +62,10 @@ class ReviewPanel:
                 page.on(row, lambda _, n=n: self._chosen(n))
                 self.rows.append(row)
             self.more = gui.add_html("")
-        page.on(self.go, lambda event: self.step(1 if event.target.value == "Next" else -1))
+        page.on(self.go, lambda event: self.step(1 if event.value == "Next" else -1))
         page.on(self.accept_next, lambda _: self.do_accept(""))
-        page.on(self.accept, lambda event: self.do_accept(event.target.value))
-        page.on(self.release, lambda event: self.let_go(event.target.value))
+        page.on(self.accept, lambda event: self.do_accept(event.value))
+        page.on(self.release, lambda event: self.let_go(event.value))
 
     def add_keys(self, keys: Keys) -> None:
         """Register what keys do."""

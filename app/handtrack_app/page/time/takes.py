@@ -52,7 +52,7 @@ class TakesPanel:
             )  # fmt: skip
         self.page.on(self.back, lambda _: self._restore(None))
         self.page.on(self.part, lambda _: self._restore(self.frames))
-        self.page.on(self.compare, lambda _: self._compare())
+        self.page.on(self.compare, lambda event: self._compare(str(event.value)))
         self.span.on_update(lambda _: self._name_span())
         self._name_span()
 
@@ -73,8 +73,7 @@ class TakesPanel:
             self.page.play(False)
             self.page.engine.restore_take(int(chosen), span)
 
-    def _compare(self) -> None:
-        chosen = str(self.page.said(self.compare))
+    def _compare(self, chosen: str) -> None:
         self.page.engine.compare_take(int(chosen) if chosen.isdecimal() else None)
 
     def show(self, work: WorkSnapshot) -> None:

@@ -61,10 +61,10 @@ class TimelinePanel:
                 "Timeline", _ZOOM, hint="Fewer frames, more frames, all frames; more lanes or the first ones.",
             )  # fmt: skip
             self.speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1×")
-        page.on(self.slider, lambda event: page.go_to(page.said(event.target)))
-        page.on(self.play, lambda event: self._pressed(event.target.value))
-        page.on(self.zoom, lambda event: self.look_closer(event.target.value))
-        page.on(self.speed, lambda event: self._pace(event.target.value))
+        page.on(self.slider, lambda event: page.go_to(event.value))
+        page.on(self.play, lambda event: self._pressed(event.value))
+        page.on(self.zoom, lambda event: self.look_closer(event.value))
+        page.on(self.speed, lambda event: self._pace(event.value))
 
     def _pace(self, chosen: str) -> None:
         self.page.state.speed = (0.25, 0.5, 1.0, 2.0)[_SPEEDS.index(chosen)]

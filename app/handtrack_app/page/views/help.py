@@ -66,9 +66,7 @@ class Help:
             ("Tour: five things to do", None, self.tour),
             ("Close the dialog, or leave the camera", "escape", self.escape),
         ):
-            from_user = self.page.from_user(
-                lambda event, act=act: act(event.client) if event.client else None
-            )
+            from_user = self.page.from_user(lambda event, act=act: act(event.client))
             modifier = "shift" if key == "H" else None
             self.page.everyones.add(self.keys.add(words, key, from_user, modifier))
 

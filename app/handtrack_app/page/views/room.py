@@ -85,7 +85,7 @@ class Room:
         self._key("Large or usual text", None, self._other_text)
 
     def _key(self, words: str, key: str | None, act: Callable[[viser.ClientHandle], None]) -> None:
-        from_user = self.page.from_user(lambda event: act(event.client) if event.client else None)
+        from_user = self.page.from_user(lambda event: act(event.client))
         self.page.everyones.add(self.keys.add(words, key, from_user))
 
     def welcome(self, client: viser.ClientHandle) -> None:

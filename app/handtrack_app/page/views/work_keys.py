@@ -65,4 +65,4 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
 
 
 def _export(page: Page, kind: str) -> Action:
-    return lambda event: page.engine.export(kind, event.client_id or 0)
+    return lambda event: page.engine.export(kind, event.client.client_id)

@@ -52,7 +52,7 @@ class ZoomKeys:
             self._key(words, key, acts[act])
 
     def _key(self, words: str, key: str, act: Callable[[viser.ClientHandle], None]) -> None:
-        from_user = self.page.from_user(lambda event: act(event.client) if event.client else None)
+        from_user = self.page.from_user(lambda event: act(event.client))
         self.page.everyones.add(self.keys.add(words, key, from_user))
 
     def _say(self, client: viser.ClientHandle, view: Through | None) -> None:

@@ -89,3 +89,21 @@ def test_experts_choose_method_distance_and_sharpness_on_the_page(bench: Workben
         eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content, "told")
         eventually(lambda: panel.controls["solver.iterations"][1].value == 10, "what it set shows")
     assert run().cloud.distance == "d1"  # no method says it
+
+
+def test_a_choice_counts_though_the_page_is_redrawn_before_it_is_read(
+    bench: Workbench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    method = bench.layout.settings.controls["method"][1]
+    executor = bench.server.gui._thread_executor
+    submit = executor.submit
+
+    def redrawn_first(*call: object) -> object:
+        method.value = usual
+        return submit(*call)
+
+    usual = method.value
+    monkeypatch.setattr(executor, "submit", redrawn_first)
+    with WireClient(bench.url) as client:
+        client.set_value(method, "2007, conic fields")
+        eventually(lambda: bench.worker.document.run.settings.method == "paper2007", "in force")
