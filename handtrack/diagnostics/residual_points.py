@@ -19,6 +19,7 @@ from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
+from handtrack.terms.own_time import AtOwnTime
 from handtrack.terms.term import ObservationTerm
 
 
@@ -44,6 +45,8 @@ class ImageResiduals(NamedTuple):
 
 def space_residuals(term: ObservationTerm, bones: BonePoses) -> SpaceResiduals | None:
     """Return E1's signed distances of the cloud's points, or E2's of the model's surface where the cloud is empty."""
+    if isinstance(term, AtOwnTime):
+        return space_residuals(term.term, term.motion_there.carried(bones))
     if isinstance(term, CloudDistanceTerm):
         points = np.ascontiguousarray(term.cloud.points[:, : term.cloud.count].T)
         return SpaceResiduals("cloud", points, term.surface.distance(bones, points) / term.sigma_m)

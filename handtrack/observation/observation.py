@@ -187,6 +187,8 @@ class Observation:
     """where a person said that joints and segments lie"""
     frames_later: Mapping[str, float] = field(default_factory=dict)
     """by camera, how many frames later than this one its image was taken, as far as is known"""
+    cloud_later: float = 0.0
+    """the same of the cloud, the mean of the cameras that measured it"""
     terms: tuple[Any, ...] = ()
     """the caller's own costs of bone poses (`terms.term.ObservationTerm`), which count as they are"""
     priors: tuple[Any, ...] = ()

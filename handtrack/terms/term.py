@@ -15,6 +15,11 @@ class ObservationTerm(ABC):
 
     name: str
 
+    @property
+    def is_detected(self) -> bool:
+        """Whether it is of joints that a detector saw, which may be others."""
+        return False
+
     @abstractmethod
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         """Return the cost, ½ Σ r² for a plain one, and add its derivatives to `sums` unless their width is 0."""

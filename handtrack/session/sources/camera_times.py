@@ -59,8 +59,8 @@ class CameraTimes:
             return ""
         return (
             f"its frames lie {off:.2g} of a frame ({1e3 * off / self.line.fps:.2g} ms) from the session's on average, by `lag_s`, "
-            "`fps` or time stamps. The nearest whole frame is taken while tracking; the estimate over the whole recording takes "
-            "what remains into account where it is constant."
+            "`fps` or time stamps. The nearest whole frame is taken, and the hand is predicted "
+            "at that frame's own time. A first pose leaves this out."
         )
 
     def frames(self, own: range) -> range:

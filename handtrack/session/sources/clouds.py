@@ -28,7 +28,11 @@ _TRIED = 5  # files, until one can be read
 class CloudSource(ABC):
     """Measured clouds by frame, before any filter. Safe to read from several threads."""
 
-    def __init__(self, cameras_needed: tuple[Floats[K, D3], ...]) -> None:
+    def __init__(
+        self, cameras_needed: tuple[Floats[K, D3], ...], names: tuple[str, ...] = ()
+    ) -> None:
+        self.names = names
+        """of the session's cameras whose images are measured; none where clouds are read from files"""
         self.cameras_needed = cameras_needed
         """centres (K, 3), world [m], of cameras that must all see a point for it to be measured, a set each"""
         self.camera_centres: Floats[C, D3] = np.concatenate(cameras_needed)
@@ -48,7 +52,9 @@ class DepthClouds(CloudSource):
     """Clouds from depth cameras, merged; where a camera has masks, only their pixels."""
 
     def __init__(self, views: tuple[View, ...]) -> None:
-        super().__init__(tuple(view.camera.centre[None] for view in views))
+        super().__init__(
+            tuple(view.camera.centre[None] for view in views), tuple(view.name for view in views)
+        )
         self._views = views
 
     def read(self, frame: int) -> PointCloud | None:
@@ -64,7 +70,10 @@ class StereoClouds(CloudSource):
 
     def __init__(self, pairs: tuple[tuple[View, View], ...], settings: StereoSettings) -> None:
         """Raises HandtrackError for cameras that cannot make a pair."""
-        super().__init__(tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b in pairs))
+        super().__init__(
+            tuple(np.stack([a.camera.centre, b.camera.centre]) for a, b in pairs),
+            tuple(view.name for pair in pairs for view in pair),
+        )
         self._pairs = tuple(
             (a, b, StereoMatcher(a.camera, b.camera, settings, _by_level_lines(a, b)))
             for a, b in pairs

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_result import Solved, given_result, unseen_result
-from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
+from handtrack.tracking.frame.frame_terms import FrameTerms, at_own_times, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.frame.terms.forearm import aimed_forearm
+from handtrack.tracking.size.motion import changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +46,15 @@ class FrameTask:
     def terms(self, params: Floats[P]) -> FrameTerms:
         """Return what the frame costs, seen from solver parameters."""
         bones = self.model.bones(params)
-        return frame_terms(
+        terms = frame_terms(
             self.model, self.settings, self.observation, bones, self.expected, self.ahead, self.texture
         )  # fmt: skip
+        if not self.previous or self.expected is None:
+            return terms
+        last = self.previous[-1]
+        ends = [self.model.transform.solver_params(x) for x in (last.parameters, self.expected)]
+        velocity = changes(np.array(ends))[0] / (self.observation.frame - last.frame)
+        return at_own_times(terms, self.observation, params, velocity)
 
     def opened(self) -> tuple[Floats[P], FrameTerms]:
         """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, S
+from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
+from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber
+from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
+from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.constants import FOREARM_SEEN_MM
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -31,6 +33,7 @@ from handtrack.tracking.frame.terms.cloud_terms import SeenCloud, cloud_terms, s
 from handtrack.tracking.frame.terms.contact import contact
 from handtrack.tracking.frame.terms.forearm import forearm_cut
 from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
+from handtrack.tracking.size.motion import moved
 
 _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
@@ -69,6 +72,10 @@ class FrameTerms:
     """the caller's, as they are given"""
     own_priors: tuple[ParameterTerm, ...] = ()
     """the caller's; they are among the priors"""
+    motions: Mapping[str, BoneMotion] = field(default_factory=dict)
+    """by camera that saw at another time, how the bones move until then"""
+    cloud_motion: BoneMotion | None = None
+    """likewise of a cloud"""
 
     def without_motion(self) -> FrameTerms:
         """Return the terms without the pull to the predicted pose."""
@@ -131,13 +138,26 @@ class FrameTerms:
 
     def stage(self, index: int, start: BonePoses) -> list[ObservationTerm]:
         """Return the observation terms of a stage. The ramp's widths are frozen at the pose `start`."""
+        terms = self._at_once(index, start)
+        if not self.motions:
+            return terms
+        by_name, found = by_camera(terms)
+        for name, own in by_name.items():
+            later = self.motions.get(name)
+            found += own if later is None else [AtOwnTime(term, later) for term in own]
+        return found
+
+    def _at_once(self, index: int, start: BonePoses) -> list[ObservationTerm]:
+        """Return the terms of a stage as if all cameras had seen at the frame's time."""
         settings = self.settings.silhouettes
         flesh = self.model.flesh["fine"]
         band_mm = at_stage(settings.bands_mm, index)
         points = (self if index >= self.stages - 1 else self.wide()).keypoints
         terms: list[ObservationTerm] = [*self.own, *self.parts, *self.pins, *points]
         if self.cloud is not None:
-            terms += cloud_terms(self.cloud, self.model, self.settings, band_mm)
+            points_seen = cloud_terms(self.cloud, self.model, self.settings, band_mm)
+            then = self.cloud_motion
+            terms += points_seen if then is None else [AtOwnTime(t, then) for t in points_seen]
         if self.appearance is not None:
             terms += appearance_terms(self.appearance, self.settings, index, start)
         if not self.prepared:
@@ -233,6 +253,44 @@ def frame_terms(
 def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[KeypointTerm, ...]:
     """Return what holds the pins of an observation: without a robust loss, for a person said so."""
     return tuple(KeypointTerm(model, seen, name="pins") for seen in observation.pins)
+
+
+def at_own_times(
+    terms: FrameTerms, seen: Observation, params: Floats[P], velocity: Floats[P], views: bool = True
+) -> FrameTerms:
+    """Return the terms in which each camera, and the cloud, is predicted at its own time, as far as that is known.
+
+    velocity: of solver parameters [a frame], as `motion.moved` takes it; views: whether cameras are, or the cloud alone.
+    """
+    model = terms.model
+
+    def until(by: float) -> BoneMotion:
+        then = model.clipped(moved(params[None], by * velocity[None])[0])
+        return BoneMotion.between(model.bones(params), model.bones(then))
+
+    later = {name: by for name, by in seen.frames_later.items() if by} if views else {}
+    return replace(
+        terms,
+        motions={name: until(by) for name, by in later.items()},
+        cloud_motion=until(seen.cloud_later) if seen.cloud_later and terms.cloud else None,
+    )
+
+
+def by_camera(
+    terms: Sequence[ObservationTerm],
+) -> tuple[dict[str, list[ObservationTerm]], list[ObservationTerm]]:
+    """Return the terms that each camera alone says, by its name, and all others; together they are the same."""
+    found: dict[str, list[ObservationTerm]] = {}
+    others = []
+    for term in terms:
+        if isinstance(term, FieldTerm):
+            for own in term.alone():
+                found.setdefault(own.silhouettes[0].camera.name, []).append(own)
+        elif isinstance(term, KeypointTerm) and not isinstance(term.observed, Keypoints):
+            found.setdefault(term.observed.camera.name, []).append(term)
+        else:
+            others.append(term)
+    return found, others
 
 
 def _priors(

@@ -11,7 +11,6 @@ from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.solver.covariance import inherited_information, with_lasting_errors
 from handtrack.solver.problem import Problem
-from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -58,7 +57,7 @@ def inheriting_doubt(
     told = Problem(problem.model, (), motion).linearize(params).hessian
     memory = inherited_information(told, belief)
     sure = hessian - told + memory
-    seen = [t for t in problem.observation_terms if isinstance(t, KeypointTerm) and t.is_detected]
+    seen = [t for t in problem.observation_terms if t.is_detected]
     if not seen or not motion:
         return sure
     points = Problem(problem.model, seen).linearize(params).hessian

@@ -18,16 +18,14 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
-from handtrack.terms.silhouettes.silhouette_field import FieldTerm
-from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.doubt.mirrored import only_camera
-from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
+from handtrack.tracking.frame.frame_terms import FrameTerms, at_own_times, by_camera, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
-from handtrack.tracking.size.cameras import WIDER, CameraChanges
+from handtrack.tracking.size.cameras import WIDER, CameraChanges, velocities
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import OpenPerson, PersonChange
@@ -238,6 +236,10 @@ class Evidence:
         long_arm = bones if self.person is None else self.person.with_long_arm.bones(pose)
         observation = self._observed(frame, bones)
         terms = frame_terms(model, replace(settings, prior=prior), observation, long_arm, None)
+        if self.follows:
+            beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]
+            speed = velocities(np.array([self.around[n] for n in beside]))[beside.index(frame)]
+            terms = at_own_times(terms, observation, pose, speed, views=False)
         terms = terms.sharpened(bones)
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)
@@ -304,23 +306,6 @@ def new_share(evidence: Evidence, frames: Sequence[int], poses: Floats[F, P]) ->
         before = left
     lasts = min(max(both / own, 0.0), _LONGEST) if own > 0 else 0.0
     return (1.0 - lasts) / (1.0 + lasts)
-
-
-def by_camera(
-    terms: Sequence[ObservationTerm],
-) -> tuple[dict[str, list[ObservationTerm]], list[ObservationTerm]]:
-    """Return the terms that each camera alone says, by its name, and all others; together they are the same."""
-    found: dict[str, list[ObservationTerm]] = {}
-    others = []
-    for term in terms:
-        if isinstance(term, FieldTerm):
-            for own in term.alone():
-                found.setdefault(own.silhouettes[0].camera.name, []).append(own)
-        elif isinstance(term, KeypointTerm) and not isinstance(term.observed, Keypoints):
-            found.setdefault(term.observed.camera.name, []).append(term)
-        else:
-            others.append(term)
-    return found, others
 
 
 def _exchanged(seen: Observation, later: Observation, name: str) -> Observation:

@@ -16,6 +16,7 @@ from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, poor_agreement
 from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
@@ -28,7 +29,6 @@ from handtrack.tracking.whole.evidence import (
     NEW_POSE_S,
     Evidence,
     Recording,
-    by_camera,
     frame_seconds,
     measured_outlines,
     new_share,
@@ -160,7 +160,7 @@ def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> Recordi
     )
     around = dict(zip(numbers, poses, strict=True))
     evidence = Evidence(
-        recording.model, recording.settings, recording.observe, around, frame_seconds(tracked), silent=lost
+        recording.model, recording.settings, recording.observe, around, frame_seconds(tracked), silent=lost,
     )  # fmt: skip
     outlines = measured_outlines(evidence, [numbers[n] for n in found], poses[found])
     evidence = replace(evidence, outline_mm=outlines)
