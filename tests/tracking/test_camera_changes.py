@@ -7,10 +7,11 @@ import numpy as np
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
+from handtrack.model.pose_changes import changes, moved
 from handtrack.tracking.frame.settings import PriorSettings
 from handtrack.tracking.size.cameras import LATE, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate
-from handtrack.tracking.size.motion import Motion, changes, moved
+from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.whole.refinement import Refinement

@@ -11,12 +11,12 @@ import pytest
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
+from handtrack.model.pose_changes import PLACE
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking import sequence
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.estimate import estimate_whole
-from handtrack.tracking.size.motion import PLACE
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole import recording_estimate as whole
 from handtrack.tracking.whole.evidence import Evidence, Recording, new_share

@@ -10,6 +10,7 @@ import pytest
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.articulated import HandScale, ShapeCovariance, keypoint_names
 from handtrack.model.model_file import load_model, read_scale, write_scale
+from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
@@ -21,7 +22,6 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.estimate import estimate_whole
-from handtrack.tracking.size.motion import moved
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.size.size_doubt import shape_covariance

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.model_file import load_model
+from handtrack.model.pose_changes import changes
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Observation
 from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
@@ -20,7 +21,6 @@ from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.size.motion import changes
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.recording_estimate import refine

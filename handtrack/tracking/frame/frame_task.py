@@ -8,6 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.pose_changes import changes
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
@@ -17,7 +18,6 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.frame.terms.forearm import aimed_forearm
-from handtrack.tracking.size.motion import changes
 
 
 @dataclass(frozen=True, eq=False)

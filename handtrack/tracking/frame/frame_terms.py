@@ -10,6 +10,7 @@ import numpy as np
 from handtrack.arrays import Floats, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.pose_changes import moved
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber
@@ -33,7 +34,6 @@ from handtrack.tracking.frame.terms.cloud_terms import SeenCloud, cloud_terms, s
 from handtrack.tracking.frame.terms.contact import contact
 from handtrack.tracking.frame.terms.forearm import forearm_cut
 from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
-from handtrack.tracking.size.motion import moved
 
 _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
@@ -260,7 +260,7 @@ def at_own_times(
 ) -> FrameTerms:
     """Return the terms in which each camera, and the cloud, is predicted at its own time, as far as that is known.
 
-    velocity: of solver parameters [a frame], as `motion.moved` takes it; views: whether cameras are, or the cloud alone.
+    velocity: of solver parameters [a frame], as `pose_changes.moved` takes it; views: whether cameras are, or the cloud alone.
     """
     model = terms.model
 

@@ -10,9 +10,9 @@ import numpy as np
 from handtrack.arrays import D6, D9, Array, C, F, Floats, K, N, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
+from handtrack.model.pose_changes import PLACE, TURN, changes, moved
 from handtrack.observation.observation import Observation
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.size.motion import PLACE, TURN, changes, moved
 
 _TURN_RAD, _SHIFT_M, _ZOOM = np.deg2rad(0.5), 0.002, 0.005
 """what a calibration may be off by: a camera that was touched after it, or a board that was not flat. Of turn and shift the length"""
@@ -44,7 +44,7 @@ class SeenPoses:
     by_pose: Floats[F, D6, D6]
     """by how much place and turn there change with those of the poses; all else is the same"""
     by_camera: Floats[F, P, D9]
-    """by how much they change with the camera; changes as `motion.moved` makes them"""
+    """by how much they change with the camera; changes as `pose_changes.moved` makes them"""
     wider_m: float
     """see `CameraChanges`"""
     by_outline: Floats[N, K]
@@ -136,7 +136,7 @@ class CameraChanges:
         return self.values[:, LATE] - np.array(self.ahead, float) - self.expected
 
     def seen_poses(self, camera: int, poses: Floats[F, P], velocity: Floats[F, P]) -> SeenPoses:
-        """Return how a camera sees the hand; velocity: of the poses [a frame], as `motion.moved` takes it."""
+        """Return how a camera sees the hand; velocity: of the poses [a frame], as `pose_changes.moved` takes it."""
         values, seen = self.values[camera], self.cameras[camera]
         on = values[LATE] * velocity
         then = moved(poses, on)

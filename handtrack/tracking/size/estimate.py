@@ -11,6 +11,7 @@ import numpy as np
 
 from handtrack.arrays import D2, Array, F, Floats, K, N, P
 from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters
 from handtrack.solver.block_banded import BlockBanded
 from handtrack.solver.bordered import Bordered
@@ -18,7 +19,7 @@ from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.size.cameras import CameraChanges, velocities
 from handtrack.tracking.size.frame_systems import FrameProblem, FrameSystems
-from handtrack.tracking.size.motion import Motion, moved
+from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
 
@@ -46,7 +47,7 @@ class WholeEstimate:
 
     poses: Floats[F, P]
     covariance: Floats[F, P, P]
-    """of the changes of each pose as `motion.moved` makes them, errors that last counted once"""
+    """of the changes of each pose as `pose_changes.moved` makes them, errors that last counted once"""
     motion: Motion | None
     costs: Floats[F]
     """what each frame says against its pose"""

@@ -9,11 +9,11 @@ from functools import lru_cache
 import numpy as np
 
 from handtrack.arrays import F, Floats, Ints, K, L, M, N, P
+from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.tracking.size.cameras import SeenPoses
-from handtrack.tracking.size.motion import TURN, by_turn
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized, with_wider
 
@@ -26,7 +26,7 @@ class FrameSystem:
     """What a frame says of its pose (P) and of what all share (K)."""
 
     whole: JointSystem
-    """of P + K numbers: changes of the pose as `motion.moved` makes them, small turns of the root; then the shared ones"""
+    """of P + K numbers: changes of the pose as `pose_changes.moved` makes them, small turns of the root; then the shared ones"""
     seen: Floats[P, P]
     """what the frame alone would say by what was seen: matrix, without what is known of poses beforehand"""
     share: float = 1.0
@@ -159,7 +159,7 @@ class FrameSystems:
 
 
 def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
-    """Return a pose's system by changes as `motion.moved` makes them; what follows the pose's P numbers stays."""
+    """Return a pose's system by changes as `pose_changes.moved` makes them; what follows the pose's P numbers stays."""
     turn = by_turn(pose)
     gradient, hessian = system.gradient.copy(), system.hessian.copy()
     gradient[TURN] = turn.T @ gradient[TURN]

@@ -9,13 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, K, L, M, N, P
-from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
+from handtrack.geometry.rotation import left_jacobian
+from handtrack.model.pose_changes import ANGLES, PLACE, TURN, changes
 from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.settings import PriorSettings
 
-PLACE, TURN, ANGLES = slice(0, 3), slice(3, 6), slice(6, None)
-"""of solver parameters: the root's place; its turn, whose changes are small turns in world axes whatever vector it is
-written as; the joints' angles"""
 _USUAL_FRAMES = 0.01
 """frames for which the usual pushes count beside those that were seen: they keep what never moves from being known to"""
 _LASTS_S = 0.2
@@ -126,27 +124,6 @@ class Motion:
             known = np.swapaxes(by_a, 1, 2) @ self._known
             for b, by_b in enumerate(moves[: a + 1]):
                 blocks[b : b + count, a - b] += known @ by_b
-
-
-def changes(poses: Floats[F, P]) -> Floats[N, P]:
-    """Return what leads from each pose to the next (F − 1, P), the root's turn as a turn in world axes [rad]."""
-    steps = np.diff(poses, axis=0)
-    turns = rotation_matrix(poses[:, TURN])
-    steps[:, TURN] = rotation_vector(turns[1:] @ np.swapaxes(turns[:-1], 1, 2))
-    return steps
-
-
-def moved(poses: Floats[F, P], step: Floats[F, P]) -> Floats[F, P]:
-    """Return poses changed by a step: the root's turn by a turn in world axes, all else by adding."""
-    found = poses + step
-    turned = rotation_matrix(step[:, TURN]) @ rotation_matrix(poses[:, TURN])
-    found[:, TURN] = rotation_vector(turned)
-    return found
-
-
-def by_turn(pose: Floats[P]) -> Floats[D3, D3]:
-    """Return how the root's rotation vector changes with a small turn in world axes, as a step of `moved` is."""
-    return np.linalg.inv(left_jacobian(pose[TURN]))
 
 
 def _by_ends(steps: Floats[M, P]) -> tuple[Floats[M, P, P], Floats[M, P, P]]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from handtrack.arrays import F, Floats, P
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.pose_changes import changes, moved
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
-from handtrack.tracking.size.motion import changes, moved
 from handtrack.tracking.whole.evidence import Evidence, Recording, frame_seconds
 from handtrack.tracking.whole.ways import APART_M
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, C, F, Floats, K, P
 from handtrack.geometry.rotation import closest_equivalent
+from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import one_blas_thread
 from handtrack.solver.covariance import uncertainty
@@ -21,7 +22,6 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.search.frame_solve import POOR, poor_agreement
 from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
-from handtrack.tracking.size.motion import TURN, by_turn
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import terms_of
 from handtrack.tracking.whole.evidence import (

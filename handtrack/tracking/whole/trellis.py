@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import F, Floats, Ints, K, L, P
+from handtrack.model.pose_changes import changes
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.size.motion import changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +20,7 @@ class Minimum:
     pose: Floats[P]
     """solver parameters"""
     costs: Callable[[Floats[P]], JointSystem]
-    """what the frame costs at a pose, to second order, by changes of the pose as `motion.moved` makes them"""
+    """what the frame costs at a pose, to second order, by changes of the pose as `pose_changes.moved` makes them"""
     origin: str
     """how it was found"""
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Array, F, Floats, P
+from handtrack.model.pose_changes import changes, moved
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.assessment import assess, energy_ratio
 from handtrack.tracking.frame.control import Control
@@ -19,7 +20,7 @@ from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.search.global_search import flipped_fingers
 from handtrack.tracking.search.lost_finger import finger_grid
 from handtrack.tracking.search.policy import SUSPICIOUS_RATIO
-from handtrack.tracking.size.motion import Motion, changes, moved
+from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.whole.evidence import Evidence, FrameEvidence
 from handtrack.tracking.whole.trellis import Minimum, Trellis
 

@@ -1,0 +1,33 @@
+"""Changes of poses: of solver parameters by what leads from one to another, the root's turn in world axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from handtrack.arrays import D3, F, Floats, N, P
+from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
+
+PLACE, TURN, ANGLES = slice(0, 3), slice(3, 6), slice(6, None)
+"""of solver parameters: the root's place; its turn, whose changes are small turns in world axes whatever vector it is
+written as; the joints' angles"""
+
+
+def changes(poses: Floats[F, P]) -> Floats[N, P]:
+    """Return what leads from each pose to the next (F − 1, P), the root's turn as a turn in world axes [rad]."""
+    steps = np.diff(poses, axis=0)
+    turns = rotation_matrix(poses[:, TURN])
+    steps[:, TURN] = rotation_vector(turns[1:] @ np.swapaxes(turns[:-1], 1, 2))
+    return steps
+
+
+def moved(poses: Floats[F, P], step: Floats[F, P]) -> Floats[F, P]:
+    """Return poses changed by a step: the root's turn by a turn in world axes, all else by adding."""
+    found = poses + step
+    turned = rotation_matrix(step[:, TURN]) @ rotation_matrix(poses[:, TURN])
+    found[:, TURN] = rotation_vector(turned)
+    return found
+
+
+def by_turn(pose: Floats[P]) -> Floats[D3, D3]:
+    """Return how the root's rotation vector changes with a small turn in world axes, as a step of `moved` is."""
+    return np.linalg.inv(left_jacobian(pose[TURN]))
