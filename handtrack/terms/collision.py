@@ -69,8 +69,10 @@ class CollisionTerm(SurfaceTerm):
         return _depths(self.flesh, bones, self.pairs)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        grown = self.flesh.grown(bones).arrays
-        return collision_sums(bones.frames, self.collisions._replace(ellipsoids=grown), sums)
+        grown, collisions = self.flesh.grown(bones), self.collisions
+        if grown is not self.flesh:
+            collisions = collisions._replace(ellipsoids=grown.arrays)
+        return collision_sums(bones.frames, collisions, sums)
 
     @cached_property
     def collisions(self) -> Collisions:

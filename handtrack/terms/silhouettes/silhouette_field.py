@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
 from handtrack.arrays import D2, D13, B, C, E, Floats, N
 from handtrack.errors import HandtrackError
-from handtrack.model.flesh import EllipsoidArrays, Ellipsoids
+from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.bone_system import Sums
@@ -75,10 +75,11 @@ def per_camera(value: float | Sequence[float], cameras: int, name: str) -> tuple
 
 
 class _View(NamedTuple):
-    """What does not change from pose to pose in one camera."""
+    """What does not change from pose to pose in one camera; plain tuples, as `silhouette_sums` takes them."""
 
-    ellipsoids: EllipsoidArrays
-    field: CameraField
+    ellipsoids: tuple[Any, ...]
+    mask: tuple[Any, ...]
+    field: tuple[Any, ...]
     weight: float
     energy: float
     """½ weight ΣZ²"""
@@ -134,11 +135,13 @@ class FieldTerm(ObservationTerm):
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, frames, gathered = 0.0, tuple(bones.frames), tuple(sums)
         grown = self.ellipsoids.grown(bones)
+        radii = grown.arrays.radii
         for view, seen in zip(self._views, self.silhouettes, strict=True):
             is_larger = grown is not self.ellipsoids
-            flesh = grown.thicker(seen.wider_m).arrays if is_larger else view.ellipsoids
-            observed = tuple(flesh), grown.arrays.radii, tuple(seen.arrays), tuple(view.field)
-            part = silhouette_sums(frames, *observed, view.weight, gathered)
+            flesh = tuple(grown.thicker(seen.wider_m).arrays) if is_larger else view.ellipsoids
+            part = silhouette_sums(
+                frames, flesh, radii, view.mask, view.field, view.weight, gathered
+            )
             cost += max(part + view.energy, 0.0)
         return cost
 
@@ -148,5 +151,6 @@ class FieldTerm(ObservationTerm):
         for i, seen in enumerate(self.silhouettes):
             field, flesh = self.shape.of_camera(i), self.ellipsoids.thicker(seen.wider_m).arrays
             energy = 0.5 * weights[i] * seen.energy(field.step)
-            views.append(_View(flesh, field, weights[i], energy))
+            arrays = tuple(flesh), tuple(seen.arrays), tuple(field)
+            views.append(_View(*arrays, weights[i], energy))
         return views

@@ -139,13 +139,15 @@ def part_outside(terms: FrameTerms, bones: BonePoses) -> Reason | None:
 def _detected(terms: FrameTerms, names: Sequence[str], bones: BonePoses) -> Array[N, C]:
     """Return in which silhouettes' images each bone, and the one it hangs on, are where a detector sees all of their joints."""
     model, skeleton = terms.model, terms.model.skeleton
+    detected = np.zeros((len(names), len(terms.prepared)), bool)
+    if not any(isinstance(term.observed, ImageKeypoints) for term in terms.keypoints):
+        return detected
     near = np.zeros((len(model.joint_names), len(terms.prepared)), int)  # 1 near, -1 elsewhere
     for term in terms.keypoints:
         if isinstance(term.observed, ImageKeypoints):
             joint, off = term.misses(bones)
             views = [p.camera.name == term.observed.camera.name for p in terms.prepared]
             near[np.ix_(joint, np.flatnonzero(views))] = np.where(off < NEAR_SIGMAS, 1, -1)[:, None]
-    detected = np.zeros((len(names), len(terms.prepared)), bool)
     for row, bone in enumerate(map(skeleton.bone, names)):
         part = near[np.isin(model.joint_bone, [bone, skeleton.parent[bone]])]
         detected[row] = ((part > 0).sum(axis=0) >= _FEWEST_JOINTS) & (part >= 0).all(axis=0)

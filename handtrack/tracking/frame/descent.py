@@ -13,6 +13,7 @@ from handtrack.observation.pins import ImagePins
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.solver.levenberg_marquardt import SolverSettings, SolveSummary, solve
 from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.control import Watch
 from handtrack.tracking.frame.frame_terms import FrameTerms
 
@@ -29,6 +30,20 @@ class Minima:
     """infinite where a start led nowhere"""
     hessian: Floats[N, P, P]
     """of the cost, Gauss-Newton"""
+
+
+@dataclass(frozen=True, eq=False)
+class Descended:
+    """Where the schedule ended."""
+
+    params: Floats[P]
+    problem: Problem
+    """of the last stage"""
+    iterations: int
+    system: JointSystem
+    """the problem's at params"""
+    search_due: bool = False
+    """a search would have been made, had it been allowed (`Control.searches`)"""
 
 
 def stage_problem(

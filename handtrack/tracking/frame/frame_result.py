@@ -13,6 +13,8 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
+from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.frame.descent import Descended
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.prediction import inheriting_doubt
@@ -34,31 +36,36 @@ class Solved:
 def solved_result(
     observation: Observation,
     terms: FrameTerms,
-    problem: Problem,
-    params: Floats[P],
-    iterations: int,
+    found: Descended,
     previous: Sequence[FrameResult] = (),
     belief: Floats[P, P] | None = None,
-    exact: Problem | None = None,
+    exact: tuple[Problem, JointSystem] | None = None,
 ) -> Solved:
-    """Return what is found of a frame at solver parameters, with its uncertainty and status.
+    """Return a frame's result where descent ended, with its uncertainty and status.
 
-    problem: the last stage's, whose cost is the energy; exact: the same with what was seen as sharp as it lies, if that is
-    sharper. previous: results that tell what is usual. belief: covariance of the last frame's pose.
+    Parameters
+    ----------
+    found
+        By the last stage's problem, whose cost is the energy.
+    previous
+        Results that tell what is usual.
+    belief
+        Covariance of the last frame's pose.
+    exact
+        The problem and its system there with the cloud taken as exactly as it lies, where that is sharper.
     """
-    params, model = params.copy(), terms.model
-    system, last = problem.linearize(params), exact or problem
-    known = system if exact is None else exact.linearize(params)
-    alone = Problem(model, last.observation_terms).linearize(params)
-    sure = inheriting_doubt(last, params, known.hessian, belief)
-    spread = uncertainty(model, params, sure, alone.hessian)
-    energies = problem.costs(params)
-    found = judged(terms, params, system.cost, energies, spread.joint_covariance, previous)
+    params, model = found.params.copy(), terms.model
+    problem, known = exact or (found.problem, found.system)
+    priors = Problem(model, (), problem.parameter_terms).linearize(params)
+    sure = inheriting_doubt(problem, params, known.hessian, belief)
+    spread = uncertainty(model, params, sure, known.hessian - priors.hessian)
+    energies, cost = found.problem.costs(params), found.system.cost
+    judgement = judged(terms, params, cost, energies, spread.joint_covariance, previous)
     result = replace(
-        posed_result(model, observation, params, found, spread.parameter_std),
-        energy=system.cost,
+        posed_result(model, observation, params, judgement, spread.parameter_std),
+        energy=cost,
         energies=energies,
-        iterations=iterations,
+        iterations=found.iterations,
         views=terms.views,
     )
     return Solved(result, spread.covariance)

@@ -17,7 +17,7 @@ from handtrack.sampling.suppression import apart
 from handtrack.solver.covariance import covariance
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.descent import by_keypoints_alone, stage_problem
+from handtrack.tracking.frame.descent import Descended, by_keypoints_alone, stage_problem
 from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
@@ -185,7 +185,8 @@ def solve_mixture(
         mixture = step.first(seen, terms, params, task.control)
     best = mixture.hypotheses[0].params
     problem = stage_problem(task.model, terms, terms.stages - 1, best)
-    solved = solved_result(seen, terms, problem, best, 0, task.previous, task.belief)
+    found = Descended(best, problem, 0, problem.linearize(best))
+    solved = solved_result(seen, terms, found, task.previous, task.belief)
     found = _with_alternatives(task.model, solved, mixture.hypotheses, mixture.parents)
     return found, mixture.hypotheses
 

@@ -17,9 +17,8 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import solve
-from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
-from handtrack.tracking.frame.descent import descend, stage_problem
+from handtrack.tracking.frame.descent import Descended, descend, stage_problem
 from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
@@ -66,18 +65,7 @@ def solve_frame(task: FrameTask) -> Solved:
     return replace(solved, search_due=found.search_due)
 
 
-@dataclass(frozen=True, eq=False)
-class _Descended:
-    """Where the schedule ended."""
-
-    params: Floats
-    problem: Problem
-    """of the last stage"""
-    iterations: int
-    search_due: bool = False
-
-
-def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended:
+def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> Descended:
     """Return where descent leads from params (P,), and from lost fingers found, if any were."""
     settings, control, number = task.settings, task.control, task.observation.frame
     watch = control.watch(number)
@@ -99,25 +87,30 @@ def _descended(task: FrameTask, terms: FrameTerms, params: Floats) -> _Descended
                 task.model, settings.solver, terms, found, control.should_stop, watch
             )
             count += more
-    return _Descended(summary.params, problem, count, bool(why) and not control.searches)
+    due = bool(why) and not control.searches
+    return Descended(summary.params, problem, count, summary.system, due)
 
 
-def _refined(task: FrameTask, terms: FrameTerms, found: _Descended) -> Solved:
+def _refined(task: FrameTask, terms: FrameTerms, found: Descended) -> Solved:
     """Return the result at the pose that a cloud gives which lies nearer than usual; as found, elsewhere.
 
     Poses are compared before, as energies are: with the same spread for all of them.
     """
-    params, count, exact = found.params, found.iterations, None
-    fine = terms.sharpened(task.model.bones(params))
+    exact = None
+    fine = terms.sharpened(task.model.bones(found.params))
     if fine is not terms:
-        exact = stage_problem(task.model, fine, fine.stages - 1, params)
+        exact = stage_problem(task.model, fine, fine.stages - 1, found.params)
         share = max(task.settings.solver.iterations // fine.stages, 1)
         settings = replace(task.settings.solver, iterations=share)
-        summary = solve(exact, params, settings, task.control.should_stop)
-        params, count = summary.params, count + summary.iterations
-    return solved_result(
-        task.observation, terms, found.problem, params, count, task.previous, task.belief, exact
-    )
+        summary = solve(exact, found.params, settings, task.control.should_stop)
+        found = replace(
+            found,
+            params=summary.params,
+            iterations=found.iterations + summary.iterations,
+            system=found.problem.linearize(summary.params),
+        )
+        exact = exact, summary.system
+    return solved_result(task.observation, terms, found, task.previous, task.belief, exact)
 
 
 def may_doubt(terms: FrameTerms) -> bool:
