@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.model_file import scale_from
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
-from handtrack.store.store import ACCEPTED, Store
+from handtrack.session.session_state import SessionState, accepted_frames, readable
+from handtrack.store.store import Store
 from handtrack.tracking.frame.result import FrameResult, Status
 
-_POSE = "pose/"  # of a key of the store's state; the frame follows
-_SIZE, _FOREARM = "size", "forearm"
-_LED = ("pinned", "refitted")  # the solver led there; a person did not pose it
 _FAR = 100.0  # [m] no hand is further from the world's origin
 
 
@@ -46,43 +40,40 @@ class PosedFrames:
 def posed_frames(run: TrackingRun) -> PosedFrames:
     """Return what a person decided in the workbench for frames of a recording. Poses of another model count by names."""
     store = Store(run.session.folder / TRACKS_FOLDER)
-    state, frames = store.history().state, run.session.known_frames
-    if any(key.startswith(_POSE) and not value.get("carried") for key, value in state.items()):
+    state, frames = readable(store.history().state), run.session.known_frames
+    decided = {frame: pose for frame, pose in state.pose.items() if not pose.carried}
+    if decided:
         run = _sized(run, state)
     model = run.model
     fixed, guides = dict[int, FrameResult](), dict[int, Floats]()
     rest = model.joint_params(run.initial()[1] if run.first is not None else model.rest_params())
-    for key, value in state.items():
-        frame = int(key.removeprefix(_POSE)) if key.startswith(_POSE) else -1
-        if frame not in frames or value.get("carried", False):
+    for frame, known in decided.items():
+        if frame not in frames:
             continue
-        known = value["parameters"]
-        pose = np.array(
-            [float(known.get(n, at)) for n, at in zip(model.parameter_names, rest, strict=True)]
-        )
-        if any(value.get(name, False) for name in _LED):
+        names = zip(model.parameter_names, rest, strict=True)
+        pose = np.array([known.parameters.get(name, float(at)) for name, at in names])
+        if known.is_led:
             guides[frame] = pose
         else:
             fixed[frame] = keyframe_result(run, frame, pose)
-    accepted = {f for first, stop in state.get(ACCEPTED) or () for f in range(first, stop)}
+    accepted = accepted_frames(state)
     for frame in accepted & guides.keys():
         fixed[frame] = keyframe_result(run, frame, guides.pop(frame))
-    fixed |= _tracked(store, model, (accepted & set(frames)) - fixed.keys())
+    fixed |= _tracked(store, model, accepted.intersection(frames) - fixed.keys())
     return PosedFrames(run, dict(sorted(fixed.items())), dict(sorted(guides.items())))
 
 
-def _sized(run: TrackingRun, state: Mapping[str, Any]) -> TrackingRun:
+def _sized(run: TrackingRun, state: SessionState) -> TrackingRun:
     """Return the run with the size and forearm that were found or set in the workbench; one still to be fitted does not count."""
-    size, arm = state.get(_SIZE), state.get(_FOREARM)
+    size, arm = state.size, state.forearm
     if arm is not None and arm != run.arm:
         run = run.with_forearm(np.inf if arm is True else arm)
-    if size is None or size.get("pending", False):
-        return run
-    parts = {key: part for key, part in size.items() if key not in ("pending", "live")}
-    return run.with_scale(scale_from(parts, Path("the size of the workbench")))
+    return run if size is None or size.pending else run.with_scale(size.scale)
 
 
-def _tracked(store: Store, model: ArticulatedModel, wanted: set[int]) -> dict[int, FrameResult]:
+def _tracked(
+    store: Store, model: ArticulatedModel, wanted: frozenset[int]
+) -> dict[int, FrameResult]:
     """Return tracked frames of the current track, if they are of this model."""
     found = dict[int, FrameResult]()
     for span in store.current() if wanted else ():

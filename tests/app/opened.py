@@ -6,12 +6,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from handtrack.session.session_state import Edit, decide
 from handtrack.store.current_track import TakeFrames
-from handtrack.store.history import Value
 from handtrack.store.spans import Span
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import fake_document
 
@@ -29,9 +29,9 @@ def posed(store: Persistence, frame: int, by: float = 0.0, found: bool = False) 
     store.do(f"Pose of frame {frame}", edits.pose(store.document, frame, values, found))
 
 
-def did(store: Persistence, values: dict[str, Value]) -> None:
+def did(store: Persistence, edit: Edit) -> None:
     """Do something to the session's state."""
-    store.do("Something", values)
+    store.do("Something", edit)
 
 
 def tracked(store: Persistence, frames: range | None = None, first: int = 3) -> Persistence:
@@ -51,8 +51,8 @@ def show_results(document: Document, results: Iterable[FrameResult]) -> None:
     take = TakeFrames(document.model.parameter_names, {r.frame: r for r in results})
     number = document.takes.next_number
     document.takes.put(number, take)
-    spans = document.state.get(keys.SPANS, [])
-    document.apply({keys.SPANS: [*spans, [number, min(take), max(take) + 1]]})
+    laid = Span(number, min(take), max(take) + 1)
+    document.apply(decide(spans=(*document.state.spans, laid)))
 
 
 def spans(store: Persistence) -> tuple[Span, ...]:

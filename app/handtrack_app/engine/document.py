@@ -4,31 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import scale_from, scale_table
 from handtrack.model.pose_library import pose_names
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_file import SessionFile
+from handtrack.session.session_state import (
+    CloudTable,
+    Correction,
+    DecidedPose,
+    DecidedSize,
+    Edit,
+    FramePins,
+    Key,
+    MaskSource,
+    SessionState,
+    StartPose,
+    accepted_frames,
+)
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.take_about import files_read
 from handtrack.store.current_track import CurrentTrack, TakeFrames
-from handtrack.store.history import Value
 from handtrack.store.spans import Span
-from handtrack.store.store import spans_of
 from handtrack_app.engine.masks import mask_state
 from handtrack_app.engine.posing import pin_state
-from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.shelf import TakeShelf
 from handtrack_app.engine.timeline import TrackedRows
+
+_UNDECIDED = DecidedPose({})
 
 
 def renamed(
@@ -57,8 +68,8 @@ class Document:
         self.frames: range = run.session.known_frames
         self.first_frame = int(first_frame)
         self.start = run.model.joint_params(first_params)
-        self.state: dict[str, Value] = {}
-        """what was decided, by its keys (`engine.keys`); only `apply` changes it"""
+        self.state = SessionState()
+        """what was decided; only `become` changes it"""
         self.takes = TakeShelf()
         self.by_hand: dict[int, Floats] = {}
         self._carried: dict[
@@ -77,7 +88,7 @@ class Document:
         self.own_interval = run.model.limits.interval.copy()
         self.own_settings = dict(run.settings.flat())
         """as session.toml has them"""
-        self._own_size = (run.scale, size_pending)
+        self._own_size = DecidedSize(run.scale, size_pending)
         self._own_arm = run.arm
         self._own_start = (self.first_frame, self.start)
         self.frame = self.first_frame
@@ -120,126 +131,126 @@ class Document:
 
     # ---- what was decided
 
-    def value(self, key: str) -> Value:
-        """Return what holds of a value of the state; of settings, size and clouds also where only the files say it."""
-        kind, name = keys.parts(key)
-        if kind == keys.SETTING:
-            return self.run.settings.flat().get(name)
-        if kind == keys.SIZE:
-            live = {} if self.live_scale is None else {"live": scale_table(self.live_scale)}
-            return scale_table(self.run.scale) | {"pending": self.size_pending} | live
-        if kind == keys.CLOUDS:
-            return {"table": None if self.clouds is None else self.clouds.table}
-        if kind == keys.MASKS:
-            return mask_state.choice_value(self.masks[name])
-        if kind == keys.CORRECTION:
-            return mask_state.corrected_value(self.run.session, name, self.state.get(key))
-        if kind == keys.PINS:
-            return pin_state.pins_value(self.run.session.pins.of(int(name)))
-        if kind == keys.POSE and key not in self.state and int(name) not in self.results:
-            # what is seen there now, so that undo can come back to it
-            seen = self.pose_at(int(name)).tolist()
-            names = self.model.parameter_names
-            return {"parameters": dict(zip(names, seen, strict=True)), "carried": True}
-        return self.run.arm if kind == keys.FOREARM else self.state.get(key)
-
-    def decided(self, kind: str) -> list[str]:
-        """Return the keys of a kind that the state has a value of."""
-        return [key for key in self.state if keys.parts(key)[0] == kind]
-
-    def apply(self, values: Mapping[str, Value]) -> None:
-        """Let values hold from now on; None: as the session's files have it. Live or on opening the session again, whoever
-        has the same state has the same document. Raises HandtrackError, and changes nothing, for what cannot be.
+    def in_force(self, key: Key) -> Any:
+        """Return what holds of one thing: what was decided, or what the session's files say. Of a pose, what is seen: undo comes
+        back to it.
         """
-        kinds = {keys.parts(key)[0] for key in values}
+        kind, entry = key
+        session, known = self.run.session, self.state.get(key)
+        if kind == "setting":
+            return self.run.settings.flat().get(entry)
+        if kind == "size":
+            return DecidedSize(self.run.scale, self.size_pending, self.live_scale)
+        if kind == "clouds":
+            return CloudTable(None if self.clouds is None else self.clouds.table)
+        if kind == "masks":
+            return mask_state.source_of(self.masks[entry])
+        if kind == "pins":
+            pins = session.pins.of(entry)
+            return FramePins(pins) if pins else None
+        if kind == "forearm":
+            return self.run.arm
+        if kind == "correction" and known is None:
+            content = session.view(entry[0]).corrections.content(entry[1])
+            return None if content is None else Correction(content)
+        if kind == "pose" and known is None and entry not in self.results:
+            seen = self.pose_at(entry).tolist()
+            return DecidedPose(
+                dict(zip(self.model.parameter_names, seen, strict=True)), carried=True
+            )
+        return known
+
+    def apply(self, edit: Edit) -> None:
+        """Make an edit that nobody keeps. Raises HandtrackError, and changes nothing, for what cannot be."""
+        self.become(edit(self.state))
+
+    def become(self, state: SessionState) -> None:
+        """Let a state hold from now on. Live or on opening the session again, whoever has the same state has the same document.
+        Raises HandtrackError, and changes nothing, for what cannot be.
+        """
+        changed = state.changed(self.state)
+        kinds = {kind for kind, _ in changed}
         self.before = None
-        run = self._run_with(values)
-        corrections = mask_state.corrections_in(run.session, values)
-        pins = pin_state.pins_in(run.session, values)
-        for key, value in values.items():
-            if value is None:
-                self.state.pop(key, None)
-            else:
-                self.state[key] = value
-        if keys.SIZE in values:
-            self._pend(values[keys.SIZE])
-        if run is not self.run or keys.LIMITS in kinds:
-            self._use(run, resized=keys.SIZE in values)
-        if keys.SPANS in values:
+        run = self._run_with(changed)
+        corrections = [
+            (mask_state.correction_of(run.session, e, v), e[1])
+            for (k, e), v in changed.items()
+            if k == "correction"
+        ]
+        pins = {
+            e: pin_state.checked(run.session, v) for (k, e), v in changed.items() if k == "pins"
+        }
+        self.state = state
+        if "size" in kinds:
+            size = self._size
+            self.size_pending, self.live_scale = size.pending, size.live
+            self.offered_scale = None
+        if run is not self.run or "limits" in kinds:
+            self._use(run, resized="size" in kinds)
+        if "spans" in kinds:
             self._lay()
-        if keys.ACCEPTED in values:
-            self.accepted = keys.accepted_frames(values[keys.ACCEPTED])
-        for key in values:
-            kind, name = keys.parts(key)
-            if kind == keys.POSE:
-                self._derive_pose(int(name))
-        for correction in corrections:
-            correction.place.hold(correction.own_frame, correction.content)
+        if "accepted" in kinds:
+            self.accepted = accepted_frames(state)
+        for kind, entry in changed:
+            if kind == "pose":
+                self._derive_pose(entry)
+        for (place, content), own_frame in corrections:
+            place.hold(own_frame, content)
         if corrections:
             self.run.session.look_again()
         for frame, own in pins.items():
             self.run.session.pins.hold(frame, own)
-        if keys.START in values and self.run.first is None:
-            self._start_at(values[keys.START])
+        if "start" in kinds and self.run.first is None:
+            self._start_at(state.start)
 
-    def _run_with(self, values: Mapping[str, Value]) -> TrackingRun:
+    def _run_with(self, changed: Mapping[Key, Any]) -> TrackingRun:
+        """Return the run with what is another in force."""
         run = self.run
-        if keys.FOREARM in values:
-            wanted = values[keys.FOREARM]
-            wanted = wanted if isinstance(wanted, bool | float) else self._own_arm
+        if ("forearm", None) in changed:
+            wanted = changed["forearm", None]
+            wanted = self._own_arm if wanted is None else wanted
             run = (
                 run if run.arm == wanted else run.with_forearm(np.inf if wanted is True else wanted)
             )
         settings = {
             name: self.own_settings[name] if value is None else value
-            for key, value in values.items()
-            for kind, name in (keys.parts(key),)
-            if kind == keys.SETTING and (value is not None or name in self.own_settings)
+            for (kind, name), value in changed.items()
+            if kind == "setting" and (value is not None or name in self.own_settings)
         }
         if "method" in settings:  # the state says itself what that sets, and what was changed since
             settings = run.settings.flat() | settings
         if settings:
             run = run.with_values(settings)
-        if keys.SIZE in values:
-            scale = self._size_of(values[keys.SIZE])[0]
+        if ("size", None) in changed:
+            scale = (changed["size", None] or self._own_size).scale
             run = run if run.scale == scale else run.with_scale(scale)
-        if keys.CLOUDS in values:
-            clouds = self._clouds_of(values[keys.CLOUDS])
+        if ("clouds", None) in changed:
+            clouds = self._clouds_of(changed["clouds", None])
             run = run if clouds == self.clouds else run.with_clouds(clouds)
         masks = {
-            name: self._masks_of(name, value)
-            for key, value in values.items()
-            for kind, name in (keys.parts(key),)
-            if kind == keys.MASKS
+            camera: self._masks_of(camera, value)
+            for (kind, camera), value in changed.items()
+            if kind == "masks"
         }
         if masks and masks != {name: self.masks[name] for name in masks}:
             run = replace(run, session=run.session.with_masks(masks))
         return run
 
-    def _masks_of(self, camera: str, value: Value) -> MaskChoice:
+    def _masks_of(self, camera: str, source: MaskSource | None) -> MaskChoice:
         if camera not in self.saved_masks:
             raise unknown_name("camera", camera, tuple(self.saved_masks))
         saved = self.saved_masks[camera]
-        return saved if value is None else mask_state.choice_from(value, camera)
+        return saved if source is None else mask_state.choice_from(source, camera)
 
-    def _size_of(self, value: Value) -> tuple[HandScale, bool]:
-        if value is None:
-            return self._own_size
-        size = {key: part for key, part in value.items() if key not in ("pending", "live")}
-        scale = scale_from(size, Path("the saved size"))
-        return scale, bool(value.get("pending", False))
+    @property
+    def _size(self) -> DecidedSize:
+        return self.state.size or self._own_size
 
-    def _clouds_of(self, value: Value) -> CloudSettings | None:
-        if value is None:
+    def _clouds_of(self, clouds: CloudTable | None) -> CloudSettings | None:
+        if clouds is None:
             return self.saved_clouds
-        table = value["table"]
-        cameras = self.run.session.file.cameras
+        cameras, table = self.run.session.file.cameras, clouds.table
         return None if table is None else read_clouds(table, cameras, "[clouds]")
-
-    def _pend(self, size: Value) -> None:
-        self.size_pending, self.offered_scale = self._size_of(size)[1], None
-        live = (size or {}).get("live")
-        self.live_scale = None if live is None else self._size_of(live)[0]
 
     def _use(self, run: TrackingRun, resized: bool = False) -> None:
         """Change to another run; poses go by their names. What was made with a model comes back with it."""
@@ -252,12 +263,7 @@ class Document:
             back = self._starts.pop(new, np.zeros(len(new)))
             self.start = renamed(self.start, old, new, back)
             self.shown = renamed(self.shown, old, new, self.start)
-        self.limits = {
-            name: (float(pair[0]), float(pair[1]))
-            for key in self.decided(keys.LIMITS)
-            for pair, name in ((self.state[key], keys.parts(key)[1]),)
-            if name in new[6:]
-        }
+        self.limits = {n: pair for n, pair in self.state.limits.items() if n in new[6:]}
         interval = self.own_interval.copy()
         for name, pair in self.limits.items():
             interval[new.index(name)] = pair
@@ -277,7 +283,7 @@ class Document:
         """Compose the current track; takes of another model do not show (`hidden`)."""
         laid = list[tuple[range, TakeFrames]]()
         self.laid, self.hidden = (), ()
-        for span in spans_of(self.state.get(keys.SPANS)):
+        for span in self.state.spans:
             take = self.takes.get(span.take)
             if take is None:
                 continue
@@ -290,26 +296,26 @@ class Document:
 
     def _derive_poses(self) -> None:
         self.by_hand, self._carried = {}, {}
-        for key in self.decided(keys.POSE):
-            self._derive_pose(int(keys.parts(key)[1]))
+        for frame in self.state.pose:
+            self._derive_pose(frame)
 
     def _derive_pose(self, frame: int) -> None:
-        given = self.state.get(keys.pose(frame))
+        decided = self.state.pose.get(frame)
         self.by_hand.pop(frame, None)
         self._carried.pop(frame, None)
-        if given is not None and frame in self.frames:
-            shelf = self._carried if given.get("carried", False) else self.by_hand
-            shelf[frame] = self.posed(given)
+        if decided is not None and frame in self.frames:
+            shelf = self._carried if decided.carried else self.by_hand
+            shelf[frame] = self.posed(decided)
 
-    def posed(self, given: Value) -> Floats[S]:
-        """Return the joint parameters of a pose as the state has it."""
-        known, names = given["parameters"], self.model.parameter_names
-        return np.array([float(known.get(n, at)) for n, at in zip(names, self.start, strict=True)])
+    def posed(self, decided: DecidedPose | StartPose) -> Floats[S]:
+        """Return the joint parameters of a pose."""
+        known, names = decided.parameters, self.model.parameter_names
+        return np.array([known.get(n, float(at)) for n, at in zip(names, self.start, strict=True)])
 
-    def _start_at(self, given: Value) -> None:
+    def _start_at(self, decided: StartPose | None) -> None:
         """Where the session has no first pose, a pose that was taken from a search is where tracking begins."""
-        if given is not None:
-            self.first_frame, self.start = int(given["frame"]), self.posed(given)
+        if decided is not None:
+            self.first_frame, self.start = decided.frame, self.posed(decided)
         elif len(self._own_start[1]) == len(self.start):
             self.first_frame, self.start = self._own_start
 
@@ -352,21 +358,9 @@ class Document:
             return self._carried[frame]
         return self.start if frame == self.first_frame else self.shown
 
-    def is_found(self, frame: int) -> bool:
-        """Return whether a frame's pose is as a search found it."""
-        return bool((self.state.get(keys.pose(frame)) or {}).get("found", False))
-
-    def is_pinned(self, frame: int) -> bool:
-        """Return whether a frame's pose is where its pins led."""
-        return bool((self.state.get(keys.pose(frame)) or {}).get("pinned", False))
-
-    def is_refitted(self, frame: int) -> bool:
-        """Return whether a frame's pose is what was seen, fitted anew while settings were tuned."""
-        return bool((self.state.get(keys.pose(frame)) or {}).get("refitted", False))
-
-    def is_led(self, frame: int) -> bool:
-        """Return whether the solver led to a frame's pose, by pins or settings: tracking solves it anew."""
-        return self.is_pinned(frame) or self.is_refitted(frame)
+    def decided_pose(self, frame: int) -> DecidedPose:
+        """Return what was decided of a frame's pose; an empty one where nothing was."""
+        return self.state.pose.get(frame, _UNDECIDED)
 
     @property
     def pose_names(self) -> tuple[str, ...]:
@@ -408,12 +402,18 @@ class Document:
     def keyframes(self, frames: range) -> dict[int, Floats[S]]:
         """Return the poses set by hand at some of the frames; not those to which the solver led."""
         return {
-            f: self.by_hand[f] for f in sorted(self.by_hand) if f in frames and not self.is_led(f)
+            f: self.by_hand[f]
+            for f in sorted(self.by_hand)
+            if f in frames and not self.decided_pose(f).is_led
         }
 
     def guides(self, frames: range) -> dict[int, Floats[S]]:
         """Return the poses to which the solver led at some of the frames, by pins or settings."""
-        return {f: self.by_hand[f] for f in sorted(self.by_hand) if f in frames and self.is_led(f)}
+        return {
+            f: self.by_hand[f]
+            for f in sorted(self.by_hand)
+            if f in frames and self.decided_pose(f).is_led
+        }
 
     def is_locked(self, frame: int) -> bool:
         """Return whether a frame was accepted, and its pose shows: not under another model."""

@@ -169,11 +169,12 @@ def pose_snapshot(document: Document) -> PoseSnapshot:
 
 def _origin(document: Document, frame: int) -> str:
     if frame in document.by_hand:
-        if document.is_pinned(frame):
+        decided = document.decided_pose(frame)
+        if decided.pinned:
             return "pinned"
-        if document.is_refitted(frame):
+        if decided.refitted:
             return "refitted"
-        return "found" if document.is_found(frame) else "set"
+        return "found" if decided.found else "set"
     return "tracked" if frame in document.results else "carried"
 
 
@@ -185,7 +186,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     for frame in document.by_hand if document.run.session.truth is not None else ():
         error[frame - document.frames.start] = _given_error(document, frame)
     hand = tuple(sorted(document.by_hand))
-    found = tuple(frame for frame in hand if document.is_found(frame))
+    found = tuple(frame for frame in hand if document.decided_pose(frame).found)
     terms = {word: row.copy() for word, row in rows.terms.items() if np.isfinite(row).any()}
     told = {word: row for word, row in rows.lanes.items() if _is_told(document, word)}
     lanes = {word: row.copy() for word, row in told.items() if np.isfinite(row).any()}

@@ -9,9 +9,9 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
+from handtrack.session.session_state import NOTHING, DecidedPose, Edit, StartPose, decide, in_turn
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store import edits, keys
-from handtrack_app.engine.store.edits import Values
+from handtrack_app.engine.store import edits
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 
 _MOST = 8  # of a list
@@ -61,25 +61,25 @@ class Guesses:
             is_new,
         )
 
-    def take(self, frame: int, index: int) -> Values:
+    def take(self, frame: int, index: int) -> Edit:
         """Return what setting a frame's pose to one of its list changes: the model may get a forearm for it, or a size
         still to be fitted; where the session has no first pose, tracking begins there.
         """
         kind, poses = self._poses(frame)
         if not 0 <= index < len(poses):
-            return {}
+            return NOTHING
         document, pose = self.document, poses[index]
         arm = pose.model.has_forearm and not document.model.has_forearm
         arm = arm and document.model.has_keypoints21
-        changed: Values = {keys.FOREARM: True} if arm else {}
+        changed = [decide(forearm=True)] if arm else []
         if document.size_pending and pose.model.scale != document.run.scale:
-            changed |= edits.size(pose.model.scale, pending=True)
+            changed.append(edits.size(pose.model.scale, pending=True))
         joint = pose.model.joint_params(pose.params)
         known = dict(zip(pose.model.parameter_names, joint.tolist(), strict=True))
-        changed[keys.pose(frame)] = {"parameters": known, "found": kind == "found"}
+        changed.append(decide(pose={frame: DecidedPose(known, found=kind == "found")}))
         if document.run.first is None:
-            changed[keys.START] = {"frame": frame, "parameters": known}
-        return changed
+            changed.append(decide(start=StartPose(frame, known)))
+        return in_turn(*changed)
 
     def _poses(self, frame: int) -> tuple[str, list[_Pose]]:
         result = self.document.results.get(frame)

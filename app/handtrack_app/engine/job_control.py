@@ -9,6 +9,7 @@ from dataclasses import replace
 from handtrack.errors import HandtrackError
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.run import TrackingRun
+from handtrack.session.session_state import decide, in_turn
 from handtrack.session.track_session import (
     FramesRefined,
     FrameTracked,
@@ -51,7 +52,7 @@ from handtrack_app.engine.jobs import (
 )
 from handtrack_app.engine.live.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
-from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.tracking_request import RefinedWith, tracking_request
 from handtrack_app.protocol.snapshots import Notice, ProgressSnapshot, Snapshot
@@ -219,7 +220,7 @@ class JobControl:
                 "No size was fitted since the last tracking: there is none to take."
             )
         arm = edits.arm(document, document.offered_arm)
-        self._store.do("Size", edits.size(document.offered_scale) | arm)
+        self._store.do("Size", in_turn(edits.size(document.offered_scale), arm))
         self._publish(session_snapshot(document))
         anew = first == document.first_frame and first not in document.by_hand
         self.track(document.frames.start, document.frames.stop, first, anew)
@@ -275,9 +276,9 @@ class JobControl:
                 self._publish(Notice("warning", "About this recording", text))
             case Found(candidates):
                 self._found(candidates)
-            case Carried(values):
-                self._store.do("Corrected masks carried on", values)
-                many = f"To {len(values)} frames; undo takes it back."
+            case Carried(corrections):
+                self._store.do("Corrected masks carried on", decide(correction=corrections))
+                many = f"To {len(corrections)} frames; undo takes it back."
                 self._publish(Notice("done", "The correction is carried on", many))
             case JobEnded() as end:
                 self._ended(job, end)
@@ -329,7 +330,7 @@ class JobControl:
             self._moved.note(document.results.get(result.frame), result)
             self._outcomes[result.frame] = Outcome.of(result)
             self._store.add(result)
-        self._refined_with = replace(self._given, spans=document.state.get(keys.SPANS))
+        self._refined_with = replace(self._given, spans=document.state.spans)
         self._publish(timeline_change(document))
 
     def _sized(self, sized: SizeFitted) -> None:
@@ -337,7 +338,7 @@ class JobControl:
         if sized.after_tracking:
             self._offered = sized  # once tracking has ended
             return
-        self._store.do("Size", edits.size(run.scale) | edits.arm(document, run.arm))
+        self._store.do("Size", in_turn(edits.size(run.scale), edits.arm(document, run.arm)))
         self._publish(session_snapshot(document))
         self._publish(pose_snapshot(document))
         self._publish(Notice("done", "Size fitted", size_words(document.run)))

@@ -13,6 +13,7 @@ from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
+from handtrack.session.session_state import Correction
 from handtrack.session.track_session import (
     Ended,
     Event,
@@ -27,7 +28,6 @@ from handtrack.session.track_session import (
     refine_frames,
     track_session,
 )
-from handtrack.store.history import Value
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 
@@ -56,7 +56,7 @@ class Found:
 class Carried:
     """Corrections of masks, carried to the frames beside."""
 
-    values: dict[str, Value]
+    corrections: dict[tuple[str, int], Correction]
     """of the session's state"""
 
 

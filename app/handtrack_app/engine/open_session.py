@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 from handtrack.errors import HandtrackError
+from handtrack.session.session_state import NOTHING, Edit
 from handtrack.store.history import NOTE, Action
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
@@ -30,7 +31,7 @@ from handtrack_app.engine.posing.pin_service import PinService
 from handtrack_app.engine.posing.pose_service import PoseService
 from handtrack_app.engine.review.live_score import LiveScore
 from handtrack_app.engine.review.review_service import ReviewService
-from handtrack_app.engine.store import edits, keys, saving
+from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.exporting import export_beside
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.tuning.tuning_service import TuningService
@@ -323,8 +324,9 @@ class OpenSession:
     def take_guess(self, frame: int, index: int, version: int) -> None:
         """Set the pose of a frame to one of the list."""
         taken = self.jobs.guesses.take(frame, index)
+        model = self.document.model
         self._edit(frame, taken, "Detected pose")
-        if keys.FOREARM in taken or keys.SIZE in taken:
+        if self.document.model is not model:
             self._show_session()
             self._show_all()
 
@@ -346,7 +348,7 @@ class OpenSession:
 
     def _travel(self, travel: Callable[[bool], Action | None], done: str, end: str) -> None:
         """Undo or redo, and show what that changed."""
-        known = self.document.run.notes
+        known, before = self.document.run.notes, self.document.state
         try:
             action = travel(self.jobs.busy)
         except HandtrackError:
@@ -356,11 +358,11 @@ class OpenSession:
             self._show_pose()
             self._say("info", end, "The history of edits ends here.")
             return
-        kinds = {keys.parts(change.key) for change in action.changes}
-        frames = [int(name) for kind, name in kinds if kind == keys.POSE]
+        changed = self.document.state.changed(before)
+        frames = [frame for kind, frame in changed if kind == "pose"]
         self.document.show(min(frames, default=self.document.frame))
         self._say("info", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
-        if len(frames) < len(kinds):
+        if len(frames) < len(changed):
             self._show_session()
             self._clouds.tell()
             self._masks.tell()
@@ -382,9 +384,8 @@ class OpenSession:
 
     def _see_arm(self) -> None:
         # never under a job: what it solves for would change
-        arm = {} if self.jobs.busy else edits.seen_arm(self.document)
-        if arm:
-            self.store.do("Forearm in view", arm, kind=NOTE)
+        arm = NOTHING if self.jobs.busy else edits.seen_arm(self.document)
+        if self.store.do("Forearm in view", arm, kind=NOTE):
             self._show_session()
             self._show_all()
 
@@ -393,7 +394,7 @@ class OpenSession:
     def _edit(
         self,
         frame: int,
-        values: edits.Values,
+        edit: Edit,
         words: str,
         tag: str = "",
         is_stroke: bool = False,
@@ -402,7 +403,7 @@ class OpenSession:
         frame = self.document.clamped(frame)
         try:
             done = f"{words}, frame {frame}"
-            self.store.do(done, values, tag, waits=True, is_stroke=is_stroke)
+            self.store.do(done, edit, tag, waits=True, is_stroke=is_stroke)
         finally:
             self.document.show(frame)
             self._show_pose()

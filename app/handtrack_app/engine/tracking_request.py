@@ -12,9 +12,8 @@ from handtrack.observation.pins import Pin
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.track_session import TrackingRequest
-from handtrack.store.history import Value
+from handtrack.store.spans import Span
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store import keys
 
 
 def tracking_request(
@@ -50,7 +49,7 @@ class RefinedWith:
     """What frames were refined with."""
 
     run: TrackingRun
-    spans: Value
+    spans: tuple[Span, ...]
     """of the current track, once they lay in it"""
     keyframes: Mapping[int, Floats[S]]
     pins: Mapping[int, tuple[Pin, ...]]
@@ -61,7 +60,7 @@ class RefinedWith:
         pins = document.run.session.pins
         return cls(
             document.run,
-            document.state.get(keys.SPANS),
+            document.state.spans,
             document.keyframes(document.frames),
             {frame: pins.of(frame) for frame in pins.frames},
         )

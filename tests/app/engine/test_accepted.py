@@ -9,7 +9,7 @@ import pytest
 
 from handtrack.store.spans import Span, beside_accepted
 from handtrack.store.store import WritableStore
-from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.engine.test_refine import _bends, _told, _tracked
@@ -70,14 +70,15 @@ def test_what_is_accepted_is_undone_and_comes_back(tmp_path: Path, left_open: No
     store.undo()
     assert document.accepted == {2, 3, 4}
     store.do("Let go", edits.accepted(document, range(3, 4), on=False))
-    assert document.state[keys.ACCEPTED] == [[2, 3], [4, 5]]
+    assert document.state.accepted == ((2, 3), (4, 5))
     again = opened(tmp_path)
     assert again.document.accepted == {2, 4}
 
 
 def test_frames_without_a_pose_cannot_be_accepted(tmp_path: Path, left_open: None) -> None:
     store = tracked(opened(tmp_path), range(3, 6))
-    assert edits.accepted(store.document, range(FRAMES), on=True) == {keys.ACCEPTED: [[3, 6]]}
+    edit = edits.accepted(store.document, range(FRAMES), on=True)
+    assert edit(store.document.state).accepted == ((3, 6),)
 
 
 def test_a_frame_accepted_while_tracking_runs_stays(tmp_path: Path, left_open: None) -> None:

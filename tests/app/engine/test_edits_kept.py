@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
-from handtrack_app.engine.store import keys, persistence
+from handtrack_app.engine.store import persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.mailbox import Mailbox
@@ -27,8 +28,8 @@ def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
 def written(folder: Path) -> list[int]:
     """Return the frames whose poses are on disk, in their order."""
     actions = Store(folder / "tracks").actions()
-    changed = [keys.parts(c.key) for action in actions for c in action.changes]
-    return [int(name) for kind, name in changed if kind == keys.POSE]
+    changed = [key_of(c.key) for action in actions for c in action.changes]
+    return [frame for kind, frame in changed if kind == "pose"]
 
 
 def edit(worker: Worker, listener: Listener, frame: int, version: int) -> None:

@@ -18,7 +18,6 @@ from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.engine.store import keys
 from handtrack_app.page.panels import guesses as guesses_panel
 from handtrack_app.page.scene.ghosts import update_ghosts
 from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
@@ -129,8 +128,8 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> 
     guesses.keep([replace(c, model=small.model) for c in candidates(document.run, 5)])
     did(store, guesses.take(5, 0))
     assert (document.model.scale, document.size_pending) == (HandScale(0.8), True)
-    assert document.is_found(5)
-    assert keys.SIZE not in guesses.take(5, 1)  # of the same size
+    assert document.decided_pose(5).found
+    assert guesses.take(5, 1)(document.state).size is document.state.size, "of the same size"
     store.close()
     again = opened(tmp_path, size_pending=True)
     again.close()
@@ -138,7 +137,7 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> 
     known = fake_document(tmp_path)  # its size is settled
     others = Guesses(known)
     others.keep([replace(c, model=small.model) for c in candidates(known.run, 5)])
-    assert keys.SIZE not in others.take(5, 0)
+    assert others.take(5, 0)(known.state).size is None
 
 
 def test_a_search_can_be_cancelled_and_may_find_nothing(

@@ -19,9 +19,10 @@ from typing import Any
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.session_state import SessionState, name_of, written
 from handtrack.store.history import History
 from handtrack.store.store import Store
-from handtrack_app.engine.store import edits, keys, saving
+from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import FRAMES, fake_document
 from tests.killing import KILLS, Fate, Tell, forked, killed
@@ -56,12 +57,15 @@ class Known:
         opened = Persistence.open(fake_document(folder))
         opened.restore()
         document = opened.document
-        assert document.state == opened.history.state
-        given = {k: v for k, v in document.state.items() if keys.parts(k)[0] == keys.POSE}
-        shown = {k for k, v in given.items() if not v.get("carried")}
-        assert {keys.pose(frame) for frame in document.by_hand} == shown
+        given = document.state
+        assert {
+            name_of(key): written(key, value)
+            for key, value in given.changed(SessionState()).items()
+        } == opened.history.state
+        shown = {frame for frame, pose in given.pose.items() if not pose.carried}
+        assert document.by_hand.keys() == shown
         for frame, values in document.by_hand.items():
-            parameters = given[keys.pose(frame)]["parameters"]
+            parameters = given.pose[frame].parameters
             assert [parameters[n] for n in document.model.parameter_names] == values.tolist()
         opened.close()
         takes = [take.number for take in store.takes()]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.session.session_state import DecidedPose, decide
 from handtrack.store.current_track import CurrentTrack, TakeFrames
 from handtrack_app.engine import document_snapshots
 from handtrack_app.engine.document import Document
@@ -133,7 +134,7 @@ def test_c60_an_edit_is_written_alone(tmp_path: Path, known: int) -> None:
     document = fake_document(tmp_path)
     (tmp_path / "session.toml").write_text("")
     store = Persistence.open(document)
-    document.state.update({f"pose/{1000 + n}": {"parameters": {}} for n in range(known)})
+    document.apply(decide(pose={1000 + n: DecidedPose({}) for n in range(known)}))
     store.do("Pose", edits.pose(document, 5, (document.start + 0.01).tolist()), waits=True)
     store.flush()
     store.close()

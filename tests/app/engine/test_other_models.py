@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.session_state import decide
 from handtrack_app.engine.document import renamed
-from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
@@ -78,7 +79,7 @@ def test_a_take_of_another_model_is_brought_back_with_its_model(tmp_path: Path) 
 def _arm_decided_while_tracking(folder: Path) -> None:
     """Track as `handtrack track --init auto` does that finds a forearm: only the take knows of it."""
     store = opened(folder)
-    store.document.apply({keys.FOREARM: True})  # nothing is written of it
+    store.document.apply(decide(forearm=True))  # nothing is written of it
     tracked(store).close()
 
 

@@ -15,7 +15,7 @@ from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.session.layout import POSES_FILE
 from handtrack.store.spans import Span
-from handtrack_app.engine.store import edits, keys, saving
+from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.exporting import export_beside, exported, file_stem
 from handtrack_app.engine.store.tracks import whole_track
 from tests.app.fake_run import FRAMES, fake_document
@@ -45,7 +45,7 @@ def test_a_pose_that_was_found_comes_back_as_found(tmp_path: Path) -> None:
     posed(store, 6, 0.02, found=True)
     posed(store, 6, 0.03)
     again = opened(tmp_path)
-    assert (again.document.is_found(5), again.document.is_found(6)) == (True, False)
+    assert [again.document.decided_pose(frame).found for frame in (5, 6)] == [True, False]
     assert again.restore() == "Brought back from last time: 1 pose set by hand, 1 pose found."
 
 
@@ -289,4 +289,4 @@ def test_a_live_session_keeps_its_work_in_memory(tmp_path: Path) -> None:
     posed(other, 4)
     assert other.undo() is not None
     assert not document.by_hand and other.is_saved
-    assert keys.pose(4) not in opened(tmp_path).document.state
+    assert 4 not in opened(tmp_path).document.state.pose

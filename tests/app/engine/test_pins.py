@@ -11,7 +11,6 @@ import pytest
 
 from handtrack.observation.pins import Pin
 from handtrack_app.engine.posing import pin_edits
-from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
@@ -138,7 +137,7 @@ def test_pins_are_written_and_come_back_with_the_session(tmp_path: Path, left_op
     again = opened(tmp_path)
     (back,) = again.document.run.session.pins.of(5)
     np.testing.assert_allclose(back.pixel, pin.pixel, atol=2e-3)
-    assert again.document.is_pinned(5)
+    assert again.document.decided_pose(5).pinned
     again.undo()
     assert not (tmp_path / "pins.json").exists()
 
@@ -149,7 +148,7 @@ def test_who_changed_the_file_elsewhere_is_right(tmp_path: Path, left_open: None
     (tmp_path / "pins.json").write_text(json.dumps({"format": 1, "pins": [other]}))
     again = opened(tmp_path)
     assert again.document.run.session.pins.frames == [6]
-    assert keys.pins(5) not in again.document.state
+    assert 5 not in again.document.state.pins
 
 
 def test_copied_pins_move_as_what_was_tracked_moves(tmp_path: Path, left_open: None) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.session_state import SessionState
 from handtrack.store.lease import holder_of
 from handtrack.store.store import Store
 from handtrack_app.engine.document import Document
@@ -200,14 +201,14 @@ def test_c40_what_is_on_disk_already_is_not_done_twice(
 def deadly_document(folder: Path, overrides: Mapping[str, object]) -> Document:
     """A document that ends the engine where a setting is changed."""
     document = fake_document(folder, overrides)
-    apply = document.apply
+    become = document.become
 
-    def applied(values: Mapping[str, Any]) -> None:
-        if "setting/cloud.weight" in values:
+    def became(state: SessionState) -> None:
+        if "cloud.weight" in state.setting:
             os.kill(os.getpid(), signal.SIGKILL)
-        apply(values)
+        become(state)
 
-    document.apply = applied  # type: ignore[method-assign]
+    document.become = became  # type: ignore[method-assign]
     return document
 
 

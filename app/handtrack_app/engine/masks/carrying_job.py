@@ -6,12 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 
 from handtrack.capture.masks.mask_correction import carried
 from handtrack.errors import HandtrackError
+from handtrack.session.session_state import Correction
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import View
-from handtrack.store.history import Value
 from handtrack_app.engine.jobs import BackgroundJob, Carried, Report
-from handtrack_app.engine.masks.mask_state import correction_value
-from handtrack_app.engine.store import keys
 
 
 class CarryingJob(BackgroundJob):
@@ -34,29 +32,29 @@ class CarryingJob(BackgroundJob):
         self._is_painted = is_painted
 
     def work(self) -> None:
-        values: dict[str, Value] = {}
+        found: dict[tuple[str, int], Correction] = {}
         reach, first = self._reach, self._frame
         ways = (range(first + 1, reach.stop), range(first - 1, reach.start - 1, -1))
         total = max(len(self._views) * sum(map(len, ways)), 1)
         done = 0
         for view in self._views:
             for way in ways:
-                for key, value in self._carried(view, way):
-                    values[key] = value
+                for at, correction in self._carried(view, way):
+                    found[at] = correction
                     done += 1
                     self.show_progress(
                         min(done / total, 0.99), f"carrying the correction of {view.name}"
                     )
                     if self.should_stop():
                         return
-        if not values:
+        if not found:
             raise HandtrackError(
                 "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
                 "are corrected themselves."
             )
-        self.report(Carried(values))
+        self.report(Carried(found))
 
-    def _carried(self, view: View, way: range) -> Iterator[tuple[str, Value]]:
+    def _carried(self, view: View, way: range) -> Iterator[tuple[tuple[str, int], Correction]]:
         own = view.own_frame(self._frame)
         layer = None if own is None else view.corrections.layer(own)
         before = view.image(self._frame)
@@ -70,4 +68,4 @@ class CarryingJob(BackgroundJob):
             content = encoded(layer)
             if content is None:
                 return
-            yield keys.correction(view.name, own), correction_value(content, is_carried=True)
+            yield (view.name, own), Correction(content, carried=True)

@@ -6,42 +6,40 @@ from collections.abc import Iterable, Mapping
 
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
-from handtrack.store.history import Change, Value
-from handtrack_app.engine.masks.mask_state import correction_of, correction_value
-from handtrack_app.engine.store import keys
+from handtrack.session.session_state import Correction, Edit, decide
+from handtrack_app.engine.masks.mask_state import correction_of
 
 
 class CorrectionFiles:
     """What was written to them here, so that other content is known, and kept."""
 
     def __init__(self) -> None:
-        self._ours: dict[str, bytes | None] = {}
+        self._ours: dict[tuple[str, int], bytes | None] = {}
 
-    def changed_elsewhere(self, session: Session, state: Mapping[str, Value]) -> dict[str, Value]:
-        """Return values for what files say otherwise than the state, which was written after them."""
-        found: dict[str, Value] = {}
-        for key, value in state.items():
-            kind, name = keys.parts(key)
-            if kind != keys.CORRECTION:
-                continue
+    def changed_elsewhere(
+        self, session: Session, known: Mapping[tuple[str, int], Correction]
+    ) -> list[Edit]:
+        """Return edits by what files say otherwise than the state, which was written after them."""
+        found = list[Edit]()
+        for at, correction in known.items():
             try:
-                correction = correction_of(session, name, value)
-            except (HandtrackError, ValueError, KeyError, TypeError):
+                place, content = correction_of(session, at, correction)
+            except HandtrackError:
                 continue  # what cannot be is told where the state is applied
-            path = correction.place.path(correction.own_frame)
+            path = place.path(at[1])
             stands = path.read_bytes() if path.is_file() else None
-            if stands == correction.content:
-                self._ours[key] = stands
+            if stands == content:
+                self._ours[at] = stands
             else:
-                found[key] = correction_value(stands)
+                now = None if stands is None else Correction(stands)
+                found.append(decide(correction={at: now}))
         return found
 
-    def write(self, session: Session, changes: Iterable[Change]) -> None:
+    def write(
+        self, session: Session, changed: Iterable[tuple[tuple[str, int], Correction | None]]
+    ) -> None:
         """Write what an action changed, before the action itself. Raises HandtrackError."""
-        for change in changes:
-            kind, name = keys.parts(change.key)
-            if kind == keys.CORRECTION:
-                correction = correction_of(session, name, change.after)
-                place, own, content = correction.place, correction.own_frame, correction.content
-                if place.write(own, content, self._ours.get(change.key)):
-                    self._ours[change.key] = content
+        for at, correction in changed:
+            place, content = correction_of(session, at, correction)
+            if place.write(at[1], content, self._ours.get(at)):
+                self._ours[at] = content

@@ -12,53 +12,52 @@ from handtrack.capture.masks.mask_correction import AS_IT_IS, BACKGROUND, HAND, 
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 from handtrack.capture.masks.segmentation import METHODS, mask_method_table
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.session.session_state import NOTHING, Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import MaskChoice, View
-from handtrack.store.history import Value
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.masks.mask_state import choice_value, correction_value, usual_values
-from handtrack_app.engine.store import keys
+from handtrack_app.engine.masks.mask_state import source_of, usual_values
 from handtrack_app.protocol.masks import FILES, NO_MASKS
-
-Values = dict[str, Value]
 
 BRUSHES = {"hand": HAND, "not hand": BACKGROUND, "unknown": UNKNOWN_LEVEL, "as it is": AS_IT_IS}
 _MOST_POINTS, _LARGEST_PX = 4096, 500.0  # of a stroke; no page sends more
 _DEPTHS_M = {"near_m": 0.2, "far_m": 0.8}  # of a hand before a camera on a desk, to begin with
 
 
-def masks(document: Document, camera: str, values: Mapping[str, object]) -> Values:
+def masks(document: Document, camera: str, values: Mapping[str, object]) -> Edit:
     """Change method, thresholds or box of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
     views = {view.name: view for view in document.run.session.views}
     if camera and camera not in views:
         raise unknown_name("camera", camera, tuple(views))
     wanted = [views[camera]] if camera else list(views.values())
-    found, why = dict[str, Value](), ""
+    found, why = dict[str, MaskSource](), ""
     for view in wanted:
         try:
-            found[keys.masks(view.name)] = _changed(document, view, dict(values))
+            found[view.name] = _changed(document, view, dict(values))
         except HandtrackError as error:
             why = str(error)
     if not found:
         raise HandtrackError(why)
-    return found
+    return decide(masks=found)
 
 
-def _changed(document: Document, view: View, values: dict[str, object]) -> Value:
-    choice = choice_value(document.masks[view.name])
+def _changed(document: Document, view: View, values: dict[str, object]) -> MaskSource:
+    source = source_of(document.masks[view.name])
+    table, roi = source.masks, source.roi
     if "method" in values:
-        choice["masks"] = _begun(document, view, str(values.pop("method")))
+        table = _begun(document, view, str(values.pop("method")))
     if "roi" in values:
-        roi = values.pop("roi")
-        choice["roi"] = list(roi) if isinstance(roi, list | tuple) else None
+        roi, box = None, values.pop("roi")
+        if isinstance(box, list | tuple):
+            x, y, width, height = (int(part) for part in box)
+            roi = x, y, width, height
     if values:
-        table = choice["masks"]
-        known = [] if not isinstance(table, dict) else list(table)
+        known = table if isinstance(table, dict) else dict[str, object]()
         for name in values:
             if name not in known:
                 raise HandtrackError(f"the masks of camera '{view.name}' have no setting '{name}'.")
-        choice["masks"] = {**table, **values}
-    return choice
+        table = {**known, **values}
+    return MaskSource(table, roi)
 
 
 def _begun(document: Document, view: View, name: str) -> str | dict[str, object] | None:
@@ -98,7 +97,7 @@ def possible_methods(document: Document, view: View) -> tuple[str, ...]:
 
 def marked_box(
     document: Document, camera: str, what: str, box: tuple[int, int, int, int], frame: int
-) -> Values:
+) -> Edit:
     """Take a box dragged over a camera's undistorted image as its region of interest, or as the sample of skin."""
     view = document.run.session.view(camera)
     x, y, width, height = box
@@ -120,30 +119,32 @@ def painting(
     brush: str,
     points: Sequence[tuple[float, float]],
     radius_px: float,
-) -> Values:
+) -> Edit:
     """Paint a stroke over a camera's mask. Raises HandtrackError where there is nothing to paint on."""
     view, own = _place(document, camera, frame)
     stroke = np.asarray(points[:_MOST_POINTS], dtype=float).reshape(-1, 2)
     stroke = stroke[np.isfinite(stroke).all(axis=1)]
     if not len(stroke) or brush not in BRUSHES or not np.isfinite(radius_px):
-        return {}
+        return NOTHING
     layer = view.corrections.layer(own)
     layer = empty_layer(view.camera.size) if layer is None else layer
     radius = min(max(float(radius_px), 0.5), _LARGEST_PX)
     after = painted(layer, _as_taken(view, stroke.tolist()), radius, BRUSHES[brush])
-    return {keys.correction(view.name, own): correction_value(encoded(after))}
+    content = encoded(after)
+    now = None if content is None else Correction(content)
+    return decide(correction={(view.name, own): now})
 
 
-def dropped(document: Document, camera: str, frame: int) -> Values:
+def dropped(document: Document, camera: str, frame: int) -> Edit:
     """Drop the correction of a camera's frame."""
     view, own = _place(document, camera, frame)
-    return {keys.correction(view.name, own): None}
+    return decide(correction={(view.name, own): None})
 
 
 def is_painted(document: Document, camera: str, own_frame: int) -> bool:
     """Return whether a frame was corrected there, and not only carried to it."""
-    value = document.value(keys.correction(camera, own_frame))
-    return value is not None and not value.get("carried", False)
+    correction = document.in_force(("correction", (camera, own_frame)))
+    return correction is not None and not correction.carried
 
 
 def _place(document: Document, camera: str, frame: int) -> tuple[View, int]:

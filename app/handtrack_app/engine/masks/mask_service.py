@@ -5,11 +5,12 @@ from __future__ import annotations
 from functools import cached_property
 
 from handtrack.capture.masks.segmentation import mask_method_table
+from handtrack.session.session_state import decide
 from handtrack_app.engine.masks import mask_edits
 from handtrack_app.engine.masks.carrying_job import CarryingJob
 from handtrack_app.engine.masks.mask_renderer import MaskMoment, MaskRenderer
 from handtrack_app.engine.pictures.preview_service import PreviewService
-from handtrack_app.engine.store import edits, keys, saving
+from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.masks import FILES, NO_MASKS, MaskCameraCard, MaskCard, MaskPicture
 from handtrack_app.protocol.snapshots import Notice
@@ -114,8 +115,8 @@ class MaskService(PreviewService):
     @command(edits=True, words="settings of masks")
     def restore_masks(self) -> None:
         """Go back to the masks as session.toml has them."""
-        back = {keys.masks(name): None for name in self._document.unsaved_masks}
-        self._change(lambda: self._store.do("Masks of session.toml", back))
+        back = dict.fromkeys(self._document.unsaved_masks)
+        self._change(lambda: self._store.do("Masks of session.toml", decide(masks=back)))
 
     @command(edits=True, files=True, words="saving settings of masks")
     def save_masks(self) -> None:

@@ -12,12 +12,12 @@ from handtrack.errors import HandtrackError
 from handtrack.observation.observation import Observation
 from handtrack.observation.pins import Pin
 from handtrack.session.posed_frames import solver_params_of
+from handtrack.session.session_state import NOTHING, Edit, decide, in_turn
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.posing.pin_state import pins_value
-from handtrack_app.engine.store import keys
-from handtrack_app.engine.store.edits import Values, set_pose
+from handtrack_app.engine.posing.pin_state import pinning
+from handtrack_app.engine.store.edits import set_pose
 
 _MOST = 200
 """pins of a frame; more than anybody places"""
@@ -34,7 +34,7 @@ class Pull:
     seen: Observation
 
 
-def placed(document: Document, pull: Pull, pin: Pin, by_images: bool) -> Values:
+def placed(document: Document, pull: Pull, pin: Pin, by_images: bool) -> Edit:
     """Let a place lie at a pixel, and the hand follow. Raises HandtrackError for what is no such place."""
     model = document.model
     pinned_places(model, [pin])
@@ -48,23 +48,22 @@ def placed(document: Document, pull: Pull, pin: Pin, by_images: bool) -> Values:
     return _led(document, pull, (*others, pin), by_images)
 
 
-def dropped(document: Document, pull: Pull, which: int | None, by_images: bool) -> Values:
+def dropped(document: Document, pull: Pull, which: int | None, by_images: bool) -> Edit:
     """Drop one of a frame's pins, or all: then the pose goes with them where they led to it."""
     own = document.run.session.pins.of(pull.frame)
     left = () if which is None else tuple(p for n, p in enumerate(own) if n != which)
     if left == own:
-        return {}
+        return NOTHING
     if left:
         return _led(document, pull, left, by_images)
-    values: Values = {keys.pins(pull.frame): None}
-    if document.is_pinned(pull.frame):
-        values[keys.pose(pull.frame)] = None
-    return values
+    frame = pull.frame
+    led = {frame: None} if document.decided_pose(frame).pinned else {}
+    return decide(pins={frame: None}, pose=led)
 
 
-def copied(document: Document, frame: int, others: Iterable[int]) -> Values:
+def copied(document: Document, frame: int, others: Iterable[int]) -> Edit:
     """Copy a frame's pins to others, each moved as the place that it holds moves in what was tracked."""
-    pins, values = document.run.session.pins, Values()
+    pins, found = document.run.session.pins, dict[int, Sequence[Pin]]()
     own = pins.of(frame)
     what = {pin.what for pin in own}
     corrections = _corrections(document, frame, own)
@@ -78,8 +77,8 @@ def copied(document: Document, frame: int, others: Iterable[int]) -> Values:
             if np.isfinite([x, y]).all()
         ]
         kept = [pin for pin in pins.of(other) if pin.what not in what]
-        values[keys.pins(other)] = pins_value([*kept, *moved])
-    return values
+        found[other] = [*kept, *moved]
+    return pinning(found)
 
 
 def begun(document: Document, frame: int, tag: str) -> Pull:
@@ -90,7 +89,7 @@ def begun(document: Document, frame: int, tag: str) -> Pull:
     return Pull(tag, frame, params, seen)
 
 
-def _led(document: Document, pull: Pull, pins: Sequence[Pin], by_images: bool) -> Values:
+def _led(document: Document, pull: Pull, pins: Sequence[Pin], by_images: bool) -> Edit:
     """Return pins, and the pose to which they lead."""
     model, session = document.model, document.run.session
     names = model.joint_names, model.skeleton.bone_names
@@ -100,7 +99,7 @@ def _led(document: Document, pull: Pull, pins: Sequence[Pin], by_images: bool) -
     tells = bool(seen.silhouettes or seen.keypoints or seen.cloud or seen.images)
     found = pulled(model, document.run.settings, seen, params, by_images and tells, pull.stood)
     posed = set_pose(document, pull.frame, model.joint_params(found), pinned=True)
-    return {keys.pins(pull.frame): pins_value(pins), **posed}
+    return in_turn(pinning({pull.frame: pins}), posed)
 
 
 def _tracked(document: Document, frame: int) -> Floats[S]:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from handtrack.errors import HandtrackError
 from handtrack.observation.pins import Pin
+from handtrack.session.session_state import Edit
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.posing import pin_edits
 from handtrack_app.engine.posing.pin_cards import words_of
 from handtrack_app.engine.posing.pin_edits import Pull
-from handtrack_app.engine.store.edits import Values
 from handtrack_app.protocol.calls import command
 
 
@@ -21,7 +21,7 @@ class PinService:
     """Lives on the worker's thread."""
 
     document: Document
-    edit: Callable[[int, Values, str, str, bool], None]
+    edit: Callable[[int, Edit, str, str, bool], None]
     """changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
     _pull: Pull | None = None
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from handtrack.observation.pins import Pin
+from handtrack.session.session_state import NOTHING, Edit
 from handtrack.store.history import History
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.job_control import drags, looks_elsewhere
@@ -13,12 +14,11 @@ from handtrack_app.engine.pictures.pose_pictures import pose_picture, pose_title
 from handtrack_app.engine.posing.before import pose_before
 from handtrack_app.engine.posing.pin_cards import words_of
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.edits import Values
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.library import LibrarySnapshot, PosePicture
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
-Edit = Callable[[int, Values, str, str, bool], None]
+MakeEdit = Callable[[int, Edit, str, str, bool], None]
 """changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
 _SOURCES = {"previous": "Pose of the frame before", "start": "First-frame pose"}
 _NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
@@ -30,7 +30,7 @@ class PoseService:
 
     document: Document
     history: Callable[[], History]
-    edit: Edit
+    edit: MakeEdit
     publish: Callable[[Snapshot], None]
     show: Callable[[], None]
     """shows the pose again"""
@@ -88,7 +88,7 @@ class PoseService:
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         known = self.document.clamped(frame) in self.document.by_hand
-        forgotten = edits.forgotten_pose(frame) if known else {}
+        forgotten = edits.forgotten_pose(frame) if known else NOTHING
         self.edit(frame, forgotten, "Pose dropped", "", False)
 
     @command(job=True, words="the pose library")

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store import keys
 
 
 def brought_back(document: Document) -> str:
     """Return the sentence; empty where there is nothing."""
-    settings = [*document.decided(keys.SETTING), *document.decided(keys.LIMITS)]
-    found = sum(document.is_found(frame) for frame in document.by_hand)
+    state = document.state
+    found = sum(document.decided_pose(frame).found for frame in document.by_hand)
     parts = [
         f"{count} {one if count == 1 else many}"
         for count, one, many in (
@@ -17,7 +16,7 @@ def brought_back(document: Document) -> str:
             (len(document.by_hand) - found, "pose set by hand", "poses set by hand"),
             (found, "pose found", "poses found"),
             (
-                len(settings) + len(document.unsaved_clouds),
+                len(state.setting) + len(state.limits) + len(document.unsaved_clouds),
                 "changed setting",
                 "changed settings",
             ),

@@ -1,4 +1,4 @@
-"""Edits: what a wish of the user's changes of the session's state. They read the document and change nothing."""
+"""Edits: what a wish of the user's makes of the session's state. They read the document and change nothing."""
 
 from __future__ import annotations
 
@@ -9,22 +9,26 @@ import numpy as np
 from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import scale_table
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import with_number
 from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.posed_frames import solver_params_of
-from handtrack.store.history import Value
+from handtrack.session.session_state import (
+    NOTHING,
+    CloudTable,
+    DecidedPose,
+    DecidedSize,
+    Edit,
+    accepting,
+    decide,
+    in_turn,
+)
 from handtrack.store.spans import Span, beside_accepted, resolved
-from handtrack.store.store import spans_of
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.posing.inverse_kinematics import reach
-from handtrack_app.engine.store import keys
-
-Values = dict[str, Value]
 
 
 def is_slid(*values: object) -> bool:
@@ -32,25 +36,25 @@ def is_slid(*values: object) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def pose(document: Document, frame: int, values: Sequence[float], found: bool = False) -> Values:
+def pose(document: Document, frame: int, values: Sequence[float], found: bool = False) -> Edit:
     """Set a frame's pose, moved into the limits in force. found: a search gave it."""
     model, given = document.model, np.asarray(values, dtype=float)
     if given.shape != (len(model.parameter_names),):
-        return {}  # sent before the model changed
+        return NOTHING  # sent before the model changed
     return set_pose(
         document, frame, model.joint_params(solver_params_of(model, given)), found=found
     )
 
 
-def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Values:
+def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Edit:
     """Set a frame's pose as it is, within limits. how: `found` by a search, `pinned`, or `refitted`."""
-    key = keys.pose(document.clamped(frame))
-    known = (document.state.get(key) or {}).get("parameters", {})  # of other models, too
+    frame = document.clamped(frame)
+    known = document.decided_pose(frame).parameters  # of other models, too
     now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
-    return {key: {"parameters": {**known, **now}, "found": False, **how}}
+    return decide(pose={frame: DecidedPose({**known, **now}, **how)})
 
 
-def taken_pose(document: Document, frame: int, source: str) -> Values:
+def taken_pose(document: Document, frame: int, source: str) -> Edit:
     """Replace a frame's pose by the first-frame pose (`start`), the one before (`previous`), or the library's fingers."""
     current, model = document.pose_at(frame), document.model
     if source in document.pose_names:
@@ -68,7 +72,7 @@ def taken_pose(document: Document, frame: int, source: str) -> Values:
 
 def pulled_place(
     document: Document, frame: int, target: tuple[float, float, float], place: Pin
-) -> Values:
+) -> Edit:
     """Bend a finger or limb so that a place of it comes to a point. Raises HandtrackError for what is no such place."""
     model, meant = document.model, np.asarray(target, dtype=float)
     (bone,), (point,) = pinned_places(model, [place])
@@ -79,26 +83,26 @@ def pulled_place(
     return pose(document, frame, model.joint_params(reached).tolist())
 
 
-def forgotten_pose(frame: int) -> Values:
+def forgotten_pose(frame: int) -> Edit:
     """Drop what was set by hand at a frame; the tracked pose shows again."""
-    return {keys.pose(frame): None}
+    return decide(pose={frame: None})
 
 
-def accepted(document: Document, frames: Iterable[int], on: bool) -> Values:
+def accepted(document: Document, frames: Iterable[int], on: bool) -> Edit:
     """Accept frames as they are, or let them go; those alone that have a pose."""
     named = document.accepted.union(frames) if on else document.accepted.difference(frames)
     now = {f for f in named if f in document.by_hand or f in document.results}
-    return {} if now == document.accepted else keys.accepted(now)
+    return NOTHING if now == document.accepted else accepting(now)
 
 
-def restored(document: Document, number: int, frames: range | None) -> Values:
+def restored(document: Document, number: int, frames: range | None) -> Edit:
     """Make a take current again, whole (None) or some of its frames; accepted frames stay. Raises HandtrackError."""
     take, state, frames_of = document.takes.get(number), document.state, document.takes.frames_of
     if take is None or not len(take):
         raise HandtrackError(f"Take {number} has no frames that could be shown.")
     model = model_of_take(document, number)
     first, stop = min(take), max(take) + 1
-    shown = resolved(spans_of(state.get(keys.SPANS)), frames_of)
+    shown = resolved(state.spans, frames_of)
     laid = resolved([Span(number, first, stop)], frames_of)
     if frames is not None:
         some = range(max(frames.start, first), min(frames.stop, stop))
@@ -107,40 +111,40 @@ def restored(document: Document, number: int, frames: range | None) -> Values:
                 f"Take {number} has the frames {first} to {stop - 1}, none of {frames.start} to {frames.stop - 1}."
             )
         laid = resolved([*shown, Span(number, some.start, some.stop)], frames_of)
-    return model | keys.spans(beside_accepted(laid, shown, state.get(keys.ACCEPTED) or ()))
+    return in_turn(model, decide(spans=beside_accepted(laid, shown, state.accepted)))
 
 
-def model_of_take(document: Document, number: int) -> Values:
+def model_of_take(document: Document, number: int) -> Edit:
     """Use the model that a take was tracked with, so that its frames can show; nothing where it is in force. Raises
     HandtrackError where no setting makes it.
     """
     take, run = document.takes.get(number), document.run
     if take is None or take.parameter_names == run.model.parameter_names:
-        return {}
-    name, values = "model.name", dict[str, Value]()
+        return NOTHING
+    name, changed = "model.name", list[Edit]()
     if (wanted := take.settings.get(name, "")) != run.settings.flat()[name]:
-        values[keys.setting(name)] = wanted
+        changed.append(setting(name, wanted))
         run = run.with_values({name: wanted})
     if take.parameter_names != run.model.parameter_names:
         run = run.with_parameters(take.parameter_names)
         if document.leaves_forearm_open:
-            values[keys.FOREARM] = run.arm
+            changed.append(decide(forearm=run.arm))
         else:
-            values[keys.setting("model.forearm")] = str(run.forearm).lower()
+            changed.append(setting("model.forearm", str(run.forearm).lower()))
     if take.parameter_names != run.model.parameter_names:
         raise HandtrackError(
             f"Take {number} cannot be shown: it was tracked with the parameters {', '.join(take.parameter_names[6:]) or 'of a rigid body'}, "
             f"and no setting gives the {run.model.kind} of this session these."
         )
-    return values
+    return in_turn(*changed)
 
 
-def setting(name: str, value: object) -> Values:
+def setting(name: str, value: object) -> Edit:
     """Change a setting of [tracking]."""
-    return {keys.setting(name): value}
+    return decide(setting={name: value})
 
 
-def method(document: Document, value: object) -> Values:
+def method(document: Document, value: object) -> Edit:
     """Change the method, with all that it sets, and what the one before had set; back to the session's own brings its own
     values back. Raises HandtrackError.
     """
@@ -148,45 +152,44 @@ def method(document: Document, value: object) -> Values:
     chosen = now.with_values({"method": value})
     wanted = own if chosen.method == own["method"] else chosen.flat()
     touched = ("method", *METHODS[now.method].values, *METHODS[chosen.method].values)
-    return {keys.setting(name): wanted[name] for name in dict.fromkeys(touched)}
+    return decide(setting={name: wanted[name] for name in touched})
 
 
-def limits(document: Document, name: str, interval: tuple[float, float] | None) -> Values:
+def limits(document: Document, name: str, interval: tuple[float, float] | None) -> Edit:
     """Change the interval of a joint parameter [rad]; None: the model's own. Raises HandtrackError."""
     names = document.model.parameter_names
     if name not in names[6:]:
         raise unknown_name("parameter with limits", name, names[6:])
     if interval is None:
-        return {keys.limits(name): None}
+        return decide(limits={name: None})
     low, high = sorted(float(np.clip(v, -np.pi, np.pi)) for v in interval)
     if not np.isfinite(low + high):
         raise HandtrackError(f"limits of {name}: expected two angles, found {interval}.")
-    return {keys.limits(name): [low, high]}
+    return decide(limits={name: (low, high)})
 
 
-def size(scale: HandScale, pending: bool = False, live: HandScale | None = None) -> Values:
+def size(scale: HandScale, pending: bool = False, live: HandScale | None = None) -> Edit:
     """Change the hand's size. pending: it is still to be fitted; live: what it was before refining, for tracking to begin with."""
-    before = {} if live is None else {"live": scale_table(live)}
-    return {keys.SIZE: scale_table(scale) | {"pending": pending} | before}
+    return decide(size=DecidedSize(scale, pending, live))
 
 
-def shape(document: Document, name: str, value: float) -> Values:
+def shape(document: Document, name: str, value: float) -> Edit:
     """Set a number of the person's shape, which then needs no fit before tracking. Raises HandtrackError."""
     return size(with_number(document.model, name, value))
 
 
-def clouds(settings: CloudSettings | None) -> Values:
+def clouds(settings: CloudSettings | None) -> Edit:
     """Take settings of [clouds], all of them."""
-    return {keys.CLOUDS: {"table": None if settings is None else settings.table}}
+    return decide(clouds=CloudTable(None if settings is None else settings.table))
 
 
-def seen_arm(document: Document) -> Values:
+def seen_arm(document: Document) -> Edit:
     """Give the model a forearm if the frame shown has one beyond the hand."""
     params = solver_params_of(document.model, document.shown)
     return arm(document, document.run.with_arm_in_view(document.frame, params).arm)
 
 
-def arm(document: Document, found: bool | float) -> Values:
+def arm(document: Document, found: bool | float) -> Edit:
     """Give the model the forearm that was found, where that is left to the program."""
     asked = document.leaves_forearm_open and document.run.arm != found
-    return {keys.FOREARM: found} if asked else {}
+    return decide(forearm=found) if asked else NOTHING

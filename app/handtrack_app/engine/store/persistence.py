@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -14,18 +13,29 @@ from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import remove_abandoned
 from handtrack.session.layout import TRACKS_FOLDER
+from handtrack.session.session_state import (
+    DecidedSize,
+    Edit,
+    SessionState,
+    decide,
+    in_turn,
+    name_of,
+    read,
+    readable,
+    written,
+)
 from handtrack.session.takes.take_about import foreign_takes
 from handtrack.session.takes.track_files import import_track
-from handtrack.store.history import DO, NOTE, Action, Change, History, Value, merged
+from handtrack.store.history import DO, NOTE, Action, Change, History, merged
 from handtrack.store.lease import LeaseTaken
 from handtrack.store.spans import Span, resolved
-from handtrack.store.store import Store, WritableStore, spans_of
+from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.masks.correction_files import CorrectionFiles
 from handtrack_app.engine.posing.pin_state import changed_elsewhere
-from handtrack_app.engine.store import edits, keys
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.brought_back import brought_back
 from handtrack_app.engine.store.open_take import PROGRAM, OpenTake
 from handtrack_app.engine.store.shelf import TakeShelf
@@ -104,28 +114,29 @@ class Persistence:
     def do(
         self,
         words: str,
-        values: Mapping[str, Value],
+        edit: Edit,
         tag: str = "",
         kind: str = DO,
         waits: bool = False,
         is_stroke: bool = False,
     ) -> bool:
-        """Let values of the session's state hold from now on; return whether that changed anything.
+        """Make an edit; return whether that changed anything.
 
         words: what is done, for undo. tag: of the control that is moved; what follows with the same is one step. waits: it
         is written once edits rest. is_stroke: the tag is of this one drag, which is one step however long it takes. Raises HandtrackError: for what cannot be, and nothing is changed; or where it cannot be
         written, and it stands, and is tried again.
         """
         document = self.document
-        plain: dict[str, Value] = json.loads(json.dumps(values))
-        changes = [
-            Change(key, before, after)
-            for key, after in plain.items()
-            if (before := json.loads(json.dumps(document.value(key)))) != after
-        ]
+        state = document.state
+        after = edit(state).changed(state)
+        changes = list[Change]()
+        for key, value in after.items():
+            stood, holds = written(key, document.in_force(key)), written(key, value)
+            if stood != holds:
+                changes.append(Change(name_of(key), stood, holds))
         if not changes:
             return False
-        document.apply(plain)
+        document.become(state.having(read({change.key: change.after for change in changes})))
         now = time.monotonic()
         soon = is_stroke or now - self._when < _MERGE_S
         follows = bool(tag) and tag == self._tag and soon
@@ -152,9 +163,10 @@ class Persistence:
     def _travel(self, action: Action | None, busy: bool) -> Action | None:
         if action is None:
             return None
-        if busy and any(keys.parts(change.key)[0] != keys.POSE for change in action.changes):
+        after = read(action.after)
+        if busy and any(kind != "pose" for kind, _ in after):
             raise HandtrackError(_FIXED)
-        self.document.apply(action.after)
+        self.document.become(self.document.state.having(after))
         self._take_action(action)
         self._tag = ""
         self._settle()
@@ -163,21 +175,21 @@ class Persistence:
     def _settle(self, waits: bool = False) -> None:
         """Leave to session.toml what it says, and write, or remember that an edit waits."""
         document = self.document
-        named = map(keys.setting, document.own_settings)
-        said = [key for key in named if key in document.state]  # the state may hold many poses
-        if said and dict(document.run.settings.flat()) == document.own_settings:
-            self.leave_to_the_file(said)
+        if document.state.setting and dict(document.run.settings.flat()) == document.own_settings:
+            self.leave_to_the_file("setting")
         if self._first_waits is None:
             self._first_waits = time.monotonic()
         if not waits:
             self.flush()
 
-    def leave_to_the_file(self, named: list[str]) -> None:
-        """The session's files say these values: they may be edited there, and are not to be written over later."""
-        self.document.apply(dict.fromkeys(named))
-        state = self.history.state
-        changes = [Change(key, state[key], None) for key in named if key in state]
-        if changes:
+    def leave_to_the_file(self, kind: str) -> None:
+        """The session's files say what was decided of a kind: it may be edited there, and is not to be written over later."""
+        state, known = self.document.state, self.history.state
+        left = state.without(kind)
+        self.document.become(left)
+        names = [name for key in left.changed(state) if (name := name_of(key)) in known]
+        if names:
+            changes = [Change(name, known[name], None) for name in names]
             self._take_action(self.history.next("As the session's files have it", changes, NOTE))
 
     def _take_action(self, action: Action) -> None:
@@ -202,10 +214,13 @@ class Persistence:
         while self._unwritten:
             if self.store is not None:
                 self.check()
-                changes = self._unwritten[0].changes
-                self._corrections.write(self.document.run.session, changes)
-                if any(keys.parts(change.key)[0] == keys.PINS for change in changes):
-                    self._pins_text = self.document.run.session.pins.write(self._pins_text)
+                session, after = self.document.run.session, read(self._unwritten[0].after)
+                corrected = [
+                    (at, value) for (kind, at), value in after.items() if kind == "correction"
+                ]
+                self._corrections.write(session, corrected)
+                if any(kind == "pins" for kind, _ in after):
+                    self._pins_text = session.pins.write(self._pins_text)
                 self.store.write(self._unwritten[0])
             del self._unwritten[0]
 
@@ -273,20 +288,22 @@ class Persistence:
         with suppress(HandtrackError):
             take.sync()  # its first frame is to be safe before anybody is told of it
         document, span = self.document, Span(take.number, take.frames.start, take.frames.stop)
-        under = resolved(spans_of(document.state.get(keys.SPANS)), document.takes.frames_of)
-        values: dict[str, Value] = keys.spans([*under, span])
+        under = resolved(document.state.spans, document.takes.frames_of)
+        laid = [decide(spans=(*under, span))]
         if take.first in take.shelf and take.first in document.by_hand:
-            values |= edits.forgotten_pose(take.first)
+            laid.append(edits.forgotten_pose(take.first))
         for frame in document.by_hand:
-            if frame in take.frames and document.is_led(frame) and frame not in document.accepted:
-                values |= edits.forgotten_pose(frame)  # solved again
+            is_led = document.decided_pose(frame).is_led
+            if frame in take.frames and is_led and frame not in document.accepted:
+                laid.append(edits.forgotten_pose(frame))  # solved again
         many = f"frames {take.frames.start} to {take.frames.stop - 1}"
         if take.is_refined:
-            live = document.live_scale or document.run.scale
-            sized = {} if take.scale is None else edits.size(take.scale, live=live)
-            self.do(f"Refining of {many}", values | sized)
+            if take.scale is not None:
+                laid.append(edits.size(take.scale, live=document.live_scale or document.run.scale))
+            self.do(f"Refining of {many}", in_turn(*laid))
             return
-        self.do(f"Tracking of {f'frame {take.first}' if len(take.frames) == 1 else many}", values)
+        words = f"frame {take.first}" if len(take.frames) == 1 else many
+        self.do(f"Tracking of {words}", in_turn(*laid))
 
     def end_take(self, finished: bool) -> None:
         """Say that no frame comes any more; finished: all of them did. Raises HandtrackError where frames could not be
@@ -320,13 +337,14 @@ class Persistence:
         if document.run.session.live is not None:
             return ""
         document.takes = TakeShelf(self.folder / TRACKS_FOLDER, self._warn)
-        session, state = document.run.session, dict(self.history.state)
+        session = document.run.session
         pins = {frame: session.pins.of(frame) for frame in session.pins.frames}
-        self._apply_all(self.history.state)
+        state = readable(self.history.state, self._pass_over)
+        self._become(state)
         self._take_files()
-        changed = self._corrections.changed_elsewhere(session, state)
-        for key, value in (changed | changed_elsewhere(pins, session.pins)).items():
-            self.do("As the session's files have it", {key: value}, kind=NOTE)
+        changed = self._corrections.changed_elsewhere(session, state.correction)
+        for edit in (*changed, *changed_elsewhere(pins, session.pins)):
+            self.do("As the session's files have it", edit, kind=NOTE)
         self._take_model_of_track()
         self._take_size_of_track()
         disk = self.store or Store(self.folder / TRACKS_FOLDER)
@@ -334,56 +352,56 @@ class Persistence:
             self._warn(text)
         return brought_back(document)
 
-    def _apply_all(self, state: Mapping[str, Value]) -> None:
-        """Apply a state whole; where a part of it cannot be any more, the rest, and say which."""
+    def _become(self, state: SessionState) -> None:
+        """Let a state hold whole; where a part of it cannot be any more, the rest, and say which."""
+        document = self.document
         try:
-            self.document.apply(state)
+            document.become(state)
         except (HandtrackError, ValueError, KeyError, TypeError):
-            for key, value in state.items():
+            for key, value in state.changed(document.state).items():
                 try:
-                    self.document.apply({key: value})
+                    document.become(document.state.having({key: value}))
                 except (HandtrackError, ValueError, KeyError, TypeError) as error:
-                    log.warning("%s of last time passed over: %s", key, error)
-                    self._warn(
-                        f"Passed over of last time: {key}, since it cannot be any more. {error}"
-                    )
+                    self._pass_over(name_of(key), error)
+
+    def _pass_over(self, name: str, error: Exception) -> None:
+        log.warning("%s of last time passed over: %s", name, error)
+        self._warn(f"Passed over of last time: {name}, since it cannot be any more. {error}")
 
     def _take_files(self) -> None:
         """Make takes of track files that the store does not know; where nothing can be written, only show them."""
-        document, state = self.document, self.history.state
+        document, spans = self.document, self.document.state.spans
         if self.store is not None:
             if text := import_track(self.store, self.folder):
                 self._warn(text)
-            if keys.SPANS in state and keys.SPANS not in document.state:
-                document.apply({keys.SPANS: state[keys.SPANS]})
-        elif keys.SPANS not in state:
+            if not spans:
+                document.apply(decide(spans=readable(self.history.state).spans))
+        elif not spans:
             take = track_file(self.folder)
             if take is not None:
                 number = document.takes.next_number
                 document.takes.put(number, take)
-                document.apply(keys.spans([Span(number, min(take), max(take) + 1)]))
+                document.apply(decide(spans=(Span(number, min(take), max(take) + 1),)))
 
     def _take_model_of_track(self) -> None:
         """A forearm that is left to the program was decided while tracking: the current take says how."""
-        document, spans = self.document, spans_of(self.document.state.get(keys.SPANS))
+        document, spans = self.document, self.document.state.spans
         if spans and document.leaves_forearm_open:
             with suppress(HandtrackError):  # it stays hidden, which the timeline tells
-                values = edits.model_of_take(document, spans[-1].take)
-                if [*values] == [keys.FOREARM]:
-                    self.do("Forearm as tracked", values, kind=NOTE)
+                edit = edits.model_of_take(document, spans[-1].take)
+                if [*edit(document.state).changed(document.state)] == [("forearm", None)]:
+                    self.do("Forearm as tracked", edit, kind=NOTE)
 
     def _take_size_of_track(self) -> None:
         """The hand's size that the current track was made with counts, where none was decided since."""
-        document, spans = self.document, spans_of(self.document.state.get(keys.SPANS))
-        if keys.SIZE in document.state or not spans:
+        document, spans = self.document, self.document.state.spans
+        if document.state.size is not None or not spans:
             return
         try:
             labels = Store(self.folder / TRACKS_FOLDER).take(spans[-1].take).about.labels
-            table = json.loads(labels.scale)
             if labels.model == document.run.labels.model:
-                size = table | {"pending": False}
-                if size != document.value(keys.SIZE):
-                    self.do("The track's size", {keys.SIZE: size}, kind=NOTE)
+                size = DecidedSize.of(json.loads(labels.scale))
+                self.do("The track's size", decide(size=size), kind=NOTE)
         except (HandtrackError, ValueError, KeyError, TypeError) as error:
             log.warning("the size of the track is not known: %s", error)
 

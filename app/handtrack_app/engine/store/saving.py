@@ -14,7 +14,6 @@ from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_F
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.track_files import file_digest
 from handtrack_app.engine.masks.mask_state import usual_values
-from handtrack_app.engine.store import keys
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.store.tracks import whole_track
 
@@ -68,7 +67,7 @@ def save_clouds(store: Persistence) -> str:
     values = clouds.table
     kept = _edit_session(store, "clouds", {name: values.get(name) for name in changed})
     document.saved_clouds = clouds
-    store.leave_to_the_file([keys.CLOUDS])
+    store.leave_to_the_file("clouds")
     store.flush()
     return kept
 
@@ -89,7 +88,7 @@ def save_masks(store: Persistence) -> str:
     said = ", ".join(document.unsaved_masks)
     kept = edit_toml(store.folder / SESSION_FILE, changes, _SETTINGS)
     document.saved_masks = now
-    store.leave_to_the_file(document.decided(keys.MASKS))
+    store.leave_to_the_file("masks")
     store.flush()
     return f"Masks of {said} in session.toml.{kept}"
 
@@ -120,7 +119,7 @@ def save_settings(store: Persistence) -> str:
         return "session.toml has these settings already."
     kept = _edit_session(store, "tracking", changed)
     document.own_settings = now
-    store.leave_to_the_file(document.decided(keys.SETTING))
+    store.leave_to_the_file("setting")
     store.flush()
     return kept
 

@@ -13,9 +13,10 @@ from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.run import TrackingRun
+from handtrack.session.session_state import Edit
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store.edits import Values, set_pose
+from handtrack_app.engine.store.edits import set_pose
 
 log = logging.getLogger(__name__)
 
@@ -82,7 +83,7 @@ class Refits:
             self._newest, self._closed = None, True
             self._waits.notify()
 
-    def take(self, done: Refitted) -> tuple[int, Values, str] | None:
+    def take(self, done: Refitted) -> tuple[int, Edit, str] | None:
         """Return the frame, what the fit changes, and its tag; None where it is not of what is shown and holds now. Raises
         HandtrackError where it could not be fitted.
         """
@@ -95,11 +96,10 @@ class Refits:
         here = (order.run, order.frame) == (document.run, document.frame)
         if done.params is None or not here or not np.array_equal(order.stood, document.shown):
             return None
-        how = {"refitted": True}
-        if document.run.session.pins.of(order.frame):
-            how["pinned"] = True  # they were among what was fitted
+        pinned = bool(document.run.session.pins.of(order.frame))  # they were among what was fitted
         values = document.model.joint_params(done.params)
-        return order.frame, set_pose(document, order.frame, values, **how), order.tag
+        edit = set_pose(document, order.frame, values, refitted=True, pinned=pinned)
+        return order.frame, edit, order.tag
 
     # ---- on its own thread
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from handtrack.session.session_state import Edit
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.job_control import JobControl
-from handtrack_app.engine.posing.pose_service import Edit
+from handtrack_app.engine.posing.pose_service import MakeEdit
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.edits import Values
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.tuning.refit import Refits, Refitted
 from handtrack_app.protocol.calls import command
@@ -24,7 +24,7 @@ class TuningService:
     document: Document
     store: Persistence
     jobs: JobControl
-    edit: Edit
+    edit: MakeEdit
     publish: Callable[[Snapshot], None]
     show: Callable[[], None]
     """shows all again"""
@@ -73,7 +73,7 @@ class TuningService:
         """Set a number of the person's shape [% or mm, as `ShapeNumber` has it]."""
         self._change(lambda: edits.shape(self.document, name, value), tag or "Shape", True)
 
-    def _change(self, values: Callable[[], Values], words: str, slid: bool) -> None:
+    def _change(self, edit: Callable[[], Edit], words: str, slid: bool) -> None:
         """Let values hold from now on. slid: by a slider: many changes are one step of undo."""
         document = self.document
 
@@ -81,7 +81,7 @@ class TuningService:
             try:
                 self.jobs.require_idle()
                 known = document.run.notes
-                self.store.do(words, values(), tag=words, is_stroke=slid)
+                self.store.do(words, edit(), tag=words, is_stroke=slid)
                 self.say_notes(known)
             finally:
                 self.publish(session_snapshot(document))  # the page shows what holds
@@ -93,8 +93,8 @@ class TuningService:
         """Take a frame that was fitted anew."""
         found = None if self.jobs.busy else self._refits.take(done)
         if found is not None:
-            frame, values, tag = found
-            self.edit(frame, values, "Fit", tag, True)
+            frame, edit, tag = found
+            self.edit(frame, edit, "Fit", tag, True)
 
     def followed(self, change: Callable[[], None]) -> None:
         """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted
