@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Array, Floats, K
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.size.cameras import CALIBRATION, NUMBERS, CameraChanges
+from handtrack.tracking.size.cameras import CALIBRATION, NUMBERS, TIME, CameraChanges
 from handtrack.tracking.size.person import PersonChange
 
 
@@ -56,10 +56,10 @@ class Shared:
 
     def alike(self, frames: float, posture: float) -> Floats[K]:
         """Return of how many frames all together tell as much as one of each number: of where cameras are of all `frames`, of the
-        person, of masks, and of when cameras saw, those with one posture: what flesh is off by there goes with the pose, not with
-        how it moves.
+        person and of masks those with one posture. Of when a camera saw each frame tells anew: what flesh is off by, times a
+        velocity, sums to its share of the way, and a hand that goes there and back takes it back.
         """
-        once = np.where(CALIBRATION, frames, posture)[self.cameras.free]
+        once = np.where(TIME, 1.0, np.where(CALIBRATION, frames, posture))[self.cameras.free]
         return np.r_[
             np.tile(once, len(self.cameras.cameras)), np.full(self.person.count, posture)
         ].astype(float)
