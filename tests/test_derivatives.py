@@ -53,10 +53,6 @@ def bones(rng) -> BonePoses:
     return deformed(still, rng.normal(size=(2, 6)))
 
 
-def test_a_right_term_passes(bones, rng):
-    check_observation_term(PointTerm(rng.normal(size=3)), bones)
-
-
 def test_a_wrong_term_is_named_with_both_numbers(bones, rng):
     term = PointTerm(rng.normal(size=3), slip=0.5)
     with pytest.raises(AssertionError, match=r"cost by index wx: derivative .*, differences "):

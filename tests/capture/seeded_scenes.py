@@ -14,7 +14,6 @@ from handtrack.simulation.render import pixel_rays, render
 
 SIZE = (360, 300)
 SKIN = np.array([120.0, 150, 205])  # BGR
-LIGHTS = ("even", "shadows", "wood", "backlight", "infrared")
 _JOINTS_OFF_PX = 5.0
 _LIGHT = np.array([-0.35, -0.6, -0.72])
 
@@ -46,7 +45,7 @@ class Recording:
 def recording(
     light: str, rng: np.random.Generator, frames: int = 24, of: int | None = None
 ) -> Recording:
-    """Return frames of a right hand without a forearm, before a textured background, in one of LIGHTS.
+    """Return frames of a right hand without a forearm, before a textured background, in a light: even, shadows, wood, backlight or infrared.
 
     of: how many frames its whole motion takes, if more than these.
     """

@@ -9,7 +9,7 @@ import pytest
 
 from handtrack.capture.clouds import cloud_filters as filters
 from handtrack.capture.clouds.cloud_filters import CloudFilters
-from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud, merged
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
 
@@ -129,15 +129,3 @@ def test_the_chain_reports_every_step(rng):
     assert len(left) == reports[-1].after == 500
     again, _ = chain.apply(cloud, lambda p: np.abs(p[:, 2] - 0.5), EYE)
     assert np.array_equal(left.points, again.points)
-
-
-def test_merged_clouds_keep_colours_where_all_have_them(rng):
-    plain, coloured = (
-        PointCloud(rng.normal(size=(4, 3))),
-        PointCloud(np.ones((2, 3)), np.ones((2, 3))),
-    )
-    assert merged([plain, coloured]).colors is None
-    assert merged([coloured, EMPTY]).colors.shape == (2, 3)
-    assert len(merged([])) == 0
-    with pytest.raises(HandtrackError, match="points of a cloud"):
-        PointCloud(np.zeros((4, 2)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -57,9 +55,7 @@ def playlist(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_containers_that_people_have_are_opened_also_by_our_programs(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_containers_that_people_have_are_opened_also_by_our_programs(name, tmp_path, monkeypatch):
     path = write_video(tmp_path / name, MADE[name])
     if not path.exists() or not cv2.VideoCapture(str(path)).isOpened():
         pytest.skip("this OpenCV writes no such file")
@@ -69,15 +65,13 @@ def test_containers_that_people_have_are_opened_also_by_our_programs(
 
 
 @pytest.mark.parametrize("playlist", PLAYLISTS, indirect=True)
-def test_nothing_that_names_other_files_is_opened(
-    playlist: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_that_names_other_files_is_opened(playlist, monkeypatch):
     monkeypatch.setattr(cv2, "VideoCapture", None)  # OpenCV does not get to see it
     with pytest.raises(HandtrackError, match=playlist.name):
         VideoFile(playlist)
 
 
-def test_opening_ends_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_opening_ends_in_time(tmp_path, monkeypatch):
     """FFmpeg looks for a beginning in 8 TB of zeros."""
     monkeypatch.setattr(video_module, "_OPEN_MS", 200)
     path = write_video(tmp_path / "a.mkv")
@@ -86,29 +80,3 @@ def test_opening_ends_in_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         file.truncate(8 << 40)
     with pytest.raises(HandtrackError, match="cannot be opened"):
         VideoFile(path)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_a_size_is_read_from_the_container_before_a_frame_is_decoded(tmp_path: Path) -> None:
-    path, side = tmp_path / "large.avi", 6000
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (side, side))
-    writer.write(np.zeros((side, side, 3), np.uint8))
-    writer.release()
-    grown = subprocess.run(
-        [sys.executable, "-c", _REFUSED, str(path)], capture_output=True, text=True, check=True
-    )
-    assert float(grown.stdout) < side * side  # less than the grey values of its first frame
-
-
-_REFUSED = """
-import re, sys
-from pathlib import Path
-from handtrack.capture.images.video import VideoFile
-from handtrack.errors import HandtrackError
-most = lambda: 1024 * int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
-before = most()
-try:
-    VideoFile(Path(sys.argv[1]), (640, 480))
-except HandtrackError:
-    print(most() - before)
-"""

@@ -20,7 +20,7 @@ from tests.capture.calibration_forms.writers import WRITERS, kalibr, rig_of_two
 from tests.capture.joints.writers import LIBRARIES, WITH_CONFIDENCE, WITHOUT, hand
 from tests.session.test_given_truth import WRITERS as TRUTHS
 
-_TIMES = 60
+_TIMES = 30
 _PIECES = [
     b"nan",
     b"1e400",
@@ -82,7 +82,7 @@ def settled(paths: list[Path]) -> CameraRig:
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize("form", [*WRITERS, "kalibr"])
-def test_a_damaged_calibration(form: str, tmp_path: Path) -> None:
+def test_a_damaged_calibration(form, tmp_path):
     rig = CameraRig(
         tuple(replace(c, distortions=c.distortions * [1, 1, 1, 1, 0]) for c in rig_of_two())
     )
@@ -92,7 +92,7 @@ def test_a_damaged_calibration(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", [*WITH_CONFIDENCE, *WITHOUT])
-def test_damaged_joints(form: str, tmp_path: Path) -> None:
+def test_damaged_joints(form, tmp_path):
     for library in LIBRARIES.get(form, ()):
         pytest.importorskip(library)
     points = np.where(np.isnan(hand()), 50.0, hand())
@@ -101,6 +101,6 @@ def test_damaged_joints(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("form", TRUTHS)
-def test_damaged_truth(form: str, tmp_path: Path) -> None:
+def test_damaged_truth(form, tmp_path):
     path = TRUTHS[form](tmp_path / f"t.{form}")
     survives([path], lambda: read_given_truth(path, "right"))

@@ -27,11 +27,11 @@ def folder_of(folder: Path, names: list[str]) -> list[Path]:
     ("name", "frame"),
     [("000018.png", 18), ("cam1_frame_7.png", 7), ("2024-03-01_12.png", 12), ("a9b10c.jp2", 10)],
 )
-def test_the_frame_is_the_last_group_of_digits(name: str, frame: int) -> None:
+def test_the_frame_is_the_last_group_of_digits(name, frame):
     assert frame_number(name) == frame
 
 
-def test_gaps_are_misses_and_shift_nothing(tmp_path: Path) -> None:
+def test_gaps_are_misses_and_shift_nothing(tmp_path):
     source = ImageFiles(folder_of(tmp_path, ["f2.png", "f10.png", "f3.png"]), MASK)
     assert source.frames == range(11)
     assert [frame for frame in source.frames if source.has(frame)] == [2, 3, 10]
@@ -44,7 +44,7 @@ def test_gaps_are_misses_and_shift_nothing(tmp_path: Path) -> None:
     assert source.warnings == ()
 
 
-def test_kinds_have_their_shapes(tmp_path: Path) -> None:
+def test_kinds_have_their_shapes(tmp_path):
     paths = folder_of(tmp_path, ["5.png"])
     colour, mask = ImageFiles(paths).read(5), ImageFiles(paths, MASK).read(5)
     assert colour is not None
@@ -62,9 +62,7 @@ def test_kinds_have_their_shapes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
 @pytest.mark.parametrize("damage", ["cut", "empty", "text"])
-def test_unreadable_files_are_misses_with_a_warning(
-    suffix: str, damage: str, tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_unreadable_files_are_misses_with_a_warning(suffix, damage, tmp_path, rng):
     path = tmp_path / f"3{suffix}"
     cv2.imwrite(str(path), rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
     whole = path.read_bytes()
@@ -92,9 +90,7 @@ ALPHA = np.dstack([HAND * 0] * 3 + [HAND])
     ],
     ids=["16 bits", "ones", "dim", "in the alpha channel"],
 )
-def test_what_only_looks_like_a_mask_is_refused(
-    image: np.ndarray, expected: str, tmp_path: Path
-) -> None:
+def test_what_only_looks_like_a_mask_is_refused(image, expected, tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), image)
     with pytest.raises(HandtrackError, match=expected):
         ImageFiles([tmp_path / "0.png"], MASK).read(0)

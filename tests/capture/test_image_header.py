@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -24,14 +22,12 @@ def encoded(kind: str, *options: int) -> bytes:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_size_is_in_the_first_bytes(kind: str) -> None:
+def test_the_size_is_in_the_first_bytes(kind):
     assert announced_size(encoded(kind)) == (WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_c15_an_image_larger_than_its_camera_is_not_unpacked(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_c15_an_image_larger_than_its_camera_is_not_unpacked(kind, tmp_path, monkeypatch):
     (tmp_path / f"0{kind}").write_bytes(encoded(kind))
     files = ImageFiles([tmp_path / f"0{kind}"], expected_size=(299, 200))
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))

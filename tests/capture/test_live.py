@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Iterator
 
-import cv2
 import pytest
 
-from handtrack.capture.live.devices import PlayedFile
 from handtrack.capture.live.live_camera import LiveCamera
 from handtrack.capture.live.live_feed import CameraCount, LiveFeed, LiveImages
 from handtrack.errors import HandtrackError
 from tests.app.waiting import eventually
-from tests.live_cameras import SIZE, ScriptedDevice, clip
+from tests.live_cameras import SIZE, ScriptedDevice
 
 
 class Desk:
@@ -50,7 +47,7 @@ def desk() -> Iterator[Desk]:
     made.feed.close()
 
 
-def test_a_frame_is_made_of_the_newest_images_and_older_ones_are_dropped(desk: Desk) -> None:
+def test_a_frame_is_made_of_the_newest_images_and_older_ones_are_dropped(desk):
     desk.feed.begin_counting()
     for value in (1, 2, 3):
         desk.show(value)
@@ -63,7 +60,7 @@ def test_a_frame_is_made_of_the_newest_images_and_older_ones_are_dropped(desk: D
     assert desk.feed.known == range(2)
 
 
-def test_an_image_that_is_too_old_for_the_others_is_missing(desk: Desk) -> None:
+def test_an_image_that_is_too_old_for_the_others_is_missing(desk):
     desk.feed.begin_counting()
     desk.show(1, "left")
     desk.now = 0.06
@@ -78,7 +75,7 @@ def test_an_image_that_is_too_old_for_the_others_is_missing(desk: Desk) -> None:
     assert desk.feed.time_s(1) == pytest.approx(0.04)
 
 
-def test_a_camera_that_is_unplugged_says_so_and_the_others_go_on(desk: Desk) -> None:
+def test_a_camera_that_is_unplugged_says_so_and_the_others_go_on(desk):
     desk.feed.begin_counting()
     desk.devices["left"].fail(3)
     eventually(lambda: bool(desk.feed.gone), "the camera is gone")
@@ -92,26 +89,3 @@ def test_a_camera_that_is_unplugged_says_so_and_the_others_go_on(desk: Desk) -> 
     desk.devices["right"].fail(3)
     with pytest.raises(HandtrackError, match=r"camera 'left' gives no more.*camera 'right' gives"):
         desk.feed.reach(1)
-
-
-def test_a_file_is_played_at_its_own_pace(tmp_path: Path, monkeypatch) -> None:
-    now, waits = [100.0], []
-    device = PlayedFile(cv2.VideoCapture(str(clip(tmp_path / "a.avi"))), 2.0, lambda: now[0])
-
-    def wait(seconds: float) -> None:
-        waits.append(round(seconds, 6))
-        now[0] += seconds
-
-    monkeypatch.setattr(device, "_released", _Waiting(wait))
-    shown = [device.read() for _ in range(6)]
-    assert [one is not None for one in shown] == [True] * 5 + [False]
-    # the second starts the clock, the next ones are due every 1 / 40 s
-    assert waits == [0.025, 0.025, 0.025, 0.025]
-
-
-class _Waiting:
-    def __init__(self, wait: Callable[[float], None]) -> None:
-        self.wait = wait
-
-    def is_set(self) -> bool:
-        return False

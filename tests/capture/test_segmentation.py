@@ -54,7 +54,7 @@ def box_mask(x: int, y: int, w: int, h: int) -> Bytes:
 HAND, SPECK = (20, 15, 30, 25), (70, 50, 3, 3)
 
 
-def test_skin_ycrcb_keeps_the_closed_box_of_colours() -> None:
+def test_skin_ycrcb_keeps_the_closed_box_of_colours():
     ycrcb = np.array(
         [[[40, 138, 85], [39, 138, 85], [40, 175, 125], [40, 176, 125], [255, 150, 84]]]
     )
@@ -68,13 +68,13 @@ def test_skin_ycrcb_keeps_the_closed_box_of_colours() -> None:
     assert set(np.unique(mask)) <= {0, 255}
 
 
-def test_the_region_of_interest_comes_before_the_largest_piece(rng: np.random.Generator) -> None:
+def test_the_region_of_interest_comes_before_the_largest_piece(rng):
     other = (60, 5, 8, 8)
     segment = SkinYCrCb(open_px=0).segmenter(Frames([]), roi=(55, 0, 25, 60))
     np.testing.assert_array_equal(segment(scene(rng, HAND, other)), box_mask(*other))
 
 
-def test_skin_adaptive_fits_its_sample(rng: np.random.Generator) -> None:
+def test_skin_adaptive_fits_its_sample(rng):
     frames = Frames([None, scene(rng, HAND)])
     method = SkinAdaptive(sample=(25, 20, 10, 10), size=4.0, reference=1)
     bright = (scene(rng, HAND) * 0.8).astype(np.uint8)  # chromaticity does not mind the brightness
@@ -83,9 +83,7 @@ def test_skin_adaptive_fits_its_sample(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("method", [BackgroundMedian(samples=9), BackgroundMog2(samples=20)])
-def test_background_methods_find_what_moves(
-    method: BackgroundMedian | BackgroundMog2, rng: np.random.Generator
-) -> None:
+def test_background_methods_find_what_moves(method, rng):
     images: list[Array | None] = [
         scene(rng, (4 * i % 50, 5 * i % 35, 20, 20)) if i % 7 else scene(rng) for i in range(60)
     ]
@@ -101,7 +99,7 @@ def test_background_methods_find_what_moves(
     np.testing.assert_array_equal(segment(image), first)  # no memory of what was asked before
 
 
-def test_depth_range_is_in_metres_and_ignores_zero() -> None:
+def test_depth_range_is_in_metres_and_ignores_zero():
     depth = np.array([[0, 2999, 3000, 6000, 6001]], np.uint16)
     segment = DepthRange(near_m=0.3, far_m=0.6).segmenter(Frames([]), unit_m=0.0001)
     np.testing.assert_array_equal(segment(depth), [[0, 0, 255, 255, 0]])

@@ -47,7 +47,7 @@ def two_stretches(name: str, turn: float, late: float, moves: bool = True) -> tu
 
 
 @pytest.mark.parametrize("turn", [0.2, 0.9, 2.4], ids=["a pair", "apart", "nearly opposite"])
-def test_a_point_has_one_angle_in_both_cameras(turn: float, rng: np.random.Generator) -> None:
+def test_a_point_has_one_angle_in_both_cameras(turn, rng):
     a, b = camera("a", 0.0), camera("b", turn)
     points = rng.uniform(-0.1, 0.1, (20, 3))
     angles = [plane_angles(one, other, one.project(points)) for one, other in ((a, b), (b, a))]
@@ -60,9 +60,8 @@ def sure(offsets: dict[int, TimeOffset]) -> dict[int, float]:
     return {k: offset.frames for k, offset in offsets.items() if offset.is_sure}
 
 
-@pytest.mark.parametrize("turn", [0.2, 0.9, 2.4], ids=["a pair", "apart", "nearly opposite"])
-@pytest.mark.parametrize("late", [-4, 0, 0.5, 1.7, 3])
-def test_the_offset_is_found_between_frames_too(late: float, turn: float) -> None:
+@pytest.mark.parametrize(("turn", "late"), [(0.2, -4), (0.9, 0), (2.4, 0.5), (0.2, 1.7), (2.4, 3)])
+def test_the_offset_is_found_between_frames_too(late, turn):
     found = time_offsets([two_stretches("a", 0.0, 0), two_stretches("b", turn, late)])
     assert found[0].frames == 0
     assert found[1].frames == pytest.approx(late, abs=0.2)
@@ -70,8 +69,8 @@ def test_the_offset_is_found_between_frames_too(late: float, turn: float) -> Non
     assert not found[1].at_edge
 
 
-@pytest.mark.parametrize("offsets", [(0, 0.5, 1, 1.5), (0, -0.4, 2.4, 0), (0,) * 9])
-def test_all_cameras_are_told_to_a_tenth_or_two(offsets: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("offsets", [(0, -0.4, 2.4, 0), (0,) * 5])
+def test_all_cameras_are_told_to_a_tenth_or_two(offsets):
     turns = np.linspace(-1.2, 1.4, len(offsets))
     motions = [
         two_stretches(chr(97 + i), t, o)
@@ -83,7 +82,7 @@ def test_all_cameras_are_told_to_a_tenth_or_two(offsets: tuple[float, ...]) -> N
     assert bool(sure(found)) == any(offsets)
 
 
-def test_the_late_camera_of_several_is_named() -> None:
+def test_the_late_camera_of_several_is_named():
     turns = {"a": 0.0, "b": 0.5, "c": 1.1, "d": -0.6}
     together = [two_stretches(name, turn, 0) for name, turn in turns.items()]
     assert sure(time_offsets(together)) == {}

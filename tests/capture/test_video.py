@@ -41,9 +41,7 @@ def shown(source: VideoFile, frame: int) -> int:
     return sum(1 << bit for bit in range(8) if bright[bit])
 
 
-def test_any_order_gives_the_frame_that_was_asked_for(
-    clip: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_any_order_gives_the_frame_that_was_asked_for(clip, rng, monkeypatch):
     monkeypatch.setattr(video_module, "_CACHE_BYTES", 0)
     monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
     source = VideoFile(clip)
@@ -55,9 +53,7 @@ def test_any_order_gives_the_frame_that_was_asked_for(
         assert shown(source, frame) == frame
 
 
-def test_a_seek_that_arrives_elsewhere_is_noticed(
-    clip: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_seek_that_arrives_elsewhere_is_noticed(clip, monkeypatch):
     monkeypatch.setattr(video_module, "_CACHE_BYTES", 0)
     monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
     source = VideoFile(clip)
@@ -69,7 +65,7 @@ def test_a_seek_that_arrives_elsewhere_is_noticed(
     assert [shown(source, frame) for frame in (70, 25, 60, 24)] == [70, 25, 60, 24]
 
 
-def test_a_cut_video_misses_its_end_and_says_so(clip: Path) -> None:
+def test_a_cut_video_misses_its_end_and_says_so(clip):
     """Fault C2."""
     data = clip.read_bytes()
     clip.write_bytes(data[: len(data) // 2])
@@ -86,9 +82,7 @@ def test_a_cut_video_misses_its_end_and_says_so(clip: Path) -> None:
 
 
 @pytest.mark.parametrize(("turn", "size"), [(90, (48, 64)), (180, (64, 48)), (270, (48, 64))])
-def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(
-    turn: int, size: tuple[int, int], tmp_path: Path
-) -> None:
+def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(turn, size, tmp_path):
     path = tmp_path / "portrait.mp4"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (64, 48))
     picture = np.zeros((48, 64, 3), np.uint8)

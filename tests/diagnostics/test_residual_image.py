@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import cv2
-import numpy as np
 import pytest
 
 from handtrack.diagnostics import residual_image as ri
-from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.simulation.render import render_mask
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
@@ -40,32 +37,3 @@ def test_the_models_mask_is_what_rays_hit(scene):
         cut = render_mask(silhouette.camera, flesh.posed(bones)) > 0
         assert (ours != cut).sum() <= 1  # a pixel exactly on an outline
         assert ours.any()
-
-
-def test_outlines_follow_the_mask(scene):
-    bones, flesh, seen = scene
-    camera, posed = seen[0].camera, flesh.posed(bones)
-    hard = ri.model_mask(camera, posed)
-    for line in ri.outline_polygons(camera, posed):
-        u, v = np.rint(line).astype(int).T
-        assert line.shape[1] == 2
-        near = [
-            hard[np.clip(v + dv, 0, 71), np.clip(u + du, 0, 95)]
-            for dv in (-1, 0, 1)
-            for du in (-1, 0, 1)
-        ]
-        assert np.any(near, axis=0).all()
-
-
-def test_a_mask_is_shown_with_what_nobody_knows(scene):
-    seen = scene[2][0]
-    mask = seen.mask.copy()
-    mask[:, :9] = UNKNOWN
-    image = np.full((72, 96, 3), 100, np.uint8)
-    painted = ri.mask_picture(image, Silhouette(seen.camera, mask, seen.valid))
-    assert (painted[mask == 0] < 40).all() or (painted[mask == 0] == ri.MASK_ONLY).all(
-        axis=-1
-    ).any()
-    assert (painted[:, :9] == np.rint((100 + np.array(ri.UNKNOWN_TINT)) / 2)).all()
-    inside = cv2.erode((mask > 0.5).astype(np.uint8), np.ones((5, 5))) > 0
-    assert inside.any() and (painted[inside] == 100).all()

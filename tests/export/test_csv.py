@@ -15,7 +15,6 @@ from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
-from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.tracking.frame.result import COLUMNS, TrackResult
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 from tests.export.sequences import KINDS, sample_sequence
@@ -55,13 +54,6 @@ def test_tidy_tables_have_a_row_a_joint_an_angle_a_bone(kind, tmp_path):
     quaternion = np.array([float(turned[f"q{axis}"]) for axis in "wxyz"])
     assert np.linalg.norm(quaternion) == pytest.approx(1.0)
     assert turned["bone"] == model.skeleton.bone_names[-1]
-
-
-def test_exported_npz_is_the_result_to_the_byte(tmp_path):
-    _, track = sample_sequence("left")
-    (path,) = written("npz", track, tmp_path)
-    write_npz(tmp_path / "again.npz", read_npz(path))
-    assert path.read_bytes() == (tmp_path / "again.npz").read_bytes()
 
 
 @pytest.mark.parametrize("kind", ["csv", "csv-long", "anipose"])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from handtrack.errors import HandtrackError
@@ -19,7 +17,7 @@ from tests.export.sequences import KINDS, sample_sequence
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", list(READERS))
-def test_foreign_readers_find_the_joints(name: str, kind: str, tmp_path: Path) -> None:
+def test_foreign_readers_find_the_joints(name, kind, tmp_path):
     if name in OF_KNOWN_SKELETONS and kind == "claw":
         table = ResultsTable(sample_sequence(kind)[1])
         with pytest.raises(HandtrackError, match="neither a whole hand nor a body"):

@@ -33,7 +33,7 @@ def tip(side: str, finger: str, turned: dict[str, float]) -> np.ndarray:
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("finger", FINGERS[1:])
 @pytest.mark.parametrize("joint", ["mcp", "pip", "dip"])
-def test_flexion_is_towards_the_palm(side: str, finger: str, joint: str):
+def test_flexion_is_towards_the_palm(side, finger, joint):
     name = f"{finger}_{joint}_flex"
     moved = tip(side, finger, {name: 20}) - tip(side, finger, {})
     assert moved[2] < -0.002  # +z is the back of the hand
@@ -43,7 +43,7 @@ def test_flexion_is_towards_the_palm(side: str, finger: str, joint: str):
 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("finger", FINGERS[1:])
-def test_deviation_is_towards_the_little_finger(side: str, finger: str):
+def test_deviation_is_towards_the_little_finger(side, finger):
     """Our abduction leads away from the middle finger, the ISB's deviation to the ulna, whichever finger it is."""
     ulnar = 1.0 if side == "right" else -1.0  # x of the little finger's side
     name = f"{finger}_mcp_abd"
@@ -55,13 +55,13 @@ def test_deviation_is_towards_the_little_finger(side: str, finger: str):
 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("joint", ["mcp", "ip"])
-def test_the_thumb_bends_positively(side: str, joint: str):
+def test_the_thumb_bends_positively(side, joint):
     change = angles(side, {f"thumb_{joint}_flex": 20})[f"thumb_{joint}_flexion"] - angles(side)[f"thumb_{joint}_flexion"]  # fmt: skip
     assert change == pytest.approx(20, abs=1e-6)
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_the_thumbs_base_flexes_across_the_palm_and_adducts_into_its_plane(side: str):
+def test_the_thumbs_base_flexes_across_the_palm_and_adducts_into_its_plane(side):
     """Flexion by where the thumb's tip goes: to the little finger's side; adduction by what rises out of the palm's plane."""
     relaxed = {"thumb_cmc_flex": 8, "thumb_cmc_abd": 18}
     bent, raised = relaxed | {"thumb_cmc_flex": 28}, relaxed | {"thumb_cmc_abd": 38}
@@ -75,7 +75,7 @@ def test_the_thumbs_base_flexes_across_the_palm_and_adducts_into_its_plane(side:
 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("name, rotation", [("wrist_flex", "flexion"), ("wrist_abd", "ulnar_deviation")])  # fmt: skip
-def test_the_wrist_bends_to_the_palm_and_to_the_ulna(side: str, name: str, rotation: str):
+def test_the_wrist_bends_to_the_palm_and_to_the_ulna(side, name, rotation):
     """Told by the hand's motion before the forearm: the palm's normal, and the little finger's side."""
     model = load_model("hand26", side=side, forearm=True)
 
@@ -94,7 +94,7 @@ def test_the_wrist_bends_to_the_palm_and_to_the_ulna(side: str, name: str, rotat
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_pronation_turns_the_thumbs_side_to_the_palm(side: str):
+def test_pronation_turns_the_thumbs_side_to_the_palm(side):
     """No freedom of the model turns a finger about its own length, so its pose is turned here."""
     model = load_model("hand26", side=side)
     poses = model.bones(model.params_from({})).T_world_bone
@@ -117,7 +117,7 @@ def test_both_hands_have_the_same_angles_in_mirrored_poses():
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_standard_deviations_are_carried_over(side: str, rng: np.random.Generator):
+def test_standard_deviations_are_carried_over(side, rng):
     """Each parameter's alone is the slope, by central differences; together they are what random parameters give."""
     model = load_model("hand26", side=side, forearm=True)
     values = rng.uniform(*model.limits.interval.clip(-1.0, 1.0).T)

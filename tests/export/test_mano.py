@@ -72,7 +72,7 @@ def model_file(tmp_path: Path) -> Path:
     return tmp_path / "MANO_RIGHT.npz"
 
 
-def test_known_shape_and_poses_come_back(model_file: Path) -> None:
+def test_known_shape_and_poses_come_back(model_file):
     model = ManoModel.read(model_file)
     rng = np.random.default_rng(0)
     betas = np.array([1.2, 0.0])
@@ -89,9 +89,7 @@ def test_known_shape_and_poses_come_back(model_file: Path) -> None:
     assert 0.6 < fit.betas[0] < 1.4  # of 1.2, which its population holds back
 
 
-def test_a_tracked_hand_is_exported_as_mano_near_its_keypoints(
-    model_file: Path, tmp_path: Path
-) -> None:
+def test_a_tracked_hand_is_exported_as_mano_near_its_keypoints(model_file, tmp_path):
     _, track = sample_sequence("right", 8)
     table = ResultsTable(track, mano=model_file)
     (path,) = export_format("mano").write(tmp_path / "out.npz", table)
@@ -108,8 +106,8 @@ def test_a_tracked_hand_is_exported_as_mano_near_its_keypoints(
 
 
 def test_the_original_pickle_is_read_and_one_that_would_run_is_not(
-    model_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    model_file, tmp_path, monkeypatch
+):
     import sys
     import types
 
@@ -134,7 +132,7 @@ def test_the_original_pickle_is_read_and_one_that_would_run_is_not(
         ManoModel.read(path)
 
 
-def test_a_model_of_the_other_hand_or_none_is_refused(model_file: Path, tmp_path: Path) -> None:
+def test_a_model_of_the_other_hand_or_none_is_refused(model_file, tmp_path):
     _, track = sample_sequence("left", 8)
     with pytest.raises(HandtrackError, match="right hand's model"):
         export_format("mano").write(tmp_path / "x.npz", ResultsTable(track, mano=model_file))

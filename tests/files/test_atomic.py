@@ -11,7 +11,7 @@ import pytest
 from handtrack.files.atomic import remove_abandoned, replace_text, replacing
 
 
-def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
+def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
     (tmp_path / "real.csv").write_text("old")
     (tmp_path / "link.csv").symlink_to("real.csv")
     replace_text(tmp_path / "link.csv", "new")
@@ -19,7 +19,7 @@ def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "real.csv").read_text() == "new"
 
 
-def test_a_full_disk_leaves_what_was_there_and_names_the_file(tmp_path: Path) -> None:
+def test_a_full_disk_leaves_what_was_there_and_names_the_file(tmp_path):
     """Fault C38."""
     path = tmp_path / "poses.npz"
     path.write_text("old")
@@ -46,7 +46,7 @@ def killed_while_writing(path: Path) -> Path:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot copy a process")
-def test_a23_what_a_killed_program_left_is_removed_later(tmp_path: Path) -> None:
+def test_a23_what_a_killed_program_left_is_removed_later(tmp_path):
     kept = [tmp_path / name for name in (".mine.part", ".poses.npz.ab.part.npz", "poses.npz")]
     for path in kept:
         path.write_text("mine")

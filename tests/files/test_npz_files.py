@@ -72,7 +72,7 @@ NONE: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("case", NONE)
-def test_files_that_are_no_plain_arrays(case: str, tmp_path: Path) -> None:
+def test_files_that_are_no_plain_arrays(case, tmp_path):
     make, words = NONE[case]
     path = tmp_path / "x.npz"
     make(path)
@@ -105,17 +105,13 @@ def refused_unread(path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return str(caught.value)
 
 
-def test_c50_bytes_behind_an_array_are_not_unpacked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_c50_bytes_behind_an_array_are_not_unpacked(tmp_path, monkeypatch):
     path = tmp_path / "x.npz"
     packed(path, single_array() + bytes(10_000_000))
     assert "`points0` holds more bytes than its shape (3,)" in refused_unread(path, monkeypatch)
 
 
-def test_c50_a_small_file_that_would_fill_the_memory_is_not_unpacked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_c50_a_small_file_that_would_fill_the_memory_is_not_unpacked(tmp_path, monkeypatch):
     monkeypatch.setattr("handtrack.files.npz_files._SMALL_BYTES", 1 << 20)
     head = io.BytesIO()
     np.lib.format.write_array_header_1_0(

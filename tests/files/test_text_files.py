@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from handtrack.errors import HandtrackError
@@ -16,7 +14,7 @@ BIG = "1" + "0" * 400
 @pytest.mark.parametrize(
     "content", [b"\xef\xbb\xbfa = 1\r\nb = 2\r\n", b"a = 1\nb = 2"], ids=["mark and CRLF", "plain"]
 )
-def test_what_editors_add_does_not_matter(content: bytes, tmp_path: Path) -> None:
+def test_what_editors_add_does_not_matter(content, tmp_path):
     (tmp_path / "x.toml").write_bytes(content)
     assert read_toml(tmp_path / "x.toml", "settings") == {"a": 1, "b": 2}
 
@@ -38,7 +36,7 @@ def test_what_editors_add_does_not_matter(content: bytes, tmp_path: Path) -> Non
     ],
     ids=["UTF-16", "huge", "huge within", "deep", "twice"],
 )
-def test_toml_that_cannot_be_used(content: bytes, words: str, tmp_path: Path) -> None:
+def test_toml_that_cannot_be_used(content, words, tmp_path):
     (tmp_path / "x").write_bytes(content)
     with pytest.raises(HandtrackError) as caught:
         read_toml(tmp_path / "x", "settings")
@@ -57,7 +55,7 @@ def test_toml_that_cannot_be_used(content: bytes, words: str, tmp_path: Path) ->
     ],
     ids=["empty", "NaN", "deep"],
 )
-def test_json_that_cannot_be_used(content: str, words: str, tmp_path: Path) -> None:
+def test_json_that_cannot_be_used(content, words, tmp_path):
     (tmp_path / "x").write_text(content)
     with pytest.raises(HandtrackError) as caught:
         read_json(tmp_path / "x", "a pose")

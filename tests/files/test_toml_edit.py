@@ -60,7 +60,7 @@ SPELLINGS: dict[str, tuple[str, str, Any, str]] = {
 
 
 @pytest.mark.parametrize("way", SPELLINGS)
-def test_every_spelling_is_edited(way: str) -> None:
+def test_every_spelling_is_edited(way):
     given, name, value, written = SPELLINGS[way]
     text = REST.replace("\n[[camera]]", f"\n{given}\n[[camera]]")
     if not given.startswith("["):
@@ -82,6 +82,6 @@ def test_every_spelling_is_edited(way: str) -> None:
     )
 
 
-def test_without_a_change_the_text_stays() -> None:
+def test_without_a_change_the_text_stays():
     assert changed_toml(TEXT, {}) == TEXT
     assert changed_toml(TEXT, {"tracking.prior.posture": 4, "hand.scale": None}) == TEXT

@@ -24,13 +24,11 @@ VALUES: list[Any] = [
 
 
 @pytest.mark.parametrize("value", VALUES, ids=str)
-def test_values_read_back(value: Any) -> None:
+def test_values_read_back(value):
     assert tomllib.loads(f"key = {toml_item(value).as_string()}") == {"key": value}
 
 
-def test_a_file_far_larger_than_settings_are_is_not_read(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_far_larger_than_settings_are_is_not_read(tmp_path, monkeypatch):
     path = tmp_path / "session.toml"
     path.write_text("[session]\n")
     with path.open("r+b") as file:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from handtrack.files.yaml_text import parse_yaml
@@ -23,7 +21,7 @@ from handtrack.files.yaml_text import parse_yaml
     ("on: yes\nat: 12:30\nday: 2001-01-01\nn: 010\nc: 1e3", {"on": "yes", "at": "12:30", "day": "2001-01-01", "n": 10, "c": 1000.0}),
     ("a: |\n  text", {"a": "text"}),
 ])  # fmt: skip
-def test_what_is_read(text: str, expected: Any) -> None:
+def test_what_is_read(text, expected):
     assert parse_yaml(text) == expected
 
 
@@ -39,6 +37,6 @@ def test_what_is_read(text: str, expected: Any) -> None:
     ("a: " + "[" * 5000, 1),
     ("a: [\n" + "1, # 2\n" * 2_000, 2001),
 ])  # fmt: skip
-def test_what_is_refused_by_its_line(text: str, line: int) -> None:
+def test_what_is_refused_by_its_line(text, line):
     with pytest.raises(ValueError, match=rf"^line {line}: "):
         parse_yaml(text)

@@ -29,9 +29,7 @@ def make(distortions: Floats | None = None, **changes: object) -> Camera:
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
-def test_projects_as_opencv_with_every_number_of_coefficients(
-    count: int, rng: np.random.Generator
-) -> None:
+def test_projects_as_opencv_with_every_number_of_coefficients(count, rng):
     """Fault C30."""
     camera = make(rng.normal(0, 0.02, count))
     points = rng.uniform(-0.15, 0.15, (40, 3))
@@ -42,7 +40,7 @@ def test_projects_as_opencv_with_every_number_of_coefficients(
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
-def test_undistorting_undoes_the_lens(count: int, rng: np.random.Generator) -> None:
+def test_undistorting_undoes_the_lens(count, rng):
     camera = make(rng.normal(0, 0.02, count))
     points = rng.uniform(-0.15, 0.15, (6, 7, 3))
     straight = camera.without_distortion().project(points)
@@ -50,7 +48,7 @@ def test_undistorting_undoes_the_lens(count: int, rng: np.random.Generator) -> N
     np.testing.assert_allclose(camera.distort_points(straight), camera.project(points), atol=1e-8)
 
 
-def test_far_off_points_do_not_fold_back_into_the_image() -> None:
+def test_far_off_points_do_not_fold_back_into_the_image():
     camera = make(np.array([-0.3, 0, 0, 0, 0]), rotation=np.eye(3), translation=np.zeros(3))
     limit = field_radius(camera.distortions)
     assert limit == pytest.approx(np.sqrt(1 / 0.9))
@@ -59,7 +57,7 @@ def test_far_off_points_do_not_fold_back_into_the_image() -> None:
     assert np.isnan(seen[1:]).all()
 
 
-def test_jacobian_agrees_with_differences(rng: np.random.Generator) -> None:
+def test_jacobian_agrees_with_differences(rng):
     camera = make(BARREL)
     straight = camera.without_distortion()
     points = rng.uniform(-0.2, 0.2, (4, 5, 3))
@@ -71,7 +69,7 @@ def test_jacobian_agrees_with_differences(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(jacobian[..., axis], change, rtol=1e-6, atol=1e-3)
 
 
-def test_centre_projection_and_rays_belong_together(rng: np.random.Generator) -> None:
+def test_centre_projection_and_rays_belong_together(rng):
     camera = make(BARREL)
     np.testing.assert_allclose(camera.to_camera(camera.centre), 0, atol=1e-12)
     points = rng.uniform(-0.1, 0.1, (9, 3))
@@ -105,7 +103,7 @@ BAD_CAMERAS = {
 
 
 @pytest.mark.parametrize("case", BAD_CAMERAS)
-def test_impossible_cameras_are_refused(case: str) -> None:
+def test_impossible_cameras_are_refused(case):
     changes, message = BAD_CAMERAS[case]
     with pytest.raises(HandtrackError, match=message):
         make(**changes)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model, read_scale, write_scale
+from handtrack.model.model_file import load_model
 
 SIDE = ("left", "right")
 
@@ -93,14 +90,3 @@ def test_eight_proportions_move_hips_clavicles_and_skull(body):
     wide = load_model("body34", scale=HandScale(1.0, {}, {"hip_width": 1.0}))
     assert placed(wide, "left_hip")[0] - placed(body, "left_hip")[0] == pytest.approx(0.007)
     assert placed(wide, "right_hip")[0] == pytest.approx(-placed(wide, "left_hip")[0])
-
-
-def test_a_persons_body_is_saved_and_read(tmp_path):
-    scale = HandScale(0.93, {"thighs": 1.04}, {"hip_width": -1.5})
-    write_scale(tmp_path / "me.json", scale)
-    assert read_scale(tmp_path / "me.json") == scale
-    (tmp_path / "odd.json").write_text(json.dumps({"overall": 1, "parts": {"tail": 1}}))
-    with pytest.raises(
-        HandtrackError, match="no part of a hand or body 'tail' in .*; known: thumb"
-    ):
-        read_scale(tmp_path / "odd.json")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from importlib import resources
-from pathlib import Path
 
 import pytest
 
@@ -28,7 +27,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_a_bad_definition_is_refused(case: str, tmp_path: Path) -> None:
+def test_a_bad_definition_is_refused(case, tmp_path):
     old, new, words = BAD[case]
     assert old in TEXT
     path = tmp_path / "mine.toml"
@@ -39,7 +38,7 @@ def test_a_bad_definition_is_refused(case: str, tmp_path: Path) -> None:
     assert words in str(refused.value)
 
 
-def test_a_copy_of_ours_is_the_same_model(tmp_path: Path) -> None:
+def test_a_copy_of_ours_is_the_same_model(tmp_path):
     (tmp_path / "mine.toml").write_text(TEXT, encoding="utf-8")
     mine, ours = load_model(tmp_path / "mine.toml"), load_model("glove9")
     assert mine.parameter_names == ours.parameter_names
@@ -70,7 +69,7 @@ ring_of_the_ring = ["ring_finger_ring", "tail"]
 """
 
 
-def test_a_definition_extends_another(tmp_path: Path) -> None:
+def test_a_definition_extends_another(tmp_path):
     """Named bones and freedoms are changed or added, what is not named stays; a file may be extended as ours may."""
     (tmp_path / "stiff.toml").write_text(LOCKED.replace("BASE", "hand26"), encoding="utf-8")
     longer = 'format = 1\nname = "longer"\nextends = "stiff.toml"\nlength_mm = 220.0\n'

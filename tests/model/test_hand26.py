@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model, read_scale, write_scale
+from handtrack.model.model_file import load_model
 
 NAMES = (
     "root_tx root_ty root_tz root_rx root_ry root_rz "
@@ -102,12 +102,6 @@ def test_scale_per_hand_and_per_finger():
     np.testing.assert_allclose(a[j] - a[i], 1.1 * (b[j] - b[i]))
     i, j = names.index("thumb_cmc"), names.index("thumb_tip")
     np.testing.assert_allclose(a[j] - a[i], 1.1 * 1.2 * (b[j] - b[i]))
-
-
-def test_a_persons_hand_is_saved_and_read(tmp_path):
-    scale = HandScale(0.93, {"thumb": 1.04})
-    write_scale(tmp_path / "me.json", scale)
-    assert read_scale(tmp_path / "me.json") == scale
 
 
 def test_spread_shrinks_as_the_knuckle_bends():

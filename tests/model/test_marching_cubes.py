@@ -22,7 +22,7 @@ def solid(field: np.ndarray) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def test_a_sphere_has_its_area_and_volume() -> None:
+def test_a_sphere_has_its_area_and_volume():
     found = solid(np.linalg.norm(nodes(), axis=-1) - RADIUS)
     assert found.volume * SPACING**3 == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=2e-3)
     assert found.area * SPACING**2 == pytest.approx(4 * np.pi * RADIUS**2, rel=1e-3)
@@ -30,15 +30,7 @@ def test_a_sphere_has_its_area_and_volume() -> None:
     assert np.abs(away - RADIUS).max() < 2e-3
 
 
-def test_two_spheres_that_overlap_are_one_surface() -> None:
-    apart = [np.linalg.norm(nodes() - [x, 0, 0], axis=-1) for x in (-0.3, 0.3)]
-    for radius, bodies in ((0.33, 1), (0.25, 2)):
-        found = solid(np.minimum(*apart) - radius)
-        assert found.is_watertight
-        assert found.body_count == bodies
-
-
-def test_noise_gives_closed_and_consistently_turned_surfaces() -> None:
+def test_noise_gives_closed_and_consistently_turned_surfaces():
     field = np.random.default_rng(0).normal(size=(20, 20, 20))
     field[[0, -1]] = field[:, [0, -1]] = field[:, :, [0, -1]] = 1.0
     found = solid(field)

@@ -81,17 +81,6 @@ def test_gradient_is_the_slope(rng, model, form):
         )
 
 
-def test_d3_is_continuous_and_its_gradient_jumps_by_the_ratio_of_radii():
-    surface, bones = one([0.01, 0.02, 0.03])
-    for axis, radius in enumerate((0.01, 0.02, 0.03)):
-        point = np.zeros((2, 3))
-        point[:, axis] = radius + np.array([-1e-9, 1e-9])
-        near = surface.near(bones, point)
-        np.testing.assert_allclose(near.distance, 0.0, atol=2e-9)
-        inside, outside = near.gradient[:, axis]
-        assert outside / inside == pytest.approx(radius / 0.01, rel=1e-6)
-
-
 def test_true_distance_against_a_dense_surface(rng):
     radii = np.array([0.038, 0.053, 0.015])
     sphere = rng.normal(size=(400_000, 3))

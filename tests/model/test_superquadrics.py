@@ -8,7 +8,6 @@ import trimesh
 
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.superquadrics import Superquadrics
-from handtrack.model.surfaces.surface_mesh import model_mesh
 
 
 def one(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):
@@ -52,31 +51,6 @@ def test_meshes_of_the_body_are_closed_and_turned_outwards():
         middle = parts.centre[part]
         outwards = (mesh.normal[part * count : (part + 1) * count] * (vertices - middle)).sum(1)
         assert (outwards > 0).mean() > 0.95, parts.name[part]
-
-
-def test_a_bend_lays_the_axis_on_a_circle():
-    """A quarter turn over a length of 0.3: radius 0.6/π; bent towards y."""
-    part = one(bend=(0.5 * np.pi, 0.5 * np.pi))
-    axis = np.zeros((21, 3))
-    axis[:, 2] = np.linspace(-0.15, 0.15, 21)
-    bent = part.deformed(0, axis)
-    radius = 0.6 / np.pi
-    np.testing.assert_allclose(np.hypot(bent[:, 1] - radius, bent[:, 2]), radius, atol=1e-12)
-    steps = np.linalg.norm(np.diff(bent, axis=0), axis=1)
-    np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
-    ends = bent[-1] - [0, radius, 0], bent[0] - [0, radius, 0]
-    np.testing.assert_allclose(ends[0] @ ends[1], 0.0, atol=1e-12)
-
-
-def test_the_body_is_covered_as_by_its_ellipsoids():
-    """Both fleshes stand for the same person: about the same height, width and volume."""
-    body = load_model("body34")
-    bones = body.bones(body.rest_params())
-    vertices, _ = model_mesh(body).carried(bones)
-    flesh = body.flesh["fine"].posed(bones)
-    half = np.sqrt(((flesh.rotation * flesh.radii[:, None, :]) ** 2).sum(axis=2))
-    np.testing.assert_allclose(vertices.max(axis=0), (flesh.centre + half).max(axis=0), atol=0.03)
-    np.testing.assert_allclose(vertices.min(axis=0), (flesh.centre - half).min(axis=0), atol=0.03)
 
 
 def test_a_bend_carries_whole_cross_sections_around_the_circles_centre():

@@ -34,12 +34,12 @@ def with_lobe(silhouette: Silhouette, value: float = 1.0) -> Silhouette:
     return replace(silhouette, mask=mask)
 
 
-def test_one_body_agrees_with_itself() -> None:
+def test_one_body_agrees_with_itself():
     np.testing.assert_allclose(outlines_off([ball_from(0), ball_from(50)]), 0, atol=0.3)
     assert outlines_off([ball_from(0)]).tolist() == [0]
 
 
-def test_what_two_cannot_tell_a_third_does() -> None:
+def test_what_two_cannot_tell_a_third_does():
     good, bad = ball_from(50), with_lobe(ball_from(0))
     added = (bad.mask > 0.5).sum() - (ball_from(0).mask > 0.5).sum()
     two = outlines_off([bad, good])

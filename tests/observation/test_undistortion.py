@@ -22,7 +22,7 @@ def make(distortions: Array | None = None) -> Camera:
 
 
 @pytest.mark.parametrize("distortions", [None, BARREL], ids=["flat", "barrel"])
-def test_what_nobody_knows_stays_unknown(distortions: Array | None) -> None:
+def test_what_nobody_knows_stays_unknown(distortions):
     """And so does each undistorted pixel to which one such adds; the others are as without it."""
     columns, rows = np.meshgrid(np.arange(160), np.arange(120))
     mask = np.where(columns < 80, 255, 0).astype(np.uint8)
@@ -36,7 +36,7 @@ def test_what_nobody_knows_stays_unknown(distortions: Array | None) -> None:
     np.testing.assert_array_equal(seen.known, ~unknown & known.known)
 
 
-def test_a_region_of_interest_limits_what_is_valid() -> None:
+def test_a_region_of_interest_limits_what_is_valid():
     valid = undistort_silhouette(make(), np.zeros((120, 160), np.uint8), (30, 20, 50, 40)).valid
     assert (valid[20:60] == (30, 80)).all()
     assert (valid[:20] == 0).all()
@@ -44,7 +44,7 @@ def test_a_region_of_interest_limits_what_is_valid() -> None:
 
 
 @pytest.mark.parametrize("distortions", [BARREL, PINCUSHION], ids=["barrel", "pincushion"])
-def test_a_disc_lands_where_its_points_project(distortions: Array) -> None:
+def test_a_disc_lands_where_its_points_project(distortions):
     camera = make(distortions)
     columns, rows = np.meshgrid(np.arange(160), np.arange(120))
     straight = camera.undistort_points(np.stack([columns, rows], -1).astype(float))
@@ -58,14 +58,14 @@ def test_a_disc_lands_where_its_points_project(distortions: Array) -> None:
     assert silhouette.camera.size == camera.size
 
 
-def test_longest_runs_of_rows() -> None:
+def test_longest_runs_of_rows():
     rows = ["..###.##", "########", "........", "##.##...", ".......#"]
     inside = np.array([[sign == "#" for sign in row] for row in rows])
     expected = [[2, 5], [0, 8], [0, 0], [0, 2], [7, 8]]
     np.testing.assert_array_equal(longest_runs(inside), expected)
 
 
-def test_an_image_is_straightened_as_a_mask_is(rng: np.random.Generator) -> None:
+def test_an_image_is_straightened_as_a_mask_is(rng):
     camera = make(BARREL)
     grey = np.where(rng.random((30, 40)) < 0.5, 255, 0).astype(np.uint8).repeat(4, 0).repeat(4, 1)
     view = undistort_image(camera, np.repeat(grey[..., None], 3, axis=2))

@@ -19,16 +19,6 @@ def _spread(model, **std):
     return np.diag(variance)
 
 
-def test_the_least_certain_chain_gets_nearly_all_votes(body):
-    chains = chains_of(body)
-    votes = chain_votes(
-        body, body.rest_params(), _spread(body, right_elbow_flex=0.5, left_knee_flex=0.01), chains
-    )
-    assert chains[int(np.argmax(votes))].name == "right_arm"
-    assert votes.sum() == pytest.approx(1.0)
-    assert votes.max() > 0.99
-
-
 def test_votes_are_shares_of_variance_in_units_of_the_limits(body):
     """Two directions: each chain's share is (σ / range)²."""
     chains = chains_of(body)

@@ -57,11 +57,14 @@ def system(packed, params):
     return cost, gradient, normal, normal + curvature
 
 
-LOSSES = [quadratic(), geman_mcclure(3.0), huber(2.0)]
+KINDS = [
+    ("hand26", "26", quadratic()),
+    ("hand26", "18", geman_mcclure(3.0)),
+    ("body34", "26", huber(2.0)),
+]
 
 
-@pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("name, coupling", [("hand26", "26"), ("hand26", "18"), ("body34", "26")])
+@pytest.mark.parametrize(("name", "coupling", "loss"), KINDS)
 def test_is_what_the_terms_say(rng, name, coupling, loss):
     plain, packed, params = problem_of(rng, load_model(name, coupling=coupling), loss)
     cost, gradient, normal, _ = system(packed, params)
@@ -74,8 +77,7 @@ def test_is_what_the_terms_say(rng, name, coupling, loss):
     np.testing.assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
 
 
-@pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("name, coupling", [("hand26", "26"), ("hand26", "18"), ("body34", "26")])
+@pytest.mark.parametrize(("name", "coupling", "loss"), KINDS)
 def test_derivatives(rng, name, coupling, loss):
     """The gradient by differences of the cost, the exact Hessian by differences of the gradient."""
     model = load_model(name, coupling=coupling)

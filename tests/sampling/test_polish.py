@@ -48,8 +48,7 @@ def hand_problem(rng, coupling="26", narrowing=False, where="space"):
     return model, [seen], [rest_prior(model)], starts
 
 
-@pytest.mark.parametrize("where", ["space", "image"])
-@pytest.mark.parametrize("coupling", ["26", "21", "18"])
+@pytest.mark.parametrize(("coupling", "where"), [("26", "space"), ("21", "image"), ("18", "space")])
 def test_ends_where_the_plain_solver_ends(rng, coupling, where):
     model, seen, priors, starts = hand_problem(rng, coupling, where=where)
     ends = polish(model, starts, seen, priors)

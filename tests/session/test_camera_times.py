@@ -8,9 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.session.doctor.examine import examine
 from handtrack.session.session import Session
-from tests.capture.test_synchrony import camera, pictures
 from tests.session.small_session import edit, make_session
 
 COUNT = 12
@@ -51,7 +49,7 @@ def shown(session: Session, name: str, frames: range = range(COUNT)) -> list[int
 
 
 @pytest.mark.parametrize("late", [3, -2])
-def test_c8_a_late_camera_is_joined_by_its_lag(late: int, folder: Path) -> None:
+def test_c8_a_late_camera_is_joined_by_its_lag(late, folder):
     moments = [100 + frame - late for frame in range(COUNT)]
     session = second_camera(folder, f"lag_s = {late / 10}", moments)
     known = [moment if moment in moments else None for moment in range(100, 100 + COUNT)]
@@ -61,7 +59,7 @@ def test_c8_a_late_camera_is_joined_by_its_lag(late: int, folder: Path) -> None:
     assert session.frame_count == max(COUNT, COUNT - late)
 
 
-def test_c7_a_faster_and_a_slower_camera_are_joined_by_time(folder: Path) -> None:
+def test_c7_a_faster_and_a_slower_camera_are_joined_by_time(folder):
     session = second_camera(folder, "fps = 40.0", range(4 * COUNT))
     assert shown(session, "cam1") == list(range(0, 4 * COUNT, 4))
     assert session.frame_count == COUNT + 1  # its last image is 25 ms before a 13th frame
@@ -77,7 +75,7 @@ def stamps(folder: Path, times: dict[str, list[float]]) -> Session:
     return Session.open(folder)
 
 
-def test_c5_frames_that_one_camera_dropped_shift_no_others(folder: Path) -> None:
+def test_c5_frames_that_one_camera_dropped_shift_no_others(folder):
     there = [moment for moment in range(COUNT) if moment not in (3, 4, 8)]
     second_camera(folder, "", there)
     session = stamps(
@@ -86,7 +84,7 @@ def test_c5_frames_that_one_camera_dropped_shift_no_others(folder: Path) -> None
     assert shown(session, "cam1") == [m if m in there else None for m in range(COUNT)]
 
 
-def test_c4_a_variable_rate_is_joined_by_its_time_stamps(folder: Path) -> None:
+def test_c4_a_variable_rate_is_joined_by_its_time_stamps(folder):
     times = [1000 + 0.1 * m for m in range(COUNT)]  # since any moment
     uneven = [1000 + 0.01 * t for t in (0, 4, 8, 13, 21, 33, 40, 52, 61, 72, 79, 91, 104, 110)]
     second_camera(folder, "", range(len(uneven)))
@@ -94,29 +92,3 @@ def test_c4_a_variable_rate_is_joined_by_its_time_stamps(folder: Path) -> None:
     nearest = [int(np.argmin(np.abs(np.array(uneven) - t))) for t in times]
     assert shown(session, "cam1") == nearest
     assert session.time_s(5) == pytest.approx(1000.5)
-
-
-def test_c8_the_doctor_says_the_line_to_write(folder: Path) -> None:
-    edit(folder / "calibration.toml", "rotation = [0.0, 0.7, 0.0]", "rotation = [0.1, 0.5, 0.15]")
-    for name, turn, late in (("cam0", 0.0, 0), ("cam1", 0.5, 5)):
-        rng = np.random.default_rng(1)
-        for frame, picture in enumerate(pictures(camera(name, turn), late, rng)):
-            small = cv2.resize(picture, SHAPE[::-1], interpolation=cv2.INTER_AREA)
-            path = folder / name / f"{frame:03d}.png"
-            path.parent.mkdir(exist_ok=True)
-            cv2.imwrite(str(path), small)
-    text = (folder / "session.toml").read_text()
-    text = (
-        text.replace('masks = "masks/cam0/*.png"\n', "")
-        .replace("masks/cam1", "cam1")
-        .replace("masks", "images")
-    )
-    (folder / "session.toml").write_text(text)
-    (folder / "init.json").unlink()
-    found = [f.text for f in examine(Session.open(folder)) if "same moment" in f.text]
-    assert "'cam1'" in found[0]
-    assert '`lag_s = 0.5` under [[camera]] name = "cam1"' in found[0]
-    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nlag_s = 0.5')
-    texts = [f.text for f in examine(Session.open(folder))]
-    assert not [text for text in texts if "same moment" in text]
-    assert "camera 'cam1': its frames are taken by time; 55 of the session's 60 have one." in texts

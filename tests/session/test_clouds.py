@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
-from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.session_file import CloudSettings, read_session_file, write_session_file
 from tests.session.small_session import make_session
 
 
@@ -73,27 +70,6 @@ def test_the_crop_needs_the_hand_of_the_frame_before(folder, rng):
     )
     assert (len(every), reports) == (3000, ())
     assert session.cloud(2) == (None, ())
-
-
-def add_depth(folder: Path, clouds: str = 'depth = ["cam1"]') -> None:
-    (folder / "depth").mkdir()
-    image = np.zeros((48, 64), np.uint16)
-    image[10:40, 10:50] = 5000
-    for frame in (0, 1):
-        cv2.imwrite(str(folder / "depth" / f"{frame}.png"), image)
-    add(folder, clouds, 'depth = "depth/*.png"\ndepth_scale_m = 0.0001\n')
-
-
-def test_settings_read_back_as_written(folder, tmp_path):
-    skin = SkinEllipse((0.45, 0.31), (4e-4, -1e-4, 3e-4), 2.0)
-    given = {"near_m": 0.2, "skin": skin, "component": "all", "outlier_ratio": 3.0}
-    settings = CloudSettings(depth=("cam1",), given=given)
-    add_depth(folder)
-    file = read_session_file(folder / "session.toml")
-    write_session_file(
-        tmp_path / "other.toml", type(file)(file.session, file.hand, file.cameras, settings)
-    )
-    assert read_session_file(tmp_path / "other.toml").clouds == settings
 
 
 # ---------------------------------------------------------------- recordings

@@ -30,7 +30,7 @@ def masks(folder: Path, camera: str, mask: np.ndarray, frames: range = range(4))
         cv2.imwrite(str(folder / f"masks/{camera}/{frame:03d}.png"), mask)
 
 
-def test_a_sound_session_is_all_ok(folder: Path) -> None:
+def test_a_sound_session_is_all_ok(folder):
     findings = examine(Session.open(folder))
     assert {finding.severity for finding in findings} == {"ok"}, findings
     assert findings[0].text == "4 frames, 0.4 s at 10 fps."
@@ -193,7 +193,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
 
 
 @pytest.mark.parametrize("case", ODD)
-def test_odd_things_are_found(case: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_odd_things_are_found(case, folder, monkeypatch):
     # whose hand it is has tests of its own, and takes longer than all the rest
     """Faults C6, C16, C22."""
     monkeypatch.setattr(check_hand, "_off_m", lambda xyz, side: 0.0)
@@ -212,21 +212,11 @@ def recalibrated(change: Callable[[list[Camera]], list[Camera]]) -> str:
     return " ".join(finding.text for finding in found)
 
 
-def inverse(camera: Camera) -> Camera:
-    turn = camera.rotation.T
-    return replace(camera, rotation=turn, translation=-turn @ camera.translation)
-
-
-def test_c28_exchanged_cameras_are_named() -> None:
+def test_c28_exchanged_cameras_are_named():
     said = recalibrated(
         lambda c: [c[0], replace(c[2], name=c[1].name), replace(c[1], name=c[2].name)]
     )
     assert "They would fit if cameras 'cam1' and 'cam2' were exchanged" in said
-
-
-def test_c27_inverse_extrinsics_are_named() -> None:
-    said = recalibrated(lambda cameras: [inverse(camera) for camera in cameras])
-    assert "would fit if rotation and translation in calibration.toml led from the camera" in said
 
 
 def depth_session(folder: Path, value: int) -> Session:
@@ -245,5 +235,5 @@ def depth_session(folder: Path, value: int) -> Session:
         (50, "camera 'cam1': the median depth is 0.05 m, with depth_scale_m = 0.001. Is the scale"),
     ],
 )
-def test_odd_depth_is_found(value: int, text: str, folder: Path) -> None:
+def test_odd_depth_is_found(value, text, folder):
     assert any(text in finding.text for finding in examine(depth_session(folder, value)))

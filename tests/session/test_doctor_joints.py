@@ -134,7 +134,7 @@ MISTAKES: dict[str, tuple[Callable[[Recording], None], str]] = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_is_named_and_no_other(tmp_path: Path, mistake: str) -> None:
+def test_a_mistake_is_named_and_no_other(tmp_path, mistake):
     make, words = MISTAKES[mistake]
     it = recorded()
     make(it)
@@ -144,7 +144,7 @@ def test_a_mistake_is_named_and_no_other(tmp_path: Path, mistake: str) -> None:
     assert len(said) == 1 and words in said[0], said
 
 
-def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path: Path) -> None:
+def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path):
     """In most frames the detector takes something else for the ring finger, in one camera."""
     it = recorded()
     ring = slice(13, 17)
@@ -155,6 +155,6 @@ def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("degrees", [(-35.0, 10.0, 50.0), (-20.0, 20.0), (0.0, 90.0)])
-def test_a_sound_calibration_is_left_alone(tmp_path: Path, degrees: tuple[float, ...]) -> None:
+def test_a_sound_calibration_is_left_alone(tmp_path, degrees):
     found = list(check_joints(Session.open(recorded(degrees).write(tmp_path))))
     assert [f.severity for f in found] == ["ok"] and "meet in space to" in found[0].text, found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ XYZ: list[Any] = keypoints().tolist()
 NAMES = ("root_tx", "index_mcp_flex")
 
 
-def test_keypoints_with_unknown_rows(tmp_path: Path) -> None:
+def test_keypoints_with_unknown_rows(tmp_path):
     write_init(tmp_path, frame=18, xyz=[None, [None, None, None], *XYZ[2:]])
     pose = read_first_pose(tmp_path / "init.json")
     assert pose.frame == 18
@@ -25,14 +24,14 @@ def test_keypoints_with_unknown_rows(tmp_path: Path) -> None:
     np.testing.assert_array_equal(pose.xyz[2:], keypoints()[2:])
 
 
-def test_parameters_by_name(tmp_path: Path) -> None:
+def test_parameters_by_name(tmp_path):
     write_init(tmp_path, xyz=None, parameters={"root_tx": 0.1, "index_mcp_flex": 1})
     pose = read_first_pose(tmp_path / "init.json", NAMES)
     assert pose.parameters == {"root_tx": 0.1, "index_mcp_flex": 1.0}
     assert pose.xyz is None
 
 
-def test_what_is_written_reads_back(tmp_path: Path) -> None:
+def test_what_is_written_reads_back(tmp_path):
     xyz = keypoints()
     xyz[4] = np.nan
     small = HandScale(0.8, {"thumb": 1.05})

@@ -36,9 +36,7 @@ def session() -> Session:
     return Session.open(bundled_session("open_fist_open"))
 
 
-def test_a_hand_is_found_where_the_detector_sees_it(
-    session: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_hand_is_found_where_the_detector_sees_it(session, monkeypatch):
     frame = 60  # half closed; searching silhouettes for it takes a minute
     monkeypatch.setattr(detection, "usable_detector", lambda _: SeesTheTruth(session, frame))
     run = TrackingRun.open(session, use_init=False)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pytest
 
 from handtrack.capture.images.openpose import write_hand
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
 from handtrack.session.bundled import bundled_session
 from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
+from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.settings import TrackerSettings
 from tests.session.small_session import edit, keypoints, make_session
 
@@ -40,7 +36,7 @@ def test_the_bundled_session_needs_no_init(session):
     run = TrackingRun.open(session, use_init=False)
     assert run.first is None
     told = []
-    found = find_first_poses(run, range(0, 10), on_progress=lambda *p: told.append(p))
+    found = find_first_poses(run, range(0, 2), on_progress=lambda *p: told.append(p))
     best = found[0]
     assert error_mm(best, points(session, best.frame)) < 5.0
     assert best.confidence > 0.7
@@ -56,58 +52,18 @@ def test_the_bundled_session_needs_no_init(session):
     assert 1e3 * np.linalg.norm(again - points(session, frame), axis=1).mean() < 5.0
 
 
-def test_a_childs_hand_is_found_as_a_childs(session, tmp_path):
-    folder = tmp_path / "child"
-    shutil.copytree(session.folder, folder, ignore=shutil.ignore_patterns("tracks"))
-    text = (folder / "session.toml").read_text()
-    text = text.replace("world_unit_m = 1.0", "world_unit_m = 0.77")  # cameras and all
-    (folder / "session.toml").write_text(text.replace("scale = 1.0", 'scale = "fit"'))
-    run = TrackingRun.open(Session.open(folder), use_init=False)
-    best = find_first_poses(run, 0)[0]
+def test_a_childs_hand_is_found_as_a_childs(tmp_path):
+    what = Simulation(frames=1, size=(320, 240), scale=0.77, motion="still", images=False)
+    folder = simulate(tmp_path / "child", what)
+    edit(folder / "session.toml", "scale = 0.77", 'scale = "fit"')
+    session = Session.open(folder)
+    best = find_first_poses(TrackingRun.open(session, use_init=False), 0)[0]
     assert "times the usual size" in best.note
     assert best.model.scale.overall == pytest.approx(0.77, rel=0.01)
-    assert error_mm(best, 0.77 * points(session, 0)) < 2.0
+    assert error_mm(best, points(session, 0)) < 2.0
     joints = best.first_pose.xyz
     assert joints is not None
     np.testing.assert_allclose(joints, best.model.keypoints21(best.model.bones(best.params)))
-
-
-@pytest.fixture
-def pretended(session, monkeypatch):
-    """Return a function that searches frames 0–7 (tried: 0, 4, 2, 6); how sure a pose is, and its hand's size, are given."""
-    run = TrackingRun.open(session, use_init=False)
-
-    def search(confidence, p_in_basin=1.0, sizes=None):
-        asked = []
-
-        def found(run, scale, seen, should_stop, tell):
-            size = (sizes or {}).get(seen.frame)
-            model = load_model(scale=size or 1.0)
-            given = FirstPose(seen.frame, {}) if size else None
-            asked.append(seen.frame if scale == HandScale() else (seen.frame, scale.overall))
-            sure = confidence.get(asked[-1], 0.0)
-            row = FirstPoseCandidate(
-                seen.frame,
-                model.rest_params(),
-                sure * p_in_basin,
-                "",
-                model,
-                1.0,
-                given,
-                p_in_basin,
-            )
-            return [row] if sure else []
-
-        monkeypatch.setattr(first_pose_search, "_found", found)
-        return find_first_poses(run, range(8)), asked
-
-    return search
-
-
-def test_the_surest_of_four_frames_is_taken(pretended):
-    best, asked = pretended({0: 0.2, 2: 0.5, 6: 0.3})
-    assert best[0].frame == 2
-    assert asked == [0, 4, 2, 6]
 
 
 def in_images(session, cameras, frame=0):

@@ -81,7 +81,7 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
 
 
 @pytest.mark.parametrize("form", WRITERS)
-def test_every_form_gives_the_same_joints(form: str, tmp_path: Path) -> None:
+def test_every_form_gives_the_same_joints(form, tmp_path):
     truth, note = read_given_truth(WRITERS[form](tmp_path / f"truth.{form}"), "right")
     write_truth(tmp_path / "truth.npz", truth)
     read = read_truth(tmp_path / "truth.npz")
@@ -111,7 +111,7 @@ def with_gaps(form: str, path: Path) -> Path:
 
 
 @pytest.mark.parametrize("form", ["long.csv", "trc"])
-def test_a_gap_is_one_points_and_not_the_frames(form: str, tmp_path: Path) -> None:
+def test_a_gap_is_one_points_and_not_the_frames(form, tmp_path):
     truth, note = read_given_truth(with_gaps(form, tmp_path / f"t.{form}"), "right")
     expected = moving()
     for frame, name in GAPS:
@@ -123,7 +123,7 @@ def test_a_gap_is_one_points_and_not_the_frames(form: str, tmp_path: Path) -> No
     np.testing.assert_array_equal(read_truth(tmp_path / "truth.npz").keypoints21, truth.keypoints21)
 
 
-def test_what_is_made_to_do_harm_is_refused(tmp_path: Path) -> None:
+def test_what_is_made_to_do_harm_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.trc")
     with pytest.raises(HandtrackError, match="is a pipe"):
         read_given_truth(tmp_path / "pipe.trc", "right")

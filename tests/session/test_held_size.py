@@ -55,7 +55,7 @@ def fitted(missing: float, scale: HandScale = HandScale(), first=None):
     return run, size_of_frames(run, posed, 2, None, lambda share, words: None)  # type: ignore[arg-type]
 
 
-def test_half_a_hand_tells_no_size() -> None:
+def test_half_a_hand_tells_no_size():
     run, size = fitted(0.5, SMALL)
     assert size is not None
     assert size.overall == 1.0
@@ -66,7 +66,7 @@ def test_half_a_hand_tells_no_size() -> None:
     assert fitted(0.5, SMALL, given)[1].overall == SMALL.overall
 
 
-def test_what_is_stated_of_joints_includes_a_size_that_is_held() -> None:
+def test_what_is_stated_of_joints_includes_a_size_that_is_held():
     def stated(scale: HandScale) -> np.ndarray:
         model = load_model("hand26", scale=scale)
         params = model.rest_params()
@@ -83,7 +83,7 @@ def test_what_is_stated_of_joints_includes_a_size_that_is_held() -> None:
     np.testing.assert_allclose(more, POPULATION_SIGMA * away, rtol=1e-6, atol=1e-9)
 
 
-def test_the_first_frames_do_not_decide_where_they_are_bad() -> None:
+def test_the_first_frames_do_not_decide_where_they_are_bad():
     """In 42 frames a detector is off by a hand's breadth; the 30 after them, each sure, tell who it is."""
     poses, cameras = waving_poses(), [camera_at(k) for k in range(3)]
     filmed, noise = load_model("hand26", scale=HandScale(1.08)), np.random.default_rng(5)

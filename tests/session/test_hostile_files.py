@@ -17,7 +17,7 @@ def folder(tmp_path: Path) -> Path:
     return make_session(tmp_path)
 
 
-def test_c14_a_web_page_saved_as_an_image_and_an_empty_file_are_misses(folder: Path) -> None:
+def test_c14_a_web_page_saved_as_an_image_and_an_empty_file_are_misses(folder):
     (folder / "masks/cam0/001.png").write_bytes(b"")
     (folder / "masks/cam0/002.png").write_text("<!doctype html><title>404</title>")
     session = Session.open(folder)
@@ -28,7 +28,7 @@ def test_c14_a_web_page_saved_as_an_image_and_an_empty_file_are_misses(folder: P
     )
 
 
-def test_c29_cameras_go_by_their_names_whatever_the_order(folder: Path) -> None:
+def test_c29_cameras_go_by_their_names_whatever_the_order(folder):
     for file in ("session.toml", "calibration.toml"):
         edit(folder / file, 'name = "cam1"', 'name = "cam_2"')
         edit(folder / file, 'name = "cam0"', 'name = "cam_10"')
@@ -47,9 +47,7 @@ class Canary:
 
 
 @pytest.mark.parametrize("name", ["keypoints21", "joint_names", "time_s"])
-def test_c51_a_pickle_in_an_npz_is_refused_and_not_run(
-    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_c51_a_pickle_in_an_npz_is_refused_and_not_run(name, folder, monkeypatch):
     monkeypatch.chdir(folder)
     harmful = np.empty(1, object)
     harmful[0] = Canary()
@@ -69,16 +67,14 @@ def test_c51_a_pickle_in_an_npz_is_refused_and_not_run(
     ],
     ids=["JSON nested", "TOML nested", "a number of 5000 digits"],
 )
-def test_c52_texts_made_to_break_their_reader_are_one_sentence(
-    file: str, text: str, folder: Path
-) -> None:
+def test_c52_texts_made_to_break_their_reader_are_one_sentence(file, text, folder):
     (folder / file).write_text(text)
     told = refusal(folder)
     contains(told, file)
     assert len(told) < 1000
 
 
-def test_c58_tables_as_spreadsheets_write_them(folder: Path) -> None:
+def test_c58_tables_as_spreadsheets_write_them(folder):
     rows = ["camera,frame,time_s", *(f"cam0,{frame},{frame / 10}" for frame in range(4))]
     edit(folder / "session.toml", "fps = 10.0", 'timestamps = "t.csv"')
     (folder / "t.csv").write_bytes(b"\xef\xbb\xbf" + "\r\n".join(rows).encode())

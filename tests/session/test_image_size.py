@@ -25,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def test_c11_the_line_to_write_is_said_and_does_it(folder: Path) -> None:
+def test_c11_the_line_to_write_is_said_and_does_it(folder):
     contains(
         refusal(folder), "32 x 24", "calibrated for 64 x 48", "0.5 times", "image_size = [32, 24]"
     )
@@ -38,8 +38,8 @@ def test_c11_the_line_to_write_is_said_and_does_it(folder: Path) -> None:
 
 
 def test_c11_pixels_of_a_scaled_camera_are_where_resized_images_have_them(
-    rng: np.random.Generator,
-) -> None:
+    rng,
+):
     """Averaging blocks of 4 pixels puts what covered them at their middle."""
     large = camera("a", 0.3)
     small = large.scaled((large.size[0] // 4, large.size[1] // 4))

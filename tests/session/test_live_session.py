@@ -74,7 +74,7 @@ def studio(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
     made.close()
 
 
-def test_cameras_are_numbered_in_the_sessions_order_and_masks_are_computed(studio: Studio) -> None:
+def test_cameras_are_numbered_in_the_sessions_order_and_masks_are_computed(studio):
     session = studio.session
     assert list(studio.devices) == ["0", "1"]
     assert session.rig.names == ("cam0", "cam1")
@@ -96,7 +96,7 @@ def recorded(studio: Studio, folder: Path) -> LiveRecording:
     return recording
 
 
-def test_a_recording_opens_as_a_session_with_its_poses(studio: Studio, tmp_path: Path) -> None:
+def test_a_recording_opens_as_a_session_with_its_poses(studio, tmp_path):
     run = TrackingRun.open(
         studio.session,
         {
@@ -129,7 +129,7 @@ def test_a_recording_opens_as_a_session_with_its_poses(studio: Studio, tmp_path:
     assert track.frame.tolist() == [0, 1, 2]
 
 
-def test_a_calibration_alone_will_do(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_calibration_alone_will_do(folder, monkeypatch):
     for path in ("session.toml", "init.json", "truth.npz"):
         (folder / path).unlink()
     studio = Studio(folder, monkeypatch)

@@ -19,7 +19,7 @@ STATUS = Path("/proc/self/status")
 
 
 @pytest.mark.skipif(not STATUS.is_file(), reason="memory is limited on Linux only")
-def test_c40_an_image_that_finds_no_memory_is_named_with_its_camera(tmp_path: Path) -> None:
+def test_c40_an_image_that_finds_no_memory_is_named_with_its_camera(tmp_path):
     import resource
 
     cv2.imwrite(str(tmp_path / "007.png"), np.zeros((SIDE, SIDE, 3), np.uint8))

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from handtrack.model.articulated import HandScale
+from handtrack.model.model_file import load_model
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.simulation.motion import motion
+from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.tables.track_model import model_of
 
@@ -40,6 +42,14 @@ def larger(tmp_path_factory):
     assert "scale = 1.06" in text
     file.write_text(text.replace("scale = 1.06", 'scale = "fit"'))
     return Session.open(folder)
+
+
+def opening(folder, of, frames, forearm=False):
+    """Write the first frames of a slow motion before three small cameras."""
+    model = load_model(forearm=forearm)
+    joint = motion(model, "open_fist_open", of, np.random.default_rng(0))[:frames]
+    what = Simulation(size=(320, 240), images=False)
+    return simulate(folder, what, known=KnownMotion("opening", model, joint, 0.0))
 
 
 def test_a_result_says_where_it_comes_from(session, run):
@@ -70,8 +80,7 @@ def test_all_frames_say_whether_there_is_an_arm(tmp_path, arm):
     """Masks of the first frame were wrong about it; frames tracked without the arm that is there, or with one that is not, say so."""
     made = {}
     for forearm in (arm, not arm):
-        what = Simulation(frames=40, size=(320, 240), forearm=forearm, images=False)
-        made[forearm] = simulate(tmp_path / str(forearm), what)
+        made[forearm] = opening(tmp_path / str(forearm), 40, 5, forearm)
     masks = sorted((made[arm] / "masks").glob("*/*0000.*"))
     assert len(masks) == 3
     for mask in masks:
@@ -91,8 +100,7 @@ def test_an_arm_that_nothing_shows_is_not_laid_over_the_fingers(tmp_path):
     """An open hand in three clean views, quick enough that the first descent leaves something over, and a model with a whole arm. The search for
     the lost hand turned it upside down (103 mm): poses were compared each by the pixels around itself, where its arm lay over the fingers.
     """
-    what = Simulation(frames=24, size=(320, 240), images=False)
-    session = Session.open(simulate(tmp_path / "session", what))
+    session = Session.open(opening(tmp_path / "session", 24, 3))
     run = TrackingRun.open(session, {"tracker.escape": False, "tracker.estimate": "forward"})
     run = run.with_forearm(True)
     for result in run.track(range(3), *run.initial()):

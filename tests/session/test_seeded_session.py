@@ -60,7 +60,7 @@ def opened(folder: Path, masks: str, more: str = "") -> Session:
     return Session.open(folder)
 
 
-def test_masks_start_from_joints(folder: Path) -> None:
+def test_masks_start_from_joints(folder):
     session = opened(folder, '{ method = "seeded" }', JOINTS)
     (seen,) = session.observation(2).silhouettes
     assert {-1.0, 0.0, 1.0} == set(np.unique(seen.mask).tolist())
@@ -70,7 +70,7 @@ def test_masks_start_from_joints(folder: Path) -> None:
     assert not [finding for finding in found if finding.severity == "error"]
 
 
-def test_files_of_masks_may_say_that_nobody_knows(folder: Path) -> None:
+def test_files_of_masks_may_say_that_nobody_knows(folder):
     (folder / "masks").mkdir()
     mask = np.zeros(SIZE[::-1], np.uint8)
     mask[100:200, 100:200], mask[150:160, 200:250] = 255, 90

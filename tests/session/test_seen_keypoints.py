@@ -10,7 +10,6 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack_app.cli import main
 
 FRAMES = 3
 SETTINGS = """
@@ -80,28 +79,3 @@ def test_joints_are_observed_without_the_lens_those_hardly_seen_left_out(folder)
     place = run.model.joint_positions(run.model.bones(params))
     expected = sure.camera.project(place[run.model.joint_names.index("left_wrist")])
     np.testing.assert_allclose(sure.pixels[wrist], expected, atol=1e-3)
-
-
-def test_a_body_is_tracked_from_the_command_line(folder, capsys):
-    out = folder / "poses.npz"
-    more = [
-        "--set",
-        "tracker.hypotheses=3",
-        "--set",
-        "mixture.draws=4",
-        "--set",
-        "mixture.carried=4",
-    ]
-    assert main(["track", str(folder), "--use", "keypoints", "--out", str(out), *more]) == 0
-    assert "3 of 3 frames: 0 tracked, 3 doubtful" in capsys.readouterr().out  # of one camera
-    poses = np.load(out)
-    model = load_model("body34")
-    shown = poses["joint_positions"][2]
-    lifted = model.rest_params()
-    lifted[model.parameter_names.index("left_shoulder_abd")] += 0.2
-    expected = model.joint_positions(model.bones(lifted))
-    seen = [model.joint_names.index(n) for n in LAYOUTS["body_25"].points if n != "nose"]
-    camera = Session.open(folder).rig["front"].without_distortion()
-    off = np.linalg.norm(camera.project(shown) - camera.project(expected), axis=1)[seen]
-    assert off.max() < 10.0
-    assert np.median(off) < 3.0

@@ -17,7 +17,7 @@ def folder(tmp_path: Path) -> Path:
     return make_session(tmp_path)
 
 
-def test_a_session_knows_its_frames_and_cameras(folder: Path) -> None:
+def test_a_session_knows_its_frames_and_cameras(folder):
     session = Session.open(folder)
     assert session.name == "small"
     assert session.camera_names == ("cam0", "cam1")
@@ -30,7 +30,7 @@ def test_a_session_knows_its_frames_and_cameras(folder: Path) -> None:
     assert session.warnings == []
 
 
-def test_images_and_masks_are_as_they_were_taken(folder: Path) -> None:
+def test_images_and_masks_are_as_they_were_taken(folder):
     session = Session.open(folder)
     image, mask = session.image("cam0", 2), session.mask("cam1", 2)
     assert image is not None
@@ -47,7 +47,7 @@ def test_images_and_masks_are_as_they_were_taken(folder: Path) -> None:
         session.image("top", 0)
 
 
-def test_an_observation_holds_every_view(folder: Path) -> None:
+def test_an_observation_holds_every_view(folder):
     observation = Session.open(folder).observation(1)
     assert observation.frame == 1
     assert observation.time_s == pytest.approx(0.1)
@@ -59,7 +59,7 @@ def test_an_observation_holds_every_view(folder: Path) -> None:
     assert observation.cloud is None
 
 
-def test_a_missing_file_is_an_absent_view_and_an_empty_one_is_seen_emptiness(folder: Path) -> None:
+def test_a_missing_file_is_an_absent_view_and_an_empty_one_is_seen_emptiness(folder):
     (folder / "masks/cam0/001.png").unlink()
     path = folder / "masks/cam1/001.png"
     path.write_bytes(path.read_bytes()[:40])
@@ -70,7 +70,7 @@ def test_a_missing_file_is_an_absent_view_and_an_empty_one_is_seen_emptiness(fol
     assert "frame 1 counts as missing" in session.warnings[0]
 
 
-def test_frames_run_to_the_last_of_any_camera(folder: Path) -> None:
+def test_frames_run_to_the_last_of_any_camera(folder):
     (folder / "masks/cam1/003.png").rename(folder / "masks/cam1/009.png")
     session = Session.open(folder)
     assert session.frame_count == 10
@@ -80,7 +80,7 @@ def test_frames_run_to_the_last_of_any_camera(folder: Path) -> None:
         session.observation(10)
 
 
-def test_masks_computed_from_images(folder: Path) -> None:
+def test_masks_computed_from_images(folder):
     edit(folder / "session.toml", '"masks/cam0/*.png"', '{ method = "skin_ycrcb" }')
     session = Session.open(folder)
     mask = session.mask("cam0", 1)
@@ -93,7 +93,7 @@ def test_masks_computed_from_images(folder: Path) -> None:
     assert [s.camera.name for s in Session.open(folder).observation(1).silhouettes] == ["cam1"]
 
 
-def test_time_is_that_of_the_first_camera_with_time_stamps(folder: Path) -> None:
+def test_time_is_that_of_the_first_camera_with_time_stamps(folder):
     rows = ["camera,frame,time_s"]
     rows += [f"cam0,{f},{f * 0.1:.3f}" for f in range(4)]
     rows += [f"cam1,{f},{f * 0.1 + 0.01:.3f}" for f in range(3)]
@@ -105,7 +105,7 @@ def test_time_is_that_of_the_first_camera_with_time_stamps(folder: Path) -> None
     assert session.time_s(5) == pytest.approx(0.3 + 2 / session.fps)
 
 
-def test_truth_and_first_pose_come_along(folder: Path) -> None:
+def test_truth_and_first_pose_come_along(folder):
     write_truth(folder, frame=np.array([0, 2, 3, 1]))
     session = Session.open(folder)
     assert session.truth is not None
@@ -122,7 +122,7 @@ def test_truth_and_first_pose_come_along(folder: Path) -> None:
     assert bare.init is None
 
 
-def test_the_real_desk_recording(data_dir: Path) -> None:
+def test_the_real_desk_recording(data_dir):
     session = Session.open(data_dir / "sessions/desk_two_view")
     assert session.frame_count == 378
     observation = session.observation(18)

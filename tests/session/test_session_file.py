@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from handtrack.capture.masks.segmentation import DepthRange, SkinYCrCb
@@ -33,12 +31,12 @@ BARE = SessionFile(RecordingSettings("bare", 30.0), HandSettings(), (CameraSetti
 
 
 @pytest.mark.parametrize("file", [FULL, BARE], ids=["full", "bare"])
-def test_what_is_written_reads_back(file: SessionFile, tmp_path: Path) -> None:
+def test_what_is_written_reads_back(file, tmp_path):
     write_session_file(tmp_path / "session.toml", file)
     assert read_session_file(tmp_path / "session.toml") == file
 
 
-def test_defaults(tmp_path: Path) -> None:
+def test_defaults(tmp_path):
     folder = tmp_path / "my recording"
     folder.mkdir()
     path = folder / "session.toml"

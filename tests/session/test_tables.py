@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version, versions
 from handtrack.session.formats.tables import read_npz, write_npz, write_result
 from handtrack.store.record import Record
@@ -77,17 +76,6 @@ def test_the_same_result_gives_the_same_bytes(rng, tmp_path):
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
     with zipfile.ZipFile(tmp_path / "a.npz") as archive:
         assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
-
-
-def test_a_failed_write_leaves_the_old_file_and_no_rubbish(tmp_path):
-    """Fault C38."""
-    path = tmp_path / "poses.npz"
-    path.write_text("old")
-    with pytest.raises(RuntimeError), replacing(path) as part:
-        part.write_text("half")
-        raise RuntimeError("power cut")
-    assert path.read_text() == "old"
-    assert [file.name for file in tmp_path.iterdir()] == ["poses.npz"]
 
 
 @pytest.mark.parametrize(

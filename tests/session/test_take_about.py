@@ -29,14 +29,14 @@ def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
     return {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
 
 
-def test_the_same_is_the_same_wherever_it_lies(folder: Path, tmp_path_factory) -> None:
+def test_the_same_is_the_same_wherever_it_lies(folder, tmp_path_factory):
     before = made_from(folder)
     assert made_from(folder) == before
     copy = tmp_path_factory.mktemp("copy") / "session"
     assert made_from(Path(shutil.copytree(folder, copy))) == before
 
 
-def test_whatever_may_change_poses_is_another_beginning(folder: Path) -> None:
+def test_whatever_may_change_poses_is_another_beginning(folder):
     before = made_from(folder)
     assert changed(before, made_from(folder, range(3))) == {"frames"}
     assert changed(before, made_from(folder, solver__iterations=7)) == {"settings"}

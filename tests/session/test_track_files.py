@@ -26,7 +26,7 @@ def imported(folder: Path) -> str:
         return import_track(store, folder)
 
 
-def test_a_track_file_is_a_take_from_now_on(folder: Path, rng) -> None:
+def test_a_track_file_is_a_take_from_now_on(folder, rng):
     poses = folder / "tracks/poses.npz"
     write_npz(poses, sample_track(rng, range(3, 9)))
     before, bytes_ = read_npz(poses), poses.read_bytes()
@@ -43,7 +43,7 @@ def test_a_track_file_is_a_take_from_now_on(folder: Path, rng) -> None:
     assert again.read_bytes() == poses.read_bytes() == bytes_
 
 
-def test_a12_whatever_was_put_there_is_kept_whenever_it_was_written(folder: Path, rng) -> None:
+def test_a12_whatever_was_put_there_is_kept_whenever_it_was_written(folder, rng):
     for _ in range(2):
         write_npz(folder / "tracks/poses.npz", sample_track(rng))
         assert imported(folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -14,7 +13,7 @@ import pytest
 from handtrack.arrays import Floats
 from handtrack.model.model_file import load_model
 from handtrack.session.formats.tables import write_npz
-from handtrack.session.posed_frames import keyframe_result, posed_frames
+from handtrack.session.posed_frames import posed_frames
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.take_recorder import TakeRecorder
@@ -51,8 +50,8 @@ def ended(events: object) -> Ended:
 
 
 def test_a_keyframe_of_the_workbench_stays_and_its_neighbours_are_tracked_from_it(
-    folder: Path,
-) -> None:
+    folder,
+):
     run = TrackingRun.open(Session.open(folder))
     _, params = run.initial()
     pose = run.model.joint_params(params)
@@ -74,7 +73,7 @@ def test_a_keyframe_of_the_workbench_stays_and_its_neighbours_are_tracked_from_i
     assert len(end.results) == len(run.session.frame_range)
 
 
-def test_an_accepted_frame_stays_as_it_was_tracked(folder: Path) -> None:
+def test_an_accepted_frame_stays_as_it_was_tracked(folder):
     run = TrackingRun.open(Session.open(folder))
     with TakeRecorder(folder / "tracks/poses.npz", folder) as take:
         before = ended(track_session(run, take=take))
@@ -87,7 +86,7 @@ def test_an_accepted_frame_stays_as_it_was_tracked(folder: Path) -> None:
     np.testing.assert_array_equal(again.track.parameters[row], before.track.parameters[row])
 
 
-def test_a_cancelled_tracking_is_resumed_with_the_same_result(folder: Path) -> None:
+def test_a_cancelled_tracking_is_resumed_with_the_same_result(folder):
     run = TrackingRun.open(Session.open(folder))
     first, params = run.initial()
     whole = run.result(run.track(run.session.frame_range, first, params))
@@ -106,14 +105,6 @@ def test_a_cancelled_tracking_is_resumed_with_the_same_result(folder: Path) -> N
     track = ended(events).track
     np.testing.assert_array_equal(track.parameters, whole.parameters)
     np.testing.assert_array_equal(track.joint_covariance, whole.joint_covariance)
-
-
-def test_nothing_is_tracked_where_every_frame_is_fixed(folder: Path) -> None:
-    run = TrackingRun.open(Session.open(folder))
-    request = request_for(run)
-    pose = run.model.joint_params(run.initial()[1])
-    fixed = {frame: keyframe_result(run, frame, pose) for frame in request.frames}
-    assert tracking_segments(run, replace(request, fixed=fixed)) == ()
 
 
 def _segments(
@@ -149,23 +140,23 @@ def _segments(
         (3, (40,), [(0, 12, 3, 0)]),
     ],
 )
-def test_each_fixed_frame_starts_a_segment(first, fixed, expected) -> None:
+def test_each_fixed_frame_starts_a_segment(first, fixed, expected):
     assert _segments(range(12), first, fixed) == expected
 
 
-def test_each_guide_starts_a_segment_and_is_tracked_itself() -> None:
+def test_each_guide_starts_a_segment_and_is_tracked_itself():
     assert _segments(range(12), 5, (), (1, 8)) == [(2, 8, 5, 0), (8, 12, 8, 8), (0, 2, 1, 1)]
     assert _segments(range(12), 5, (8,), (9,))[-1] == (9, 12, 9, 9)
 
 
 @pytest.mark.parametrize("fixed", [(), (0,), (5,), (2, 3, 9), (0, 11), tuple(range(12))])
 @pytest.mark.parametrize("first", [0, 5, 11])
-def test_every_other_frame_is_tracked_once(first, fixed) -> None:
+def test_every_other_frame_is_tracked_once(first, fixed):
     frames = [f for low, high, *_ in _segments(range(12), first, fixed) for f in range(low, high)]
     assert sorted(frames) == [f for f in range(12) if f not in fixed]
 
 
-def test_between_fixed_frames_half_is_tracked_from_each() -> None:
+def test_between_fixed_frames_half_is_tracked_from_each():
     assert _segments(range(2, 10), 2, (2, 9), both_ends=True) == [(3, 6, 3, 2), (6, 9, 8, 9)]
     assert _segments(range(2, 5), 2, (2, 4), both_ends=True) == [(3, 4, 3, 2)]
     halves = _segments(range(2, 10), 2, (2,), (8,), both_ends=True)

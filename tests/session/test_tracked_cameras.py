@@ -70,18 +70,16 @@ QUICK: dict[str, object] = {"model.fit_size": "false"}
 JOINTS_ALONE: dict[str, object] = {"silhouettes.weight": 0}
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2, 5])
-def test_cameras_that_agree_are_not_questioned(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cameras_that_agree_are_not_questioned(tmp_path, seed):
     joints = seed % 2 == 1
     folder = recorded(tmp_path / "session", seed, 2 + seed % 3 // 2, 1.0 if joints else 0.0)
     said, _ = tracked(folder, JOINTS_ALONE if joints else {})
     assert said == ""
 
 
-@pytest.mark.parametrize(("number", "degrees"), [(0, (1.0, 0.0, 0.0)), (2, (0.7, -0.7, 0.0))])
-def test_a_camera_turned_by_a_degree_is_named(
-    tmp_path: Path, number: int, degrees: tuple[float, float, float]
-) -> None:
+@pytest.mark.parametrize(("number", "degrees"), [(2, (0.7, -0.7, 0.0))])
+def test_a_camera_turned_by_a_degree_is_named(tmp_path, number, degrees):
     folder = recorded(tmp_path / "session", number)
     turned(folder, number, degrees)
     said, run = tracked(folder, {})
@@ -92,8 +90,8 @@ def test_a_camera_turned_by_a_degree_is_named(
     assert (found.severity, found.text) == ("warning", f"{POSES_FILE}: {said}")
 
 
-@pytest.mark.parametrize(("cameras", "lost"), [(3, [1]), (2, [1])])
-def test_a_lens_that_lost_its_k3_is_named(tmp_path: Path, cameras: int, lost: list[int]) -> None:
+@pytest.mark.parametrize(("cameras", "lost"), [(3, [1])])
+def test_a_lens_that_lost_its_k3_is_named(tmp_path, cameras, lost):
     """The hand is seen beside the middle, where the coefficient counts; the same with the whole lens is no fault."""
     folder = recorded(tmp_path / "session", 1, cameras)
     rig = []

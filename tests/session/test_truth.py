@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from handtrack.session.formats.truth import read_truth
 from tests.session.small_session import write_truth
 
 
-def test_reads_all_arrays(tmp_path: Path) -> None:
+def test_reads_all_arrays(tmp_path):
     write_truth(tmp_path)
     truth = read_truth(tmp_path / "truth.npz")
     assert truth.frame.tolist() == [0, 1, 2, 3]
@@ -68,7 +67,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_malformed_truth_is_refused(case: str, tmp_path: Path) -> None:
+def test_malformed_truth_is_refused(case, tmp_path):
     changes, message = BAD[case]
     write_truth(tmp_path, **changes)
     with pytest.raises(HandtrackError, match=message) as caught:

@@ -1,53 +1,27 @@
-"""Opening a session decodes next to nothing; what counting the frames told is kept, for that very video only; damage is told."""
+"""Damage of a video is told, kept with what counting its frames told, and holds for first poses."""
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
 import pytest
 
-import handtrack.capture.images.video as video_module
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import keep_audits
 from tests.session.small_session import edit, make_session, write_init
 
 FRAMES = 40
-_open = cv2.VideoCapture
-
-
-class CountingCapture:
-    """OpenCV's video, with what is asked of it counted."""
-
-    calls: ClassVar[Counter[str]] = Counter()
-
-    def __init__(self, path: str, *how: object) -> None:
-        self._capture = _open(path, *how)
-
-    def grab(self) -> bool:
-        self.calls["grab"] += 1
-        return self._capture.grab()
-
-    def read(self) -> tuple[bool, np.ndarray]:
-        self.calls["grab"] += 1
-        return self._capture.read()
-
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._capture, name)
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A session with a video, whose decoding is counted."""
+def folder(tmp_path: Path) -> Path:
+    """A session with a video."""
     make_session(tmp_path)
     edit(tmp_path / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
     write_video(tmp_path / "cam0.avi")
-    CountingCapture.calls.clear()
-    monkeypatch.setattr(video_module.cv2, "VideoCapture", CountingCapture)
     return tmp_path
 
 
@@ -63,21 +37,7 @@ def cut(path: Path) -> None:
     path.write_bytes(data[: len(data) // 2])
 
 
-def decoded() -> int:
-    return CountingCapture.calls["grab"]
-
-
-def test_opening_decodes_one_frame_a_video(folder: Path) -> None:
-    session = Session.open(folder)
-    assert session.known_frames == range(FRAMES)
-    assert decoded() == 1
-    assert not session.is_counted
-    assert session.frame_count == FRAMES
-    assert decoded() > FRAMES
-    assert session.is_counted
-
-
-def test_damage_is_told_and_remembered(folder: Path) -> None:
+def test_damage_is_told_and_remembered(folder):
     """Fault C3."""
     cut(folder / "cam0.avi")
     session = Session.open(folder)
@@ -95,8 +55,8 @@ def test_damage_is_told_and_remembered(folder: Path) -> None:
 
 
 def test_a_first_pose_behind_the_end_of_a_cut_video_is_refused_once_it_is_counted(
-    folder: Path,
-) -> None:
+    folder,
+):
     write_init(folder, frame=FRAMES - 2)
     cut(folder / "cam0.avi")
     session = Session.open(folder)

@@ -9,9 +9,7 @@ import pytest
 
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.sources.views import View
 from tests.session.small_session import make_session
 
 MIDDLE = np.array([0.0, 0.0, 0.01])
@@ -44,34 +42,3 @@ def test_the_crop_comes_before_the_thinning(folder):
     assert len(everything) == len(cropped) == 400
     assert (everything.points[:, 2] < 0.1).sum() < 60  # hardly any of the hand is left
     assert (cropped.points[:, 2] < 0.1).all()
-
-
-@pytest.mark.parametrize(
-    ("values", "masks", "clouds"),
-    [
-        ({}, 2, 1),
-        ({"cloud.weight": 0.0}, 2, 0),
-        ({"silhouettes.weight": 0.0}, 0, 1),
-        ({"silhouettes.weight": 0.0, "cloud.weight": 0.0}, 0, 0),
-    ],
-)
-def test_what_has_no_weight_is_not_looked_at(folder, monkeypatch, values, masks, clouds):
-    read = {"masks": 0, "clouds": 0}
-    whole_mask, whole_cloud = View.silhouette, Session.measured_cloud
-
-    def mask(view, frame):
-        read["masks"] += 1
-        return whole_mask(view, frame)
-
-    def cloud(session, frame):
-        read["clouds"] += 1
-        return whole_cloud(session, frame)
-
-    session = Session.open(folder)
-    run = TrackingRun.open(session, {"model.forearm": "false", "model.fit_size": False, **values})
-    monkeypatch.setattr(View, "silhouette", mask)
-    monkeypatch.setattr(Session, "measured_cloud", cloud)
-    seen = run.observation(1, run.model.bones(run.model.rest_params()))
-    assert read == {"masks": masks, "clouds": clouds}
-    assert len(seen.silhouettes) == masks
-    assert (seen.cloud is not None) == bool(clouds)

@@ -25,14 +25,3 @@ def test_the_model_covers_its_silhouette_and_the_room_the_rest(rng):
     off = np.abs(picture.astype(int) - room)[outside]
     assert np.percentile(off, 99) <= 12  # sampled finer and back: nearly the same
     assert np.abs(picture.astype(int) - room)[share == 1].mean() > 20
-
-
-def test_a_pattern_is_fixed_to_its_bone(rng):
-    paint = Pattern.random(3, rng, 0.05)
-    bone = np.array([0, 0, 2])
-    local = rng.normal(scale=0.05, size=(3, 3))
-    np.testing.assert_array_equal(paint(bone, local), paint(bone, local))
-    spread = np.ptp([paint(bone, local + 0.02 * i) for i in range(6)], axis=0)
-    assert (spread > 5).any(axis=1).all()  # not plain
-    near = np.abs(paint(bone, local + 1e-4) - paint(bone, local))
-    assert near.max() < 6  # smooth

@@ -21,7 +21,7 @@ def travel(history: History, action: Action | None) -> str:
     return action.words
 
 
-def test_what_is_read_again_is_the_same() -> None:
+def test_what_is_read_again_is_the_same():
     history = History()
     actions = [do(history, "a", 1), do(history, "b", [2]), do(history, "a", None)]
     undo = history.undoing()
@@ -31,7 +31,7 @@ def test_what_is_read_again_is_the_same() -> None:
     assert again == history
 
 
-def test_undo_and_redo_go_along_the_steps() -> None:
+def test_undo_and_redo_go_along_the_steps():
     history = History()
     for value in (1, 2, 3):
         do(history, "a", value)
@@ -46,7 +46,7 @@ def test_undo_and_redo_go_along_the_steps() -> None:
     assert history.undoing() is None and history.state == {}
 
 
-def test_a_drag_is_one_step_back_to_where_it_began() -> None:
+def test_a_drag_is_one_step_back_to_where_it_began():
     history = History()
     do(history, "a", 1)
     for value in (2, 3, 4):
@@ -57,7 +57,7 @@ def test_a_drag_is_one_step_back_to_where_it_began() -> None:
     assert history.state == {"a": 4}
 
 
-def test_history_has_no_end() -> None:
+def test_history_has_no_end():
     history = History()
     for value in range(1, 2001):
         do(history, "a", value)
@@ -70,7 +70,7 @@ def test_history_has_no_end() -> None:
         assert history.state == {"a": value}
 
 
-def test_c60_a_long_history_is_small() -> None:
+def test_c60_a_long_history_is_small():
     pose, history = [0.1 * i for i in range(26)], History()
     tracemalloc.start()
     for shift in range(1000):

@@ -96,7 +96,7 @@ def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
 
 @forked
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a1_a6_a7_killed_at_any_moment_nothing_acknowledged_is_lost(tmp_path: Path) -> None:
+def test_a1_a6_a7_killed_at_any_moment_nothing_acknowledged_is_lost(tmp_path):
     rng, known = random.Random(5), Known()
     for number in range(KILLS):
         for line in killed(tmp_path, random.Random(rng.random()), work, longest_s=0.1):

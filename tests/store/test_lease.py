@@ -25,7 +25,7 @@ def change(folder: Path, **changed: object) -> Path:
     return path
 
 
-def test_a2_a_second_writer_is_told_who_holds_the_store_and_may_read(tmp_path: Path) -> None:
+def test_a2_a_second_writer_is_told_who_holds_the_store_and_may_read(tmp_path):
     with WritableStore(tmp_path, "handtrack track") as store:
         add_take(store, range(3))
         with pytest.raises(LeaseTaken) as told:
@@ -38,7 +38,7 @@ def test_a2_a_second_writer_is_told_who_holds_the_store_and_may_read(tmp_path: P
     assert not [name for name in files_of(tmp_path) if "lease" in name]
 
 
-def test_a2_who_is_taken_over_is_told_and_nothing_of_either_is_lost(tmp_path: Path) -> None:
+def test_a2_who_is_taken_over_is_told_and_nothing_of_either_is_lost(tmp_path):
     first = WritableStore(tmp_path, "the first")
     begun = first.begin(about())
     rng = np.random.default_rng(0)
@@ -56,7 +56,7 @@ def test_a2_who_is_taken_over_is_told_and_nothing_of_either_is_lost(tmp_path: Pa
     assert not Store(tmp_path).damage()
 
 
-def test_a_lease_of_a_program_that_was_killed_is_stale(tmp_path: Path) -> None:
+def test_a_lease_of_a_program_that_was_killed_is_stale(tmp_path):
     code = "import sys,os; from handtrack.store.lease import Lease; from pathlib import Path; " \
         "Lease.acquire(Path(sys.argv[1]), 'killed'); os._exit(9)"  # fmt: skip
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
@@ -67,7 +67,7 @@ def test_a_lease_of_a_program_that_was_killed_is_stale(tmp_path: Path) -> None:
         assert store.lease.generation == 2
 
 
-def test_a_torn_lease_is_no_reason_to_write(tmp_path: Path) -> None:
+def test_a_torn_lease_is_no_reason_to_write(tmp_path):
     (tmp_path / "lease-000004.json").write_text('{"generation": 4, "pro')
     with pytest.raises(LeaseTaken, match="an unknown program"):
         WritableStore(tmp_path, "here")
@@ -76,7 +76,7 @@ def test_a_torn_lease_is_no_reason_to_write(tmp_path: Path) -> None:
         assert store.lease.generation == 5
 
 
-def test_of_two_that_find_a_stale_lease_one_gets_it(tmp_path: Path, monkeypatch) -> None:
+def test_of_two_that_find_a_stale_lease_one_gets_it(tmp_path, monkeypatch):
     really, others = lease_file._newest, []
 
     def newest(folder: Path) -> Path | None:

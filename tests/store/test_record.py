@@ -29,12 +29,12 @@ def same(one: Record | Gap, other: Record | Gap) -> bool:
     return repr(unplaced[0]) == repr(unplaced[1])
 
 
-def test_what_is_written_is_read() -> None:
+def test_what_is_written_is_read():
     assert all(map(same, read(FILE), RECORDS))
     assert [r.payload for r in read(FILE, payloads=False) if isinstance(r, Record)] == [b""] * 4
 
 
-def test_a13_no_flipped_bit_is_taken_for_data() -> None:
+def test_a13_no_flipped_bit_is_taken_for_data():
     """Bits of a file, one by one: the record is gone and the damage told; all others are as they were."""
     last = len(FILE) - len(encoded(RECORDS[-1]))
     for bit in range(0, 8 * len(FILE), 3):
@@ -49,7 +49,7 @@ def test_a13_no_flipped_bit_is_taken_for_data() -> None:
 
 
 @pytest.mark.parametrize("length", range(0, len(FILE), 7))
-def test_a_cut_file_loses_its_end_alone(length: int) -> None:
+def test_a_cut_file_loses_its_end_alone(length):
     ends = np.cumsum([len(encoded(record)) for record in RECORDS])
     whole = int((ends <= length).sum())
     found = read(FILE[:length])

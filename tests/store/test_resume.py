@@ -66,12 +66,12 @@ def check_every_cut(
 @pytest.mark.parametrize(
     ("start", "frames"), [(2, range(1, 4)), (0, range(2, 4)), (5, range(3, 5))]
 )
-def test_a1_both_ways_from_inside_and_outside_of_the_range(tmp_path, start, frames) -> None:
+def test_a1_both_ways_from_inside_and_outside_of_the_range(tmp_path, start, frames):
     poses = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
     check_every_cut(tmp_path, Tracker(SCENE.model), SCENE.observations, poses, start, frames)
 
 
-def test_a1_a_refined_recording_is_refined_again(tmp_path) -> None:
+def test_a1_a_refined_recording_is_refined_again(tmp_path):
     poses = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
     whole = TrackerSettings().with_values({"tracker.estimate": "whole"})
     tracker = Tracker(SCENE.model, whole)
@@ -79,7 +79,7 @@ def test_a1_a_refined_recording_is_refined_again(tmp_path) -> None:
     assert len(results) == 8
 
 
-def test_a1_hypotheses_are_carried_on(tmp_path) -> None:
+def test_a1_hypotheses_are_carried_on(tmp_path):
     ball = load_model("ball6")
     camera = simulated_rig(1, (320, 240)).cameras[0]
     pose = ball.rest_params()
@@ -96,7 +96,7 @@ def test_a1_hypotheses_are_carried_on(tmp_path) -> None:
     assert len(results) == 4
 
 
-def test_a1_texture_is_carried_on(tmp_path) -> None:
+def test_a1_texture_is_carried_on(tmp_path):
     seen = by_images._pictures()[:3]
     tracker = Tracker(by_images.MODEL, by_images.BOTH)
     results = check_every_cut(tmp_path, tracker, seen, list(by_images.MOTION), 0, range(3))

@@ -21,7 +21,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "tracks"
 
 
-def test_a_take_is_read_as_it_was_written(folder: Path, rng: np.random.Generator) -> None:
+def test_a_take_is_read_as_it_was_written(folder, rng):
     steps = [step(rng, frame, hypotheses=frame % 3) for frame in (2, 3, 4, 1, 0)]
     with WritableStore(folder, "a test") as store:
         writer = store.begin(about())
@@ -38,7 +38,7 @@ def test_a_take_is_read_as_it_was_written(folder: Path, rng: np.random.Generator
     assert not Store(folder).damage()
 
 
-def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder: Path) -> None:
+def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder):
     with WritableStore(folder, "a test") as store:
         first, second = add_take(store, range(10), 1), add_take(store, range(4, 8), 2)
         store.make_current(store.restored(first))
@@ -52,7 +52,7 @@ def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder: P
         assert np.array_equal(track.at(frame).parameters, expected.parameters)
 
 
-def test_a12_the_newest_is_told_by_its_number_and_not_by_its_time(folder: Path) -> None:
+def test_a12_the_newest_is_told_by_its_number_and_not_by_its_time(folder):
     with WritableStore(folder, "a test") as store:
         store.make_current(store.restored(add_take(store, range(3), 1)))
     with WritableStore(folder, "a test") as store:
@@ -62,7 +62,7 @@ def test_a12_the_newest_is_told_by_its_number_and_not_by_its_time(folder: Path) 
     assert Store(folder).current() == (Span(2, 0, 3),)
 
 
-def test_pruning_is_for_takes_that_are_not_current(folder: Path) -> None:
+def test_pruning_is_for_takes_that_are_not_current(folder):
     with WritableStore(folder, "a test") as store:
         add_take(store, range(3))
         store.make_current(store.restored(add_take(store, range(3))))
@@ -77,9 +77,7 @@ def test_pruning_is_for_takes_that_are_not_current(folder: Path) -> None:
     assert not (folder / "takes/0001").exists()
 
 
-def test_a7_a_write_that_fails_at_any_call_leaves_all_that_was_saved(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a7_a_write_that_fails_at_any_call_leaves_all_that_was_saved(folder, monkeypatch):
     """The n-th call to the disk fails, for every n, half of it written; the next try succeeds."""
     names = ("write", "fsync", "ftruncate", "mkdir")
     real = {name: getattr(os, name) for name in names}
@@ -128,7 +126,7 @@ def test_a7_a_write_that_fails_at_any_call_leaves_all_that_was_saved(
     raise AssertionError("there was no end of calls")
 
 
-def test_a6_a_folder_that_is_gone_is_told_and_not_made_again(folder: Path) -> None:
+def test_a6_a_folder_that_is_gone_is_told_and_not_made_again(folder):
     """Fault C44."""
     store = WritableStore(folder, "a test")
     writer = store.begin(about())
@@ -139,7 +137,7 @@ def test_a6_a_folder_that_is_gone_is_told_and_not_made_again(folder: Path) -> No
     assert not folder.exists()
 
 
-def test_a2_a_file_that_is_put_in_the_place_of_ours_is_noticed(folder: Path) -> None:
+def test_a2_a_file_that_is_put_in_the_place_of_ours_is_noticed(folder):
     with WritableStore(folder, "a test") as store:
         writer = store.begin(about())
         path = folder / "takes/0001/000001.log"
@@ -150,7 +148,7 @@ def test_a2_a_file_that_is_put_in_the_place_of_ours_is_noticed(folder: Path) -> 
             writer.add(step(np.random.default_rng(0), 0))
 
 
-def test_a13_a_thousand_flipped_bits_none_is_accepted_silently(folder: Path) -> None:
+def test_a13_a_thousand_flipped_bits_none_is_accepted_silently(folder):
     with WritableStore(folder, "a test") as store:
         store.make_current(store.restored(add_take(store, range(2))))
     before = {frame.frame: frame for frame in Store(folder).take(1).results()}

@@ -41,8 +41,7 @@ def assert_same(system, expected, cost=None):
         np.testing.assert_allclose(mine, plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
 
 
-@pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("loss", "form"), [*zip(LOSSES, (*FORMS, "d3"), strict=True)])
 def test_kernel_equals_the_plain_form(rng, model, form, loss):
     points, bones = hand_cloud(rng, model, 1501)
     points = np.concatenate([points, rng.uniform(-0.3, 0.3, size=(200, 3))])
@@ -53,8 +52,7 @@ def test_kernel_equals_the_plain_form(rng, model, form, loss):
     assert term.cost(bones) == pytest.approx(plain.cost, rel=1e-9)
 
 
-@pytest.mark.parametrize("sharpness", [50.0, 3000.0])
-@pytest.mark.parametrize("flesh", ["metaballs", "fine"])
+@pytest.mark.parametrize(("sharpness", "flesh"), [(50.0, "metaballs"), (3000.0, "fine")])
 def test_soft_and_hard_surfaces_of_many_ellipsoids(rng, model, flesh, sharpness):
     """Several ellipsoids on one bone, and weights of many at once."""
     points, bones = hand_cloud(rng, model, 700)
@@ -64,8 +62,7 @@ def test_soft_and_hard_surfaces_of_many_ellipsoids(rng, model, flesh, sharpness)
     assert_same(term.linearize(bones), system_of(plain, len(bones.position)))
 
 
-@pytest.mark.parametrize("loss", LOSSES)
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("loss", "form"), [*zip(LOSSES, (*FORMS, "d3"), strict=True)])
 def test_derivatives_by_every_bone(rng, model, form, loss):
     points, bones = hand_cloud(rng, model, 300)
     surface = MetaballSurface.of(model, form=form)

@@ -33,7 +33,7 @@ def scene(model):
     return points, bones, surface_mesh(surface, bones, 0.006)
 
 
-@pytest.mark.parametrize("count", [1, 60, 1200, 40_000])
+@pytest.mark.parametrize("count", [1, 60, 40_000])
 def test_distances_near_the_surface_are_exact_to_a_tenth_of_a_millimetre(model, count):
     """Sparse to dense clouds on a hand: at the cloud's nodes, on the surface and up to 6 mm away; further, on average."""
     surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())

@@ -14,19 +14,18 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.outline_overlap import outline_overlap
-from handtrack.terms.silhouettes.prepared_silhouette import clip_spans, prepare
+from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
 from tests.terms.conic_field_reference import dense_field
 from tests.terms.silhouette_scene import (
     assert_same_system,
     bones_of,
     ellipsoids_of,
-    moved_along,
     silhouettes_of,
 )
 
 
 @pytest.mark.parametrize("normalised", [True, False])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_moments_equal_the_dense_jacobian(seed, normalised):
     rng = np.random.default_rng(seed)
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
@@ -55,33 +54,6 @@ def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng):
         ours = ConicFieldTerm(seen, flesh, normalised=normalised).linearize(bones)
         assert_same_system(
             ours, dense_field(seen, flesh, bones, depth_scaled=not normalised).system()
-        )
-
-
-def test_an_observed_field_takes_the_masks_place(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
-    width, height = seen[0].camera.size
-    truth = dense_field(seen, flesh, bones, depth_scaled=True).predicted.reshape(3, height, width)
-    given = [prepare(s, observation=z) for s, z in zip(seen, truth, strict=True)]
-    term = ConicFieldTerm(given, flesh, normalised=False)
-    assert term.cost(bones) < 1e-9 * (truth**2).sum()
-    off = moved_along(bones, 0.003 * rng.normal(size=30))
-    dense = dense_field(seen, flesh, off, depth_scaled=True, observed=truth).system()
-    assert_same_system(term.linearize(off), dense)
-
-
-@pytest.mark.parametrize("normalised", [True, False])
-def test_gradient_is_the_slope_of_the_cost(rng, normalised):
-    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
-    seen = silhouettes_of(rng, focal=500.0, size=(420, 380))
-    term = ConicFieldTerm(seen, flesh, normalised=normalised)
-    gradient = term.linearize(bones).gradient
-    for _ in range(4):
-        direction = rng.normal(size=30)
-        step = 1e-9 * direction
-        slope = (term.cost(moved_along(bones, step)) - term.cost(moved_along(bones, -step))) / 2e-9
-        assert slope == pytest.approx(
-            gradient @ direction, rel=1e-4, abs=1e-5 * np.abs(gradient).max()
         )
 
 

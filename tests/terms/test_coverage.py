@@ -23,8 +23,7 @@ from tests.terms.silhouette_scene import (
 
 
 @pytest.mark.parametrize("antisymmetric", [True, False])
-@pytest.mark.parametrize("band_px", [0.5, 2.0, 6.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "band_px"), [(0, 0.5), (1, 2.0), (2, 6.0)])
 def test_moments_equal_the_dense_jacobian(seed, band_px, antisymmetric):
     rng = np.random.default_rng(seed)
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
@@ -53,21 +52,6 @@ def test_what_nobody_knows_counts_for_nothing(rng, antisymmetric, step):
     assert other.cost(bones) > 1.01 * term.cost(bones)
 
 
-@pytest.mark.parametrize("step", [2, 3, 7])
-def test_one_row_of_several_stands_for_its_neighbours(rng, step):
-    """Each of the rows step // 2, step // 2 + step … counts `step` times, in the dense form the others are not observed."""
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    term = CoverageTerm(seen, flesh, 4.0, bones, weight=0.3, row_steps=(step,) * len(seen))
-    sparse = []
-    for silhouette in seen:
-        spans = np.zeros_like(silhouette.valid)
-        spans[step // 2 :: step] = silhouette.valid[step // 2 :: step]
-        sparse.append(replace(silhouette, valid=spans))
-    dense = dense_field(sparse, flesh, bones, term.shape.levels, clamp=True).system(0.3 * step)
-    assert_same_system(term.linearize(bones), dense)
-    assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
-
-
 @pytest.mark.parametrize("antisymmetric", [True, False])
 def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng, antisymmetric):
     bones, seen = bones_of(rng), silhouettes_of(rng, 4, distance=0.8)
@@ -76,22 +60,6 @@ def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng, antisymmetric)
         term = CoverageTerm(seen, part, 2.0, bones, antisymmetric)
         dense = dense_field(seen, part, bones, term.shape.levels, clamp=True).system()
         assert_same_system(term.linearize(bones), dense)
-
-
-@pytest.mark.parametrize("antisymmetric", [True, False])
-def test_gradient_is_the_slope_of_the_cost(rng, antisymmetric):
-    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
-    seen = silhouettes_of(rng, focal=500.0, size=(420, 380))
-    term = CoverageTerm(seen, flesh, 5.0, bones, antisymmetric)
-    gradient = term.linearize(bones).gradient
-    for _ in range(4):
-        direction = rng.normal(size=30)
-        step = 1e-9 * direction
-        slope = (term.cost(moved_along(bones, step)) - term.cost(moved_along(bones, -step))) / 2e-9
-        # the step is short: the cost has a kink wherever a pixel changes hands or enters a band
-        assert slope == pytest.approx(
-            gradient @ direction, rel=1e-4, abs=1e-5 * np.abs(gradient).max()
-        )
 
 
 def disc(radius_px, mask_radius_px, band_px, antisymmetric, far=20.0):

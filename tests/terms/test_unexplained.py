@@ -50,7 +50,7 @@ def looked_at(observation: Observation, pose: np.ndarray):
 
 
 @pytest.mark.parametrize("wider_px", [0, 1])
-def test_the_right_pose_leaves_no_piece(wider_px: int) -> None:
+def test_the_right_pose_leaves_no_piece(wider_px):
     fit, (status, reason) = looked_at(seen(wider_px), POSE)
     assert fit.piece_mm2 < 0.2 * DOUBTFUL_PIECE_MM2
     assert (status, reason) == (Status.TRACKED, None)
@@ -64,7 +64,7 @@ def test_the_right_pose_leaves_no_piece(wider_px: int) -> None:
     ],
     ids=["thumb", "index"],
 )
-def test_a_finger_that_is_elsewhere_is_doubtful_in_a_single_frame(angles: dict[str, float]) -> None:
+def test_a_finger_that_is_elsewhere_is_doubtful_in_a_single_frame(angles):
     pose = elsewhere(**angles)
     moved = MODEL.joint_positions(MODEL.bones(pose)) - MODEL.joint_positions(MODEL.bones(POSE))
     assert np.linalg.norm(moved, axis=1).max() > 0.04

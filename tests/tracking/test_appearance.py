@@ -12,11 +12,9 @@ from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.images.carried_texture import CarriedTextureTerm
-from handtrack.terms.images.outline_edges import OutlineEdgesTerm
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.appearance_terms import Before, appearance_terms, see_appearance
+from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
@@ -96,16 +94,3 @@ def test_a_frame_redone_gives_the_same(seen, forward):
     np.testing.assert_array_equal(one.parameters, forward[5].parameters)
     _, plain = tracker.step(replace(state, texture=replace(last, first=None)), seen[5])
     assert not np.array_equal(plain.parameters, forward[5].parameters)
-
-
-def test_texture_comes_from_the_last_frame_and_the_first(seen):
-    bones = [MODEL.bones(joint) for joint in MOTION]
-    first = Before(seen[0], bones[0])
-    known = see_appearance(seen[2], MODEL, BOTH, Before(seen[1], bones[1], first))
-    terms = appearance_terms(known, BOTH, 0, bones[2])
-    assert [type(t) for t in terms] == [OutlineEdgesTerm] + 4 * [CarriedTextureTerm]  # two cameras
-    how = BOTH.with_values({"intensity.memory": 0.25})
-    known = see_appearance(seen[2], MODEL, how, Before(seen[1], bones[1], first))
-    weights = [term.weight for term in appearance_terms(known, how, 0, bones[2])[1:]]
-    ratios = np.array(weights) / weights[0]
-    np.testing.assert_allclose(ratios, [1, 1, 3, 3])  # the first frame's lead

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.articulated import HandScale
@@ -70,13 +69,9 @@ def test_silhouettes_of_a_hand_turned_anyhow(rng):
 def test_a_depth_cameras_cloud(rng):
     params = turned("curl", rng)
     seen = depth_camera(params, rng)
-    found, again = (auto_start(HANDS[:1], TrackerSettings(), seen) for _ in range(2))
+    found = auto_start(HANDS[:1], TrackerSettings(), seen)
     assert found[0].result.status == Status.TRACKED
     assert error_mm(found[0].result, params) < 12.0
-    same = [(c.params.tobytes(), c.cost, c.confidence) for c in found] == [
-        (c.params.tobytes(), c.cost, c.confidence) for c in again
-    ]
-    assert same, "the same observation gives the same poses"
 
 
 def test_a_forearm_is_noticed(rng):
@@ -87,11 +82,9 @@ def test_a_forearm_is_noticed(rng):
     assert error_mm(found[0].result, params, arm) < 12.0
 
 
-@pytest.mark.parametrize(("name", "frame"), [("", 50), ("webxr_exact_depth_768", 24)])
-def test_a_frame_of_another_mesh(request, name, frame):
+def test_a_frame_of_another_mesh():
     """The bundled one: three cameras, ragged masks, a bare arm."""
-    data = request.getfixturevalue("data_dir") / "sessions" if name else bundled_session()
-    session = Session.open(data / name)
-    start = search(TrackingRun.open(session, use_init=False), frame)
-    assert start.error_mm <= 12.0  # measured 6.9 and 6.7 mm; the bar
+    session = Session.open(bundled_session())
+    start = search(TrackingRun.open(session, use_init=False), 50)
+    assert start.error_mm <= 12.0  # measured 6.9 mm; the bar
     assert start.confidence > 0.5

@@ -16,7 +16,7 @@ from handtrack.observation.observation import Observation, PointCloud
 from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
+from handtrack.tracking.frame.terms.cloud_terms import see_cloud
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
@@ -24,7 +24,7 @@ CHI2_90 = 6.251
 """squared length within which nine tenths of three standard normal numbers lie"""
 
 
-@pytest.mark.parametrize(("scale", "count"), [(1.0, 15_000), (1.0, 60_000), (1.2, 30_000)])
+@pytest.mark.parametrize(("scale", "count"), [(1.0, 15_000), (1.2, 30_000)])
 def test_points_count_by_the_surface_they_measure(rng, scale, count):
     """Not by how many there are, nor by how large the hand is: a larger hand's parts are broader."""
     model = load_model(scale=HandScale(scale))
@@ -56,24 +56,3 @@ def test_it_does_not_take_another_hands_flesh_for_another_pose():
         off = found.joint_positions - model.joint_positions(model.bones(joint))
         inside.append(np.einsum("ji,jik,jk->j", off, np.linalg.inv(found.joint_covariance), off))
     assert np.mean(np.concatenate(inside) < CHI2_90) > 0.7
-
-
-@pytest.mark.parametrize("doubted", [False, True])
-def test_k_shares_the_weight_between_cloud_and_model(rng, doubted):
-    """Also where depths are doubted; there, at K = 1/2, each side counts whole."""
-    model = load_model()
-    bones = model.bones(model.rest_params())
-    points, _ = sample_surface(MetaballSurface.of(model), bones, 3000, rng)
-    eye = bones.position[0] - np.array([0.0, 0.0, 0.5])
-    observation = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(eye[None],))
-
-    def weights(k: float) -> tuple[float, float]:
-        values = {"cloud.balance": k, "cloud.doubt_depth": doubted}
-        settings = TrackerSettings().with_values(values)
-        seen = see_cloud(observation, model, bones, settings)
-        assert seen is not None
-        cloud, empty = cloud_terms(seen, model, settings, 8.0)
-        return cloud.weight, empty.weight
-
-    (cloud, empty), (more, less) = weights(0.5), weights(0.75)
-    assert (more, less) == pytest.approx((1.5 * cloud, 0.5 * empty))

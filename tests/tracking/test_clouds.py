@@ -12,7 +12,6 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.initialize import carried_over
-from handtrack.tracking.search.lost_finger import finger_shifts
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 
@@ -55,17 +54,3 @@ def test_simpler_models_hold_the_palm(rng, name, count, within_m):
     _, result = Tracker(simple).step(TrackerState.beginning_at(start), observation)
     assert result.keypoints21 is None
     assert np.linalg.norm(result.joint_positions[0] - joint[:3]) < within_m
-
-
-def test_shifted_starts_put_fingers_where_their_neighbours_were():
-    model = load_model()
-    joint = named_pose(model, "open")
-    names = model.joint_names
-    places = model.joint_positions(model.bones(joint))
-    index, middle = places[names.index("index_mcp")], places[names.index("middle_mcp")]
-    starts = [model.joint_positions(model.bones(start)) for start in finger_shifts(model, joint)]
-    assert len(starts) == 4  # either way, with the neighbours' bends and with their own
-    for start in starts[:2]:
-        assert np.linalg.norm(start[names.index("middle_mcp")] - index) < 0.004
-    for start in starts[2:]:
-        assert np.linalg.norm(start[names.index("index_mcp")] - middle) < 0.004

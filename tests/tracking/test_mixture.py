@@ -101,13 +101,6 @@ def test_hypotheses_survive_frames_without_anything_seen(body, observations, tru
     assert all(h.parent >= 0 for h in results[3].alternatives)
 
 
-def test_one_hypothesis_is_the_plain_tracker(body, observations, truth):
-    plain = _track(body, observations[:2], truth[0], tracker__hypotheses=1)
-    assert plain[-1].alternatives == ()
-    _, default = Tracker(body).step(TrackerState.beginning_at(truth[0]), observations[0])
-    np.testing.assert_array_equal(plain[0].parameters, default.parameters)
-
-
 def test_two_cameras_leave_one_pose(body, camera, truth):
     """What a second camera sees decides between flips: nearly all the weight is on the truth."""
     turn = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])

@@ -26,14 +26,6 @@ def test_motion_goes_on_and_grows_less_certain():
     assert held.covariance[0, 0] == pytest.approx(0.04 + 2 * 0.01)
 
 
-def test_two_frames_are_two_steps(rng):
-    belief, push = _random_belief(rng), np.array([0.1, 0.2, 0.3])
-    at_once = belief.ahead(push, 2)
-    stepwise = belief.ahead(push, 1).ahead(push, 1)
-    np.testing.assert_allclose(at_once.mean, stepwise.mean)
-    np.testing.assert_allclose(at_once.covariance, stepwise.covariance)
-
-
 def test_an_update_is_conditioning_the_joint_normal(rng):
     """A measurement of the place, fused by hand in information form, against `updated`."""
     belief = _random_belief(rng)

@@ -7,7 +7,6 @@ import pytest
 
 from handtrack.geometry.rotation import (
     matrix_from_quaternion,
-    rotation_matrix,
     spread_rotations,
     turned_by,
 )
@@ -23,10 +22,3 @@ def test_every_rotation_has_one_near(rng):
     # measured 14.0° and 23.8°; 600 random ones: 15.5° and about 45°
     assert np.rad2deg(np.mean(nearest)) < 14.6
     assert np.rad2deg(np.max(nearest)) < 27.0
-
-
-def test_the_angle_between_two_turns():
-    a = rotation_matrix(np.array([0.3, -0.1, 0.2]))
-    b = rotation_matrix(np.array([0.0, 0.7, 0.0])) @ a
-    assert turned_by(a, b) == pytest.approx(0.7)
-    assert turned_by(a, a) == pytest.approx(0.0, abs=1e-7)

@@ -32,7 +32,7 @@ def backwards(model: ArticulatedModel, joint: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("wrong", [False, True])
-def test_c31_the_side_is_told_by_silhouettes(wrong: bool, run: TrackingRun) -> None:
+def test_c31_the_side_is_told_by_silhouettes(wrong, run):
     frame, params = run.initial()
     seen = run.seen(frame)
     hands = [

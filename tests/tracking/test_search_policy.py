@@ -12,7 +12,6 @@ from handtrack.tracking.search.engine import (
     Propose,
     Round,
     Search,
-    explained,
     improved,
     run_rounds,
 )
@@ -79,10 +78,3 @@ def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
     search = Search("a line", "", rounds, "distance", repeats=3)
     improved(search, Line(), candidate(9.0), Control(on_search=told.append), 7, "asked")
     assert [report.winner is not None for report in told] == [True, False]
-    lines = explained(7, told, None)
-    assert lines[0] == "frame 7: 2 searches"
-    assert lines[1] == "- a line (asked)"
-    assert lines[3] == "  round 1: 4 proposed, 4 fitted: grid ×4 0.20"
-    assert lines[4] == "  taken: grid at 0.20, below 6.00 (1 × 6.00 − 0)"
-    assert lines[-1] == "  nothing better was found; the standing pose stays"
-    assert explained(8, told, None) == ["frame 8: nothing was searched"]

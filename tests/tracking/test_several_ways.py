@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,13 +12,9 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_changes import PLACE
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.tracking import sequence
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.estimate import estimate_whole
-from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole import recording_estimate as whole
-from handtrack.tracking.whole.evidence import Evidence, Recording, new_share
+from handtrack.tracking.whole.evidence import Evidence, new_share
 from handtrack.tracking.whole.several import Way, several_ways
 
 BODY = load_model("body34")
@@ -79,13 +74,6 @@ def test_two_limbs_are_flipped_together(ways):
     assert any(way.origin.count(" flipped") == 2 for way in ways)
 
 
-def test_no_more_ways_than_asked_for_and_none_twice(ways):
-    assert len(ways) <= 6
-    places = [_places(way.found.poses) for way in ways]
-    for n, one in enumerate(places):
-        assert all(np.linalg.norm(one - other, axis=-1).max() > 0.02 for other in places[:n])
-
-
 def test_what_two_cameras_see_has_one_way():
     way = _way(_reaching(), FRONT, SIDE)
     assert several_ways(way, FRAMES, 6) == [way]
@@ -115,35 +103,3 @@ def test_errors_that_come_again_are_told_from_new_ones(rng, lasts, least, most):
 
     evidence = replace(_evidence(poses, FRONT), observe=observe)
     assert least <= new_share(evidence, FRAMES, poses) <= most
-
-
-@pytest.mark.parametrize(("share", "again"), [(0.9, False), (0.1, True)])
-def test_where_errors_come_again_hypotheses_are_tracked_once_more(monkeypatch, share, again):
-    """And only what comes of it is refined: what was shown and kept is the first pass."""
-    tracker, made = Tracker(BODY, TrackerSettings()), []
-    first, other = SimpleNamespace(frame=0), SimpleNamespace(frame=0)
-
-    def track_frames(used, *args):
-        made.append(used.settings.traits.new_share)
-        return iter([first if len(made) == 1 else other])
-
-    monkeypatch.setattr(sequence, "track_frames", track_frames)
-    monkeypatch.setattr(sequence, "new_share_of", lambda *args: share)
-    monkeypatch.setattr(sequence, "refine_recording", lambda _, __, tracked, *___, **____: tracked)
-    found = list(sequence.track_recording(tracker, None, 0, None, range(1)))
-    assert made == ([1.0, share] if again else [1.0])
-    assert found == [first, other if again else first]
-
-
-@pytest.mark.parametrize(("share", "asked"), [(0.6, False), (0.4, True)])
-def test_ways_are_refined_where_errors_last(monkeypatch, share, asked):
-    """Else a limb may be wrong for some frames alone, which the trellis tells."""
-    poses, made = _reaching(), []
-    evidence = _evidence(poses, FRONT)
-    plain = replace(evidence.settings, tracker=replace(evidence.settings.tracker, hypotheses=1))
-    tracked = list(track_frames(Tracker(BODY, plain), evidence.observe, 0, poses[0], FRAMES))
-    monkeypatch.setattr(whole, "new_share", lambda *_: share)
-    monkeypatch.setattr(whole, "several_ways", lambda first, *_: made.append(first) or [first])
-    eight = replace(plain, tracker=replace(plain.tracker, hypotheses=8))
-    assert len(whole.refine(Recording(BODY, eight, evidence.observe), tracked)) == len(FRAMES)
-    assert bool(made) == asked

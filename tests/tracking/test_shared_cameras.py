@@ -46,8 +46,8 @@ def waving_poses():
     return np.array([HAND.clipped(pose) for pose in poses])
 
 
-def _tracked(cameras, late=(0, 0, 0), corrects_cameras=True):
-    """Return the refined frames, the true points, and what was found that all share.
+def _tracked(cameras, late=(0, 0, 0)):
+    """Return the refined frames, those refined with cameras left as they are, the true points, and what was found that all share.
 
     cameras: as the program knows them; late: by how many frames each one's pictures are.
     """
@@ -68,11 +68,11 @@ def _tracked(cameras, late=(0, 0, 0), corrects_cameras=True):
     tracker, told = Tracker(HAND, TrackerSettings()), []
     live = list(track_frames(tracker, observe, 0, poses[0], range(FRAMES)))
     control = Control(on_shared=told.append)
-    recording = Recording(
-        HAND, tracker.settings, observe, control, corrects_cameras=corrects_cameras
+    frames, left = (
+        refine(Recording(HAND, tracker.settings, observe, control, corrects_cameras=corrects), live)
+        for corrects in (True, False)
     )
-    frames = refine(recording, live)
-    return frames, truth, Refinement.read(told[0])
+    return frames, left, truth, Refinement.read(told[0])
 
 
 def _off_mm(frames, truth):
@@ -81,8 +81,7 @@ def _off_mm(frames, truth):
 
 def test_a_camera_that_was_turned_is_put_right():
     cameras = [camera_at(0, np.deg2rad(0.6)), camera_at(1), camera_at(2, zoom=1.004)]
-    frames, truth, found = _tracked(cameras)
-    left, _, _ = _tracked(cameras, corrects_cameras=False)
+    frames, left, truth, found = _tracked(cameras)
     off = _off_mm(frames, truth)
     # measured 2.25 of 4.0 mm: where the room is nobody sees, and the prior yields to all frames as to one
     assert off < 0.65 * _off_mm(left, truth)
@@ -91,18 +90,17 @@ def test_a_camera_that_was_turned_is_put_right():
 
 def test_clean_cameras_are_left_alone():
     cameras = [camera_at(k) for k in range(3)]
-    frames, truth, found = _tracked(cameras)
-    clean, _, _ = _tracked(cameras, corrects_cameras=False)
+    frames, clean, truth, found = _tracked(cameras)
     assert _off_mm(frames, truth) == pytest.approx(_off_mm(clean, truth), rel=0.02)
     assert all(not any(one.turn_deg) for one in found.cameras), "a first step promises too little"
     assert all(abs(one.late_frames) < 0.05 for one in found.cameras)
     assert found.why == "converged"
+    assert found.scale is None, "a size that was given stays"
 
 
 def test_a_camera_that_is_late_is_found_and_put_right():
     cameras = [camera_at(k) for k in range(3)]
-    frames, truth, found = _tracked(cameras, (0, 2, 0))
-    left, _, _ = _tracked(cameras, (0, 2, 0), corrects_cameras=False)
+    frames, left, truth, found = _tracked(cameras, (0, 2, 0))
     off = _off_mm(frames, truth)
     assert off < 0.7  # measured 0.55 mm
     assert (

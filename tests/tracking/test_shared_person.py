@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -56,6 +57,7 @@ def _observed(poses, person, cameras, late=(0, 0, 0)):
     return observe, truth
 
 
+@cache
 def _refined(late=(0, 0, 0), who=WHO):
     """Return what refining says that all share, the frames, and the true points; the live pass has the mean adult's hand."""
     observe, truth = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)], late)
@@ -102,13 +104,6 @@ def test_a_size_that_was_wrong_is_found_with_the_poses():
     np.testing.assert_allclose(model.keypoints21(model.bones(pose)), frames[3].keypoints21)
     off = [np.linalg.norm(r.keypoints21 - truth[r.frame], axis=1).mean() for r in frames]
     assert 1e3 * np.mean(off) < 1.0
-
-
-def test_a_size_that_was_given_stays():
-    found, frames, _ = _refined(who=None)
-    assert found.scale is None
-    pose = HAND.transform.solver_params(frames[3].parameters)
-    np.testing.assert_allclose(HAND.keypoints21(HAND.bones(pose)), frames[3].keypoints21)
 
 
 def test_a_camera_that_is_late_is_found_though_the_hand_was_of_another_size():

@@ -19,7 +19,6 @@ from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.size.estimate import fit_size
 from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
 
@@ -41,24 +40,6 @@ def frames(rng):
         problems.append(Problem(model, [KeypointTerm(model, seen)], [prior]))
         poses.append(pose)
     return problems, poses
-
-
-def test_one_frame_by_pose_and_size(frames, rng):
-    problems, poses = frames
-    size = SizeParameters(problems[0].model)
-    every = np.ones(len(size.names), bool)
-    deviations = rng.normal(scale=0.5, size=len(size.names))
-
-    def cost(both):
-        model = size.grown(both[26:])
-        problem = problems[0]
-        return Problem(model, problem.observation_terms, problem.parameter_terms).cost(both[:26])
-
-    system = linearize_sized(problems[0], size.grown(deviations), size, every, poses[0])
-    both = np.concatenate([poses[0], deviations])
-    assert system.cost == pytest.approx(cost(both))
-    names = (*problems[0].model.transform.names, *size.names)
-    check_gradient(cost, system.gradient, both, names)
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -92,15 +73,3 @@ def test_a_cloud_by_pose_and_shape(rng, side):
         assert system.cost == pytest.approx(cost(both))
         assert np.abs(system.gradient[26:]).max() > 0
         check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=1e-4)
-
-
-def test_the_size_is_found(frames):
-    problems, poses = frames
-    scale, fitted = fit_size(problems, poses)
-    assert scale.overall == pytest.approx(TRUTH.overall, rel=0.005)
-    for part in ("thumb", "ring", "little"):
-        assert scale.parts[part] == pytest.approx(TRUTH.parts.get(part, 1.0), rel=0.01)
-    larger = load_model(scale=TRUTH)
-    for pose, true in zip(fitted, poses, strict=True):
-        off = larger.bones(pose).position - larger.bones(true).position
-        assert np.linalg.norm(off, axis=1).max() < 0.004

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,9 +16,7 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
 from handtrack.tracking.search.evidence.hand_shapes import hand_shapes, palm_middle
 from handtrack.tracking.search.evidence.silhouette_evidence import (
-    _SIGMA_BANDS,
     _STEP_PX,
-    _STRETCH_M,
     silhouette_evidence,
 )
 from tests.tracking.start_reference import cloud_score, silhouette_score
@@ -68,30 +65,3 @@ def test_scores_of_silhouettes(places):
     sure = low <= 0.2
     assert (low[sure] == found[sure]).all()
     assert (found[~sure] > 0.2).all(), "what is given up is worse than enough"
-
-
-def test_a_view_of_part_of_the_hand_counts_for_what_is_out_of_it(places):
-    """Weights: a box around the hand half of which is seen counts twice, as if the rest fitted as badly."""
-    seen = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240), 0.9).cameras)
-    weights = []
-    for share in (1.0, 0.5):
-        views = []
-        for view in seen.silhouettes:
-            middle = float(view.camera.project(palm_middle(MODEL, PARAMS))[0])
-            spans = view.valid.copy()
-            spans[:, 1] = spans[:, 1] if share == 1.0 else round(middle)
-            views.append(replace(view, valid=spans))
-        start = silhouette_evidence(views)
-        assert start is not None
-        (term,) = start.terms(SHAPE, PARAMS, 0.003)
-        weights.append(np.array(term.weight))
-    metre = np.array(
-        [
-            c.camera.focal_px / c.camera.to_camera(palm_middle(MODEL, PARAMS))[2]
-            for c in seen.silhouettes
-        ]
-    )
-    band = np.maximum(0.003 * metre, 1.0)
-    whole = 2 * band / (_STRETCH_M * metre * (_SIGMA_BANDS * 0.003 * metre) ** 2)
-    np.testing.assert_allclose(weights[0], whole, rtol=0.05)
-    np.testing.assert_allclose(weights[1], 2.0 * whole, rtol=0.1)

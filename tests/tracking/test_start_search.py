@@ -18,10 +18,6 @@ MODEL = load_model()
 SHAPE = shape_of(MODEL, named_pose(MODEL, "open"), "open")
 
 
-def distinct(found, most):
-    return GlobalObjective((), None).distinct(found, most)
-
-
 def test_short_arms_bring_a_pose_nearer():
     """From 7 mm beside it, and from a finger's breadth beside it."""
     right = named_pose(MODEL, "rest")

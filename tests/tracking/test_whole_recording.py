@@ -14,7 +14,7 @@ from handtrack.observation.observation import Keypoints, Observation
 from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import PriorSettings, TrackerSettings
+from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.tracker import Tracker
@@ -172,41 +172,12 @@ def test_a_hand_that_nobody_sees_goes_on_from_both_sides_with_growing_doubt():
     assert np.isinf(refined[middle].parameter_std).all()
 
 
-def _followed(frames, control=Control()):
-    poses = _opening_and_closing()
-    points, start = _points(poses), poses[0]
-    tracker = Tracker(HAND, TrackerSettings().with_values({"tracker.estimate": "whole"}))
-    seen = lambda frame, _bones: _observed(frame, points[frame])  # noqa: E731
-    return list(track_recording(tracker, seen, 0, start, range(frames), control))
-
-
-def test_too_few_frames_stay_as_they_came():
-    found = _followed(2)
-    assert found[:2] == found[2:]
-
-
-def test_stopped_while_they_are_refined_frames_stay_as_they_came():
-    told = []
-    found = _followed(6, Control(should_stop=lambda: len(told) > 3, on_refined=told.append))
-    assert told
-    assert found[:6] == found[6:]
-
-
 def test_a_gap_is_bridged_by_the_shorter_turn():
     """A turn that passes half a circle is written from the other side: straight between the vectors would be the way round."""
     poses = np.zeros((3, 26))
     poses[0, 3:6], poses[2, 3:6] = [3.1, 0.0, 0.0], [-3.1, 0.0, 0.0]
     middle = _bridged(poses, np.array([True, False, True]))[1, 3:6]
     np.testing.assert_allclose(middle, [np.pi, 0.0, 0.0], atol=1e-9)
-
-
-def test_the_usual_motion_is_what_the_prior_says():
-    usual = Motion.usual(PriorSettings(), 8, 1 / 30)
-    assert np.sqrt(usual.pushes[0, 0]) == pytest.approx(PriorSettings().motion_sigma_mm * 1e-3)
-    assert np.sqrt(usual.pushes[7, 7]) == pytest.approx(
-        np.deg2rad(PriorSettings().motion_sigma_deg)
-    )
-    assert Motion.usual(PriorSettings(), 8, 1.0).kept < 0.01 < 0.8 < usual.kept
 
 
 def test_beside_a_keyframe_frames_follow_from_both_sides():

@@ -32,7 +32,7 @@ SEEN = ("neck", "head", "head_top", *(f"{side}_{j}" for side in ("left", "right"
 NOISE_PX = 1.0
 STEEP, FLAT = 0.9, 0.5
 FULL_SEED = 277
-"""the first seed whose scene has full trees; tests/benchmarks/test_jumps.py looks whether it has"""
+"""the first seed whose scene has full trees"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ from tests.capture.joints.people import FORMS, FRAMES, SIZE, in_order, names, pi
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_the_layout_is_recognised_and_points_are_kept(form: str, tmp_path: Path) -> None:
+def test_the_layout_is_recognised_and_points_are_kept(form, tmp_path):
     if form == "sleap h5":
         pytest.importorskip("h5py")
     expected, write = FORMS[form]
@@ -41,7 +39,7 @@ def test_the_layout_is_recognised_and_points_are_kept(form: str, tmp_path: Path)
 
 @pytest.mark.parametrize("motion", ["dance", "greet", "still"])
 @pytest.mark.parametrize("layout", ["body_25", "body_25b"])
-def test_25_points_are_told_apart_by_the_bodies_they_make(layout: str, motion: str) -> None:
+def test_25_points_are_told_apart_by_the_bodies_they_make(layout, motion):
     for camera in (0, 1):
         seen = {f: [in_order(layout, p)] for f, p in enumerate(pixels(camera, motion))}
         bodies = checked_bodies(seen, "it")
@@ -49,7 +47,7 @@ def test_25_points_are_told_apart_by_the_bodies_they_make(layout: str, motion: s
         assert layout_of(bodies, None, "it") == layout
 
 
-def test_who_stays_is_followed_though_others_are_listed_before_and_stand_taller() -> None:
+def test_who_stays_is_followed_though_others_are_listed_before_and_stand_taller():
     """The main person in all frames; a smaller one behind, exchanged with them in the list; a taller one who passes in two."""
     main = [in_order("coco17", seen) for seen in pixels()]
     behind = [p * (0.4, 0.4, 1.0) + (30.0, 40.0, 0.0) for p in main]
@@ -66,7 +64,7 @@ def test_who_stays_is_followed_though_others_are_listed_before_and_stand_taller(
         np.testing.assert_array_equal(points, behind[f])
 
 
-def test_names() -> None:
+def test_names():
     spelt = {
         "LShoulder": "left_shoulder", "right_big_toe": "right_toe", "RIGHT_FOOT_INDEX": "right_toe", "shoulder.L": "left_shoulder",
         "LeftKnee": "left_knee", "MidHip": "pelvis", "hip": "pelvis", "left_hip": "left_hip", "Head_Top": "head_top", "nose": "nose",
@@ -75,7 +73,7 @@ def test_names() -> None:
     assert {name: known_body_joint(name) for name in spelt} == spelt
 
 
-def test_a_body_s_length_tells_the_unit() -> None:
+def test_a_body_s_length_tells_the_unit():
     cameras = rig()
     joints = {
         camera.name: {f: in_order("coco17", p) for f, p in enumerate(pixels(i))}

@@ -29,7 +29,7 @@ def written(text: Path, folder: Path) -> tuple[Floats[F, D21, D3], str]:
 
 
 @pytest.mark.parametrize("form", WITH_CONFIDENCE)
-def test_points_and_confidence_are_kept(form: str, tmp_path: Path) -> None:
+def test_points_and_confidence_are_kept(form, tmp_path):
     for library in LIBRARIES.get(form, ()):
         pytest.importorskip(library)
     found, side = written(WITH_CONFIDENCE[form](tmp_path, hand()), tmp_path)
@@ -46,7 +46,7 @@ def test_points_and_confidence_are_kept(form: str, tmp_path: Path) -> None:
     ("wrist thumb1 thumb2 thumb3 thumbTip", "{f}1 {f}2 {f}3 {f}Tip", "index mid ring small"),
     ("0 1 2 3 4", "", ""),
 ])  # fmt: skip
-def test_usual_names_are_known(spelling: tuple[str, str, str]) -> None:
+def test_usual_names_are_known(spelling):
     first, rest, fingers = spelling
     names = first.split() + [
         name.format(f=finger) for finger in fingers.split() for name in rest.split()
@@ -54,7 +54,7 @@ def test_usual_names_are_known(spelling: tuple[str, str, str]) -> None:
     assert [(known_joint(name) or ("none", ""))[0] for name in names] == list(JOINTS[: len(names)])
 
 
-def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path: Path) -> None:
+def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path):
     path = WITHOUT["mediapipe"](tmp_path, np.where(np.isnan(hand()), 50.0, hand()))
     table = json.loads(path.read_text())
     for frame in table:
@@ -67,9 +67,7 @@ def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("heads", ["cam_id,frame_index,keypoint_id", "port,frame_index,point_id"])
-def test_caliscope_s_table_gives_the_joints_of_a_camera_by_its_number(
-    heads: str, tmp_path: Path
-) -> None:
+def test_caliscope_s_table_gives_the_joints_of_a_camera_by_its_number(heads, tmp_path):
     path = tmp_path / "xy.csv"
     rows = [f"sync_index,{heads},img_loc_x,img_loc_y,obj_loc_x,obj_loc_y"]
     for camera in (1, 4):

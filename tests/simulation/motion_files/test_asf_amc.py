@@ -7,7 +7,6 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.simulation.motion_files.asf_amc import INCH_M, read_asf_amc
-from handtrack.simulation.motion_files.clip import CMU_JOINTS
 
 SKELETON = """# two bones, one below the other
 :version 1.10
@@ -92,19 +91,3 @@ def test_turns_are_about_the_bones_own_axes(tmp_path):
 def test_broken_skeletons_are_named(tmp_path, old, new, message):
     with pytest.raises(HandtrackError, match=message):
         read(tmp_path, skeleton=SKELETON.replace(old, new, 1))
-
-
-def test_the_walk_is_a_person_of_usual_size(data_dir):
-    folder = data_dir / "cmu_body_mocap"
-    if not folder.is_dir():
-        pytest.skip(f"no walk at {folder}")
-    clip = read_asf_amc(folder / "01.asf", folder / "01_01_frames_0001-1200.amc")
-    body = clip.renamed(CMU_JOINTS)
-    assert body.positions.shape == (1200, len(CMU_JOINTS), 3)
-    thigh = (
-        body.positions[:, body.names.index("left_knee")]
-        - body.positions[:, body.names.index("left_hip")]
-    )
-    np.testing.assert_allclose(np.linalg.norm(thigh, axis=1), 0.404, atol=1e-3)
-    heights = clip.positions[..., 1]
-    assert np.median(np.ptp(heights, axis=1)) == pytest.approx(1.56, abs=0.1)

@@ -62,7 +62,7 @@ def bvh(folder: Path, moves: list[tuple[float, ...]]) -> Path:
 
 
 @pytest.mark.parametrize("case", MEANT)
-def test_what_positions_mean_is_seen(case: str, tmp_path: Path) -> None:
+def test_what_positions_mean_is_seen(case, tmp_path):
     expected, moves = MEANT[case]
     path = bvh(tmp_path, moves)
     found = read_bvh(path).positions
@@ -76,7 +76,7 @@ def test_what_positions_mean_is_seen(case: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_names_in_use_are_known(table: str) -> None:
+def test_names_in_use_are_known(table):
     rows = TABLES[table]
     prefix = "mixamorig:" if table == "mixamo" else ""
     found = matched_joints(BODY, [prefix + name for name in rows.values()], "it")
@@ -84,7 +84,7 @@ def test_names_in_use_are_known(table: str) -> None:
 
 
 @pytest.mark.parametrize("unit", ["metres", "centimetres", "millimetres", "inches"])
-def test_the_unit_is_told_by_a_person_s_size(unit: str) -> None:
+def test_the_unit_is_told_by_a_person_s_size(unit):
     unit_m = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}[unit]
     same = {name: name for name in names()}
     for scale in (0.8, 1.0, 1.2):  # statures of 1.4 to 2.1 m
@@ -98,7 +98,7 @@ def test_the_unit_is_told_by_a_person_s_size(unit: str) -> None:
 @pytest.mark.parametrize(
     ("axis", "sign", "words"), [(1, 1, "+y"), (2, 1, "+z"), (2, -1, "−z"), (0, 1, "+x")]
 )
-def test_up_is_where_the_shoulders_are(axis: int, sign: int, words: str) -> None:
+def test_up_is_where_the_shoulders_are(axis, sign, words):
     turned = np.roll(places(), axis - 1, axis=2) * sign
     found = upright_axis(MotionClip(names(), turned, 25.0))
     assert found is not None

@@ -52,7 +52,7 @@ def test_both_sides_are_weighed_by_k_and_its_rest(points, share):
     assert model_side.cost(bones) == pytest.approx((1.0 - share) * alone.cost(bones), rel=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.7, 0.9])
+@pytest.mark.parametrize("share", [0.1, 0.7])
 def test_the_solve_ends_where_the_weighted_sum_is_least(points, share):
     """Along the arm, every half millimetre: points that are none of the hand's draw it on as far as K lets them."""
     _, terms, _ = seen(points, share)

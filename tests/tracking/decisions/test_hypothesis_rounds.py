@@ -93,12 +93,6 @@ def test_trees_grow_from_the_best_of_the_latest_round():
     assert len(rows) > 2 * (1 + samples), "leaves beside minima and samples"
 
 
-def test_without_anything_seen_no_tree_grows():
-    first = FirstHypotheses(HAND, SETTINGS, INDEX, None, np.random.default_rng(3), frame(), HAND.rest_params())  # fmt: skip
-    source = Source("start", frame(), frame(), 4)
-    assert not first.interpretation_trees_of_the_best([minimum(0.5, 1.0, source)], 6)
-
-
 def test_draws_go_to_all_hypotheses_in_turn_and_by_weight(monkeypatch):
     """Of eight draws four are taken in turn, so that a light hypothesis jumps too; nearly all others are the heavy one's."""
     monkeypatch.setattr(mixture_search, "interpretation_tree", lambda model, x, *_: Leaf(x[None]))

@@ -26,12 +26,11 @@ from handtrack.tracking.hypotheses.mixture_search import (
     Component,
     ReferenceCamera,
     coarse,
-    log_normal,
     pulled,
     without_memory,
 )
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.search.engine import Trial, explained
+from handtrack.tracking.search.engine import Trial
 
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
@@ -62,27 +61,6 @@ def turned(angle, x=0.0):
     params = np.zeros(6)
     params[0], params[SPIN] = x, angle
     return params
-
-
-def test_weights_are_the_masses_that_integration_finds():
-    """Wide and narrow bells, before a frame that prefers one angle: ∫ weight · N(x; mean, C) · exp(−cost) dx."""
-    seen, sigma = 0.5, 0.6
-    likely = CorrelatedPrior(turned(seen), np.diag([0, 0, 0, 0, 0, 1.0 / sigma**2]))
-    before = ((0.2, 0.0, 0.5), (0.5, 0.9, 0.05), (0.3, 1.4, 0.3))  # weight, angle, σ
-    components, masses = [], []
-    for weight, angle, spread in before:
-        variance = np.full(6, 1e-4)
-        variance[SPIN] = spread**2
-        known = belief(turned(angle), np.diag(variance))
-        components.append(Component(known, frame(BALL, likely), weight))
-
-        def density(x, angle=angle, spread=spread):
-            return norm.pdf(x, angle, spread) * np.exp(-0.5 * ((x - seen) / sigma) ** 2)
-
-        masses.append(weight * quad(density, -8.0, 8.0, points=[angle, seen])[0])
-    found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
-    weights = dict(zip(found.parents, [h.weight for h in found.hypotheses], strict=True))
-    np.testing.assert_allclose([weights[i] for i in range(3)], masses / np.sum(masses), rtol=1e-4)
 
 
 def test_two_parameters_that_err_together_are_weighed_together():
@@ -176,18 +154,6 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
     np.testing.assert_allclose(found.hypotheses[1].params, turned(1.5), atol=1e-6)
 
 
-def test_what_nearly_has_the_same_angles_is_one():
-    """Threshold 2°, root mean square over three angles that count: 3.46° of one."""
-    for degrees, count in ((3.3, 1), (3.6, 2)):
-        bells = [(0.6, 0.0), (0.4, np.deg2rad(degrees))]
-        components = [
-            Component(belief(turned(a), 1e-6 * np.eye(6)), frame(BALL), w) for w, a in bells
-        ]
-        found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
-        assert len(found.hypotheses) == count
-        assert found.parents[0] == 0
-
-
 @dataclass(frozen=True)
 class Wells(ParameterTerm):
     """A cost of where the root faces that has a minimum at each (angle, cost, σ); other parameters are held near 0."""
@@ -226,22 +192,6 @@ def test_of_a_first_frame_costs_alone_decide():
     (report,) = told
     assert [count for count, _ in report.rounds] == [4, 5, 0]  # nothing to be seen: no trees
     assert report.winner == Trial("start", pytest.approx(1.0))
-    (
-        _,
-        _,
-        by,
-        *_,
-        taken,
-    ) = explained(0, told, None)
-    assert by == "  compared by cost"
-    assert taken == "  taken: start at 1.00, distinct minima, the heaviest by exp(−cost)"
-
-
-def test_the_bells_height_is_that_of_the_normal_distribution(rng):
-    root = rng.normal(size=(4, 4))
-    spread = root @ root.T + np.eye(4)
-    expected = multivariate_normal(np.zeros(4), spread).logpdf(np.zeros(4))
-    assert log_normal(spread) == pytest.approx(expected)
 
 
 def test_ten_frames_count_static_priors_once_and_what_was_seen_ten_times():

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement, see_cloud
-from handtrack.tracking.search.engine import SearchReport, explained
+from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
+from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 
@@ -39,12 +38,6 @@ def agreed(missing):
     return found.share
 
 
-def test_agreement_is_high_only_where_both_sides_are():
-    assert Agreement(explained=0.9, measured=0.6).share == pytest.approx(2 / (1 / 0.9 + 1 / 0.6))
-    assert Agreement(explained=1.0, measured=0.0).share == 0.0
-    assert Agreement(explained=0.0, measured=0.0).share == 0.0
-
-
 def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
     assert agreed(FINE) > 0.95
     assert 0.82 < agreed(FAIR) < 0.86
@@ -59,9 +52,3 @@ def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
     results = list(path)
     assert [r.poor_cloud for r in results] == [False, False, True, True, False, False]
     assert [(r.frame, r.winner is not None) for r in told] == [(2, True), (3, True), (4, False)]
-    first, _, last = (explained(r.frame, told, results[r.frame]) for r in told)
-    assert first[1].endswith("at least 0.8 is asked for)")
-    assert first[3].startswith("  round 1: 1 proposed, 1 fitted: depths doubted ")
-    assert first[4].endswith(", always: the frame is called doubtful")
-    assert last[1].endswith("(cloud and hand agree again after a poor frame)")
-    assert last[4] == "  nothing was taken"

@@ -1,6 +1,6 @@
 """The workbench used by mouse and keys alone on desk_two_view, from no first pose to accepted frames; and fingers put right.
 
-Run: python -m tests.benchmarks.desk_by_hand run|fingers FOLDER. It prints figures as JSON; FOLDER gets pictures, and the copy that is
+Run: python -m tests.experiments.workbench.desk_by_hand run|fingers FOLDER. It prints figures as JSON; FOLDER gets pictures, and the copy that is
 worked on. Needs Chromium and HANDTRACK_DATA. Whoever sits before the page is played by the marks set by eye
 (`desk_two_view_marks.json`): joints are dragged to where they say, and every mouse gesture and key is counted.
 """

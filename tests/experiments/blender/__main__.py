@@ -1,4 +1,4 @@
-"""Our BVH and GLB imported by Blender: python -m tests.export.blender PYTHON, one that has `bpy` (pip install bpy "numpy<2").
+"""Our BVH and GLB imported by Blender: python -m tests.experiments.blender PYTHON, one that has `bpy` (pip install bpy "numpy<2").
 
 Blender is too large for the environment of the tests, and wants a NumPy of its own.
 """

@@ -1,4 +1,4 @@
-"""Run by a Python that has Blender as the library `bpy`: imports a BVH or GLB and writes what it finds. See blender.py.
+"""Run by a Python that has Blender as the library `bpy`: imports a BVH or GLB and writes what it finds. See __main__.py.
 
 It knows nothing of handtrack, so that it needs no more than Blender brings: python inside_blender.py FILE OUT.npz
 """

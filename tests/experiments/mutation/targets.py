@@ -6,7 +6,7 @@ import ast
 from functools import cache
 from pathlib import Path
 
-_ROOT = Path(__file__).parents[2]
+_ROOT = Path(__file__).parents[3]
 _FILES = 3  # of tests that a drawn mutant is tried on
 
 TARGETS: dict[str, tuple[str, ...]] = {

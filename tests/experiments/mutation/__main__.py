@@ -1,4 +1,4 @@
-"""Random mutation: python -m tests.mutation [--module PART] [--draw N] [--max N] [--seed S] prints each mutant and the score.
+"""Random mutation: python -m tests.experiments.mutation [--module PART] [--draw N] [--max N] [--seed S] prints each mutant and the score.
 
 Without --draw, up to --max mutants of each module in targets.py; with it, one mutant of each of N modules drawn from the whole
 library and application. Every mutant is tried in a process of its own, forked from one that has imported the libraries already;
@@ -23,10 +23,10 @@ import pytest
 import scipy.ndimage
 import scipy.spatial  # noqa: F401
 
-from tests.mutation.mutants import mutants
-from tests.mutation.targets import TARGETS, modules, near_tests
+from tests.experiments.mutation.mutants import mutants
+from tests.experiments.mutation.targets import TARGETS, modules, near_tests
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 _PATIENCE, _LEAST_S = 8.0, 30.0
 """times as long as the tests take; a mutant that runs longer is killed"""
 
@@ -97,7 +97,9 @@ def killed(module: str, most: int, seed: int) -> tuple[int, int]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m tests.mutation", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.experiments.mutation", description=__doc__
+    )
     parser.add_argument("--module", default="", help="only modules whose name contains this")
     parser.add_argument("--draw", type=int, default=0, help="number of modules, one mutant each")
     parser.add_argument("--max", type=int, default=30, help="mutants per module (30)")

@@ -1,7 +1,7 @@
 """A made recording like a real one: another hand of another shape over a desk, two cameras, shade, a drawn detector's joints.
 
-Write one and compare tracks with its truth: python -m tests.simulation.made_desk write FOLDER [SEED], and
-python -m tests.simulation.made_desk compare FOLDER POSES.npz …
+Write one and compare tracks with its truth: python -m tests.experiments.scenes.made_desk write FOLDER [SEED], and
+python -m tests.experiments.scenes.made_desk compare FOLDER POSES.npz …
 """
 
 from __future__ import annotations
