@@ -5,14 +5,19 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.errors import HandtrackError
+from handtrack.observation.observation import ImageKeypoints
+from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.session import Session
+from handtrack.session.sources.views import View
 from handtrack_app.start.found_files import find_files
+from handtrack_app.start.import_progress import ImportProgress, joints_found
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.rig_view import first_image
 from handtrack_app.start.start_page import StartPage
@@ -70,7 +75,7 @@ def test_one_opencv_file_a_camera_is_taken_whole(
         n: f"{n}.mp4" for n in rig.names
     }
     asked: list[list[str]] = []
-    monkeypatch.setattr(start, "_run", lambda args, _then: asked.append(args))
+    monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
     start.folder.value = str(tmp_path)
     for _ in range(2):  # the second time by what the page wrote into the field
         start.look()
@@ -93,7 +98,7 @@ def test_no_session_of_one_camera_is_offered_while_other_videos_lie_there(
     start.folder.value = str(tmp_path)
     with pytest.raises(HandtrackError, match=r"2 videos"):
         start.look()
-    assert not start.make.visible and "handtrack-warning" in start.found.content
+    assert not start.make.visible and "handtrack-error" in start.found.content
 
 
 def test_a_folder_without_videos_is_told(tmp_path: Path) -> None:
@@ -121,19 +126,18 @@ def test_recordings_are_remembered_as_long_as_they_are_there(
 def test_a_recording_is_made_in_the_browser(start: StartPage, folder: Path, tmp_path: Path) -> None:
     with WireClient(start.door.url) as client:
         client.set_value(start.folder, str(tmp_path / "away"))
-        eventually(lambda: start.folder.value == str(tmp_path / "away"), "typed")
-        client.press("Look into it")
         eventually(lambda: "no such folder" in start.output.content, "nothing there")
-        client.set_value(start.folder, str(folder))
-        eventually(lambda: start.folder.value == str(folder), "typed")
-        client.press("Look into it")
+        client.set_value(start.folder, str(tmp_path))
+        eventually(lambda: folder.name in [entry.label for entry in start._entries], "listed")
+        assert not start.making.visible
+        client.press(folder.name)
         eventually(lambda: start.make.visible, "found")
         assert (
             "take3_cam0.mp4" in start.found.content
             and "a calibration.toml" in start.calibration.value
         )
         eventually(lambda: drawn(client) >= {"/rig/cam0", "/rig/cam1", "/rig/cam2"}, "the rig")
-        client.set_value(start.tracked, "a left hand")
+        client.set_value(start.tracked, "left hand")
         client.set_value(start.masks, "none")
         client.set_value(start.make, True)
         eventually(lambda: start.chosen is not None, "made", 60.0)
@@ -148,13 +152,78 @@ def drawn(client: WireClient) -> set[str]:
 
 def test_what_is_refused_is_told_in_the_page(start: StartPage, tmp_path: Path) -> None:
     with WireClient(start.door.url) as client:
-        client.set_value(start.path, str(tmp_path))
-        eventually(lambda: start.path.value == str(tmp_path), "typed")
-        client.press("Open this folder")
-        eventually(lambda: "it is no session" in start.output.content, "told")
-        client.press("Check this folder")
+        (tmp_path / "session.toml").write_text("[recording")
+        client.set_value(start.folder, str(tmp_path))
+        eventually(lambda: "Check this session" in [e.label for e in start._entries], "listed")
+        client.press("Check this session")
         eventually(lambda: "It was refused" in start.output.content, "told", 60.0)
         assert "session.toml" in start.output.content and start.chosen is None
+
+
+def test_recordings_are_cards_with_pictures_and_an_example_opens(start: StartPage) -> None:
+    with WireClient(start.door.url) as client:
+        said = lambda: str(list(client.messages))  # noqa: E731
+        eventually(lambda: said().count("class='handtrack-card'") >= len(bundled_names()), "cards")
+        eventually(lambda: "image/jpeg" in said(), "a picture")
+        client.press("Open another_hand")
+        eventually(lambda: start.chosen is not None, "chosen")
+    assert start.wait() == bundled_session("another_hand")
+
+
+def test_a_camera_without_a_video_and_an_unused_video_are_red(
+    start: StartPage, folder: Path
+) -> None:
+    (folder / "take3_cam2.mp4").rename(folder / "zoom.mp4")
+    start.folder.value = str(folder)
+    start.look()
+    red = start.found.content.split("handtrack-error")[1:]
+    assert any("cam2" in part for part in red) and any("zoom.mp4" in part for part in red)
+    assert start.found.content.count("ready") == 2
+
+
+def test_what_an_import_prints_becomes_steps_and_the_time_left() -> None:
+    progress = ImportProgress("Importing take")
+    assert not progress.hear("copying cam0.mp4 …")
+    assert progress.hear("detecting:   0%|          | 0/60 [00:00<?, ?frame/s]")
+    assert (progress.step, progress.share, progress.left) == ("Detect joints", 0.0, "")
+    assert not progress.hear("detecting:  37%|███▋      | 22/60 [00:10<00:17, 2.2frame/s]")
+    assert (progress.share, progress.left) == (0.37, "00:17")
+    assert progress.hear("looking for the first pose …") and progress.share is None
+    assert progress.hear("tracking:  50%|█████     | 50/100 [00:05<00:05, 9.9frame/s]")
+    assert progress.lines == ["copying cam0.mp4 …", "looking for the first pose …"]
+    assert progress.words().count("✓") == 3
+
+
+def test_an_import_that_ends_early_offers_what_is_done(
+    start: StartPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(args: list[str], tell: Any, end: Any) -> None:
+        tell("copying …")
+        shutil.copytree(BUNDLED, args[args.index("--out") + 1])
+        end(130)
+
+    monkeypatch.setattr("handtrack_app.start.start_page.Program", ended)
+    start.folder.value = str(folder)
+    start.look()
+    start.make_session()
+    assert start.open_done.visible and start.opening.visible and not start.cancel.visible
+    with WireClient(start.door.url) as client:
+        client.press("Open what is done")
+        eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
+
+
+def test_pictures_show_the_joints_that_were_detected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = Path(shutil.copytree(BUNDLED, tmp_path / "session"))
+    plain = joints_found(session)
+    assert {name: picture.shape[0] for name, picture in plain.items()} == dict.fromkeys(plain, 160)
+    at = np.array([[100.0, 100.0], [np.nan, np.nan]])
+    monkeypatch.setattr(View, "keypoints", lambda self, *_: (ImageKeypoints(self.camera, ("a", "b"), at, 1.0),))  # fmt: skip
+    drawn = joints_found(session)
+    scale = 160 / read_rig(session / "calibration.toml").cameras[0].size[1]
+    rows, columns, _ = np.nonzero(plain["cam0"] != drawn["cam0"])
+    assert np.allclose([columns.mean(), rows.mean()], 100 * scale, atol=1.0)
 
 
 def test_a_video_that_is_none_has_no_picture(tmp_path: Path) -> None:
@@ -173,7 +242,7 @@ def test_a_pose2sim_project_is_known(
     start.look()
     assert "a Pose2Sim project" in start.found.content
     asked: list[list[str]] = []
-    monkeypatch.setattr(start, "_run", lambda args, _then: asked.append(args))
+    monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
     start.make_session()
     (words,) = asked
     assert words[words.index("--project") + 1] == str(trial)

@@ -128,6 +128,18 @@ body[data-overlay="residual"] #handtrack-legend { display: block; }
 .handtrack-chip { display: inline-block; width: .7em; height: .7em; border-radius: 2px; margin-right: .4em; }
 .handtrack-table { width: 100%; padding: .2em .9em; font-size: 13px; line-height: 1.4; }
 [data-mantine-color-scheme="light"] .handtrack-warning { color: #a14a00; }
+/* the start page: the button of a card lies over it */
+.handtrack-card { display: flex; gap: .9em; align-items: center; height: 76px; margin: .25em .9em; font-size: 13px; line-height: 1.4; }
+.handtrack-card > span { flex: 0 0 100px; height: 68px; background: rgba(128, 128, 128, .25); border-radius: 4px; overflow: hidden; }
+.handtrack-card img { width: 100%; height: 100%; object-fit: cover; }
+.handtrack-card > div { overflow-wrap: anywhere; padding-right: 6em; }
+div:has(> .handtrack-card) + div { margin-top: -84px; position: relative; }
+div:has(> .handtrack-card) + div .mantine-Button-root { height: 76px !important; background: rgba(128, 128, 128, .08) !important; color: transparent !important;
+  border: 1px solid rgba(128, 128, 128, .35) !important; }
+div:has(> .handtrack-card) + div .mantine-Button-root:hover { background: rgba(128, 160, 255, .18) !important; }
+.handtrack-thumbnails { display: flex; flex-wrap: wrap; gap: .5em; padding: .3em .9em; }
+.handtrack-thumbnails figure { margin: 0; font-size: 13px; }
+.handtrack-thumbnails img { height: 120px; border-radius: 4px; display: block; }
 """
 _SCRIPT = """
 if (document.getElementById("handtrack-style") === null) {

@@ -12,8 +12,8 @@ from handtrack.capture.calibration.formats.settle import named
 from handtrack.capture.joints.pose2sim import is_pose2sim, read_pose2sim
 from handtrack.errors import HandtrackError
 
-_VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
-_CALIBRATIONS = (".toml", ".yaml", ".yml", ".json", ".xml", ".npz", ".mat")
+VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
+CALIBRATIONS = (".toml", ".yaml", ".yml", ".json", ".xml", ".npz", ".mat")
 _MOST = 2000
 """files looked at"""
 
@@ -47,14 +47,14 @@ def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> FoundFiles:
     files = sorted(
         path for path in [*folder.glob("*"), *folder.glob("*/*")][:_MOST] if path.is_file()
     )
-    videos = [path for path in files if path.suffix.lower() in _VIDEOS]
+    videos = [path for path in files if path.suffix.lower() in VIDEOS]
     if not videos:
-        raise HandtrackError(f"{folder}: no video in it ({', '.join(_VIDEOS)}).")
+        raise HandtrackError(f"{folder}: no video in it ({', '.join(VIDEOS)}).")
     given: GivenRig | None = None
     if calibrations:
         given = read_calibration(calibrations)
     else:
-        calibrations, given = _calibrated([p for p in files if p.suffix.lower() in _CALIBRATIONS])
+        calibrations, given = _calibrated([p for p in files if p.suffix.lower() in CALIBRATIONS])
     cameras = () if given is None else given.cameras
     by_camera = _matched(videos, [camera.name for camera in cameras if camera.name is not None])
     unused = tuple(path for path in videos if path not in by_camera.values())

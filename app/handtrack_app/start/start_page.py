@@ -1,50 +1,60 @@
-"""The start page: open one of the last recordings or another, or make one from videos and a calibration, and check it."""
+"""The start page: open a recording, or make one from videos and a calibration, and check it."""
 
 from __future__ import annotations
 
+import base64
 import html
 import logging
 import threading
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
+import cv2
+import numpy as np
 import viser
 
+from handtrack.arrays import D3, Bytes, H, W
+from handtrack.capture.joints.pose2sim import is_pose2sim
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack.errors import HandtrackError
+from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.layout import SESSION_FILE
+from handtrack.session.session import Session
 from handtrack_app.door.access import open_door
+from handtrack_app.page.html import escaped, table, text
+from handtrack_app.page.page import put
 from handtrack_app.page.style import dress
 from handtrack_app.protocol.palette import BRAND
-from handtrack_app.start.found_files import FoundFiles, find_files
+from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
+from handtrack_app.start.import_progress import ImportProgress, joints_found
 from handtrack_app.start.program import Program
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.start.rig_view import first_image, show_rig
 
 log = logging.getLogger(__name__)
-_AS_FOUND = "joints, where there are some"
+_AS_FOUND = "from keypoints if available"
 _MASKS = {
     _AS_FOUND: None,
-    "joints": "seeded",
+    "from keypoints": "seeded",
     "skin colour": "skin_ycrcb",
     "background": "background_median",
     "none": "none",
 }
 _TRACKED: dict[str, tuple[str, ...]] = {
-    "as it is seen": (),
-    "a right hand": ("--side", "right"),
-    "a left hand": ("--side", "left"),
-    "a body": ("--model", "body34"),
+    "detect": (),
+    "right hand": ("--side", "right"),
+    "left hand": ("--side", "left"),
+    "body": ("--model", "body34"),
 }
 _LENSES: dict[str, tuple[str, ...]] = {
     "as the calibration says": (),
     "four coefficients are k1 k2 p1 p2": ("--lens", "plain"),
 }
 """words → what `new` is told"""
-_LINES = 14
-"""of a command are shown"""
+_RECENT, _FOLDERS = 6, 60
+"""that are shown"""
 
 
 class StartPage:
@@ -56,7 +66,9 @@ class StartPage:
         self._ended = threading.Event()
         self._program: Program | None = None
         self._found: FoundFiles | None = None
-        self._said: deque[str] = deque(maxlen=_LINES)
+        self._entries: list[viser.GuiButtonHandle] = []
+        self._out = Path()
+        """the session that an import made which ended early"""
         gui = self.door.server.gui
         gui.configure_theme(
             dark_mode=True,
@@ -66,30 +78,31 @@ class StartPage:
             brand_color=BRAND,
         )
         dress(self.door.server)
-        gui.add_html(_head("Recordings", "Open one, or make one from videos and a calibration."))
-        with gui.add_folder("Open"):
-            self._add_recent(gui)
-            self.path = gui.add_text("Folder", "", hint="Of a session: it holds session.toml.")
-            opened = gui.add_button("Open this folder", icon=viser.Icon.FOLDER_OPEN)
-        with gui.add_folder("Make one from videos"):
-            self._add_maker(gui)
-        with gui.add_folder("Check"):
-            gui.add_html(
-                _small(
-                    "Looks at the folder above: files, cameras, masks, joints and the first pose; changes nothing."
-                )
-            )
-            check = gui.add_button("Check this folder", icon=viser.Icon.STETHOSCOPE)
         self.output = gui.add_html("")
-        self.cancel = gui.add_button("Cancel", icon=viser.Icon.X, visible=False)
+        self.bar = gui.add_progress_bar(0.0, visible=False)
+        self.pictures = gui.add_html("", visible=False)
+        self.cancel = gui.add_button("Cancel", icon=viser.Icon.X, color="gray", visible=False)
+        self.open_done = gui.add_button(
+            "Open what is done", icon=viser.Icon.FOLDER_OPEN, visible=False
+        )
+        with gui.add_folder("Open a recording") as self.opening:
+            self._add_cards(gui)
+        with gui.add_folder("Folder on this machine") as self.browsing:
+            self.folder = gui.add_text(
+                "Folder", "", hint="Of a session, or with a video for each camera."
+            )
+            self.listed = gui.add_html("")
+        with gui.add_folder("Import videos") as self.making:
+            self._add_maker(gui)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(560)
-        self._on(opened, lambda: self.open(Path(self.path.value.strip()).expanduser()))
-        self._on(check, self.check)
         self._on(self.cancel, self._cancel)
+        self._on(self.open_done, lambda: self.open(self._out))
+        self.folder.on_update(lambda event: self._tried(self._typed) if event.client else None)
+        put(self.making, visible=False)
+        self._list(next((folder.parent for folder in recent_sessions()), Path.home()))
         if told:
-            self._said.append(told)
-            self._show("That could not be opened:")
+            self._say("That could not be opened:", told)
 
     def wait(self) -> Path | None:
         """Return the session's folder, once it is chosen."""
@@ -105,48 +118,123 @@ class StartPage:
         """Leave the page for a session. Raises HandtrackError for a folder that is none."""
         if not (folder / SESSION_FILE).is_file():
             raise HandtrackError(
-                f"{folder}: no {SESSION_FILE} in it, so it is no session. Give a session's folder, or make one from videos below."
+                f"{folder}: there is no {SESSION_FILE} in it, so it is no session."
             )
         self.chosen = folder
-        self.output.content = _head("Opening …", str(folder))
+        self._say("Opening …", str(folder))
         self._ended.set()
+
+    # ---- recordings
+
+    def _add_cards(self, gui: viser.GuiApi) -> None:
+        """Add a card for each recording that was opened last, and for each example; their pictures come by and by."""
+        recent = recent_sessions()[:_RECENT]
+        cards = [(folder, "", partial(self.open, folder)) for folder in recent]
+        cards += [
+            (Path(name), "Example", partial(self._open_example, name)) for name in bundled_names()
+        ]
+        shown = list[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]()
+        for folder, kind, act in cards:
+            find = partial(bundled_session, folder.name) if kind else partial(Path, folder)
+            card = gui.add_html(_card(folder.name, kind or str(folder.parent)))
+            self._on(gui.add_button(f"Open {folder.name}", color="gray"), act)
+            shown.append((card, find, folder.name, kind or str(folder.parent)))
+        threading.Thread(target=self._draw_cards, args=(shown,), daemon=True).start()
+
+    def _draw_cards(
+        self, cards: Iterable[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]
+    ) -> None:
+        for card, find, name, where in cards:
+            with suppress(HandtrackError, OSError):
+                session = Session.open(find())
+                words = f"{len(session.views)} cameras, {session.frame_count} frames"
+                images = (view.image(session.frame_range[0]) for view in session.views)
+                image = next((one for one in images if one is not None), None)
+                if self._ended.is_set():
+                    return
+                card.content = _card(name, where, words, "" if image is None else _picture(image))
+
+    def _open_example(self, name: str) -> None:
+        self.open(bundled_session(name))
+
+    # ---- folders
+
+    def _typed(self) -> None:
+        folder = Path(self.folder.value.strip()).expanduser()
+        if not folder.is_dir():
+            raise HandtrackError(
+                f"{folder}: no such folder. Give the folder with your cameras' videos, as a path on the machine that handtrack runs on."
+            )
+        self._go(folder)
+
+    def _go(self, folder: Path) -> None:
+        """Show a folder, and what can be made of what lies in it."""
+        self.folder.value = str(folder)
+        self._say("")
+        put(self.making, visible=False)
+        self._found = None
+        self._list(folder)
+        if any(path.suffix.lower() in VIDEOS for path in folder.glob("*")) or is_pose2sim(folder):
+            self.calibration.value = self.out.value = ""
+            self.look()
+
+    def _list(self, folder: Path) -> None:
+        """List the folders and calibrations in a folder, as buttons that lead there."""
+        gui = self.door.server.gui
+        for entry in self._entries:
+            entry.remove()
+        self._entries = []
+        try:
+            inside = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
+        except OSError as error:
+            inside = []
+            self._say("That folder cannot be read:", str(error.strerror))
+        folders = [path for path in inside if path.is_dir()]
+        put(
+            self.listed,
+            content=f"<div class='handtrack-queue'>{escaped(f'{folder}: {_counted(inside)}')}</div>",
+        )
+        icon = viser.Icon
+        rows: list[tuple[str, viser.IconName, Callable[[], None]]] = []
+        if (folder / SESSION_FILE).is_file():
+            rows.append(("Open this session", icon.HAND_STOP, partial(self.open, folder)))
+            rows.append(("Check this session", icon.STETHOSCOPE, partial(self.check, folder)))
+        rows.append(("Up", icon.ARROW_UP, partial(self._go, folder.parent)))
+        rows += [
+            (one.name, icon.HAND_STOP if (one / SESSION_FILE).is_file() else icon.FOLDER, partial(self._go, one))
+            for one in folders[:_FOLDERS]
+        ]  # fmt: skip
+        with self.browsing:
+            for label, which, act in rows:
+                button = gui.add_button(label, icon=which, color="gray")
+                self._on(button, act)
+                self._entries.append(button)
+
+    # ---- importing
 
     def look(self) -> None:
         """Find the videos and the calibration of a folder, and show how they belong together."""
         given = [one.strip() for one in self.calibration.value.split(";")]
         folder = Path(self.folder.value.strip()).expanduser()
-        self.make.visible = self.out.visible = False
+        put(self.making, visible=True)
+        put(self.make, visible=False)
         found = self._found = find_files(folder, [Path(one).expanduser() for one in given if one])
+        self.found.content = _cameras(found)
         if not found.calibrations:
             raise HandtrackError(
-                f"{folder}: {len(found.videos)} videos, but no calibration. Give its file above; or make one: `handtrack board`, film it, "
+                f"{folder}: {len(found.videos)} videos, but no calibration. Give its file below; or make one: `handtrack board`, film it, "
                 "`handtrack calibrate`."
             )
         self.calibration.value = "; ".join(map(str, found.calibrations))
         if not self.out.value.strip():
             self.out.value = str(folder.parent / f"{folder.name}_handtrack")
-        rows = "".join(
-            f"<tr><td><b>{html.escape(name)}</b></td><td>{html.escape(str(path))}</td></tr>"
-            for name, path in found.videos.items()
-        )
-        unused = "".join(
-            f"<div class='handtrack-warning'><b>Not used:</b> {html.escape(path.name)}, of no camera of the calibration</div>"
-            for path in found.unused
-        )
-        family = found.given.family if found.given else ""
-        if found.project is not None:
-            family = f"a Pose2Sim project, with the cameras' 2D joints; {family}"
-        self.found.content = (
-            f"<div style='padding:.2em .9em;font-size:.8em'><table>{rows}</table>{unused}"
-            f"<div style='opacity:.7'>{html.escape(family)}</div></div>"
-        )
         self._show_rig(found)
         if found.unused and len(found.videos) == 1:
             raise HandtrackError(
                 f"{folder}: the calibration has one camera alone ({next(iter(found.videos))}), but there are "
-                f"{1 + len(found.unused)} videos. Give the calibration of all cameras above: one file, or one a camera with semicolons between."
+                f"{1 + len(found.unused)} videos. Give the calibration of all cameras: one file, or one for each camera with semicolons between."
             )
-        self.make.visible = self.out.visible = True
+        put(self.make, visible=True)
 
     def _show_rig(self, found: FoundFiles) -> None:
         """Draw the cameras, where their names and sizes are known."""
@@ -164,7 +252,7 @@ class StartPage:
         """Make the session from what was found."""
         found = self._found
         if found is None or not found.calibrations:
-            raise HandtrackError("first look into a folder with videos and a calibration.")
+            raise HandtrackError("choose a folder with videos and a calibration first.")
         out = Path(self.out.value.strip()).expanduser()
         args = ["new", "--out", str(out)]
         for calibration in found.calibrations:
@@ -185,68 +273,31 @@ class StartPage:
             ("--track", self.track),
         ):
             args += [option] if box.value else []
-        self._run(args, partial(self.open, out))
+        self._run(f"Importing {out.name}", args, partial(self.open, out), out)
 
     def fetch_detector(self) -> None:
         """Fetch the detector's networks; then there is no more to fetch."""
-        self._run(["detector", "install"], lambda: setattr(self.fetch, "visible", False))
+        self._run(
+            "Fetching the hand detector",
+            ["detector", "install"],
+            lambda: put(self.fetch, visible=False),
+        )
 
-    def check(self) -> None:
-        """Let the doctor look at the folder."""
-        self._run(["doctor", self.path.value.strip()], None)
-
-    def _add_recent(self, gui: viser.GuiApi) -> None:
-        for folder in recent_sessions()[:6]:
-            button = gui.add_button(
-                folder.name, icon=viser.Icon.HISTORY, color="gray", hint=str(folder)
-            )
-            self._on(button, partial(self.open, folder))
+    def check(self, folder: Path) -> None:
+        """Let the doctor look at a session."""
+        self._run(f"Checking {folder.name}", ["doctor", str(folder)], None)
 
     def _add_maker(self, gui: viser.GuiApi) -> None:
-        self.folder = gui.add_text(
-            "Folder", "", hint="With a video a camera, and the calibration if it is there, too."
-        )
+        self.found = gui.add_html("")
         self.calibration = gui.add_text(
             "Calibration",
             "",
-            hint="Its file, if it lies elsewhere; of one file a camera all, with semicolons between: Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, JSON, NPZ …",
+            hint="Its file, if it lies elsewhere; of one file for each camera all, with semicolons between: Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, JSON, NPZ …",
         )
-        self._on(gui.add_button("Look into it", icon=viser.Icon.SEARCH), self.look)
-        self.found = gui.add_html("")
-        self.tracked = gui.add_dropdown(
-            "Tracked", tuple(_TRACKED),
-            hint="As it is seen: a body where the 2D joints are a body's; else a hand, right or left as the hand detector sees it "
-            "where it is installed, else right.",
-        )  # fmt: skip
-        self.unit = gui.add_text(
-            "Unit in metres",
-            "",
-            hint="Of the calibration's lengths: 1 for metres, 0.001 for millimetres, the side of a square for a board "
-            "counted in squares. Empty: as its form says, or as fits what is tracked.",
-        )
-        self.lens = gui.add_dropdown(
-            "Lens",
-            tuple(_LENSES),
-            hint="Four distortion coefficients may also be a fisheye's, which is not supported. Needed where the file does not say.",
-        )
-        self.masks = gui.add_dropdown(
-            "Masks by",
-            tuple(_MASKS),
-            hint="How the hand or body is told from the rest of the image; to be changed later.",
-        )
-        self.scaled = gui.add_checkbox(
-            "Videos are scaled",
-            False,
-            hint="They are of another size than the calibration's images, of equal shape.",
-        )
-        self.link = gui.add_checkbox(
-            "No copies",
-            False,
-            hint="The videos stay where they are: the session is yours alone, on this machine.",
-        )
+        self.calibration.on_update(lambda event: self._tried(self.look) if event.client else None)
         self.track = gui.add_checkbox(
-            "Track it, too",
-            False,
+            "Track after import",
+            has_weights(),
             hint="Finds the hand in the images, where the hand detector is installed, or the body by its 2D joints, and tracks all frames.",
         )
         self.fetch = gui.add_button(
@@ -254,42 +305,100 @@ class StartPage:
             hint="Fetches the two networks that find a hand in images, once for all recordings. Google's, Apache License 2.0.",
         )  # fmt: skip
         self._on(self.fetch, self.fetch_detector)
-        self.out = gui.add_text("Make it in", "", visible=False)
-        self.make = gui.add_button("Make it and open", icon=viser.Icon.WAND, visible=False)
+        self.make = gui.add_button("Import", icon=viser.Icon.WAND, visible=False)
         self._on(self.make, self.make_session)
+        with gui.add_folder("More", expand_by_default=False):
+            self.out = gui.add_text("Output folder", "")
+            self.tracked = gui.add_dropdown(
+                "Subject", tuple(_TRACKED),
+                hint="Detect: a body where the 2D joints are a body's; else a hand, right or left as the hand detector reports it "
+                "where it is installed, else right.",
+            )  # fmt: skip
+            self.unit = gui.add_text(
+                "Unit in metres",
+                "",
+                hint="Of the calibration's lengths: 1 for metres, 0.001 for millimetres, the side of a square for a board "
+                "counted in squares. Empty: as its form says, or as fits the subject.",
+            )
+            self.lens = gui.add_dropdown(
+                "Lens",
+                tuple(_LENSES),
+                hint="Four distortion coefficients may also be a fisheye's, which is not supported. Needed where the file does not say.",
+            )
+            self.masks = gui.add_dropdown(
+                "Segmentation", tuple(_MASKS), hint="How the subject is separated from the background; can be changed later.",
+            )  # fmt: skip
+            self.scaled = gui.add_checkbox(
+                "Videos are scaled",
+                False,
+                hint="They are of another size than the calibration's images, of equal shape.",
+            )
+            self.link = gui.add_checkbox(
+                "Link videos (no copy)",
+                False,
+                hint="The videos stay where they are: the session works for you alone, on this machine.",
+            )
 
-    def _run(self, args: list[str], then: Callable[[], None] | None) -> None:
-        """Run a command; show what it says, and go on where it ended well."""
+    # ---- what runs
+
+    def _run(
+        self, title: str, args: list[str], then: Callable[[], None] | None, out: Path | None = None
+    ) -> None:
+        """Run a command in place of the form. out: the session that it makes, which is offered if it ends early."""
         if self._program is not None:
-            raise HandtrackError("something runs already: wait for it, or cancel it.")
-        self._said.clear()
-        self.cancel.visible = True
-        self._show("Running …")
+            raise HandtrackError("a command is running: wait for it, or cancel it.")
+        progress = ImportProgress(title)
+        self._show_running(True)
+        put(self.open_done, visible=False)
+        put(self.pictures, visible=False)
+        self.output.content = progress.words()
 
         def tell(line: str) -> None:
-            self._said.append(line)
-            self._show("Running …")
+            if progress.hear(line) and out is not None:
+                threading.Thread(target=self._show_joints, args=(out,), daemon=True).start()
+            self.output.content = progress.words()
+            put(
+                self.bar,
+                animated=progress.share is None,
+                value=100 * (1.0 if progress.share is None else progress.share),
+            )
 
         def end(code: int) -> None:
             self._program = None
-            self.cancel.visible = False
-            self._show(
-                "Done." if code == 0 else "It was refused:" if code == 2 else "It ended early:"
-            )
+            self._show_running(False)
+            progress.title = "Done." if code == 0 else "It was refused:" if code == 2 else "It ended early:"  # fmt: skip
+            self.output.content = text(f"<b>{progress.title}</b>", faint=False) + "".join(map(escaped, progress.lines))  # fmt: skip
             if code == 0 and then is not None:
                 self._tried(then)
+            elif out is not None and (out / SESSION_FILE).is_file():
+                self._out = out
+                put(self.open_done, visible=True)
 
         self._program = Program(args, tell, end)
 
-    def _show(self, title: str) -> None:
-        lines = "".join(
-            f"<div style='margin-top:.3em'>{html.escape(line)}</div>" for line in self._said
-        )
-        self.output.content = f"<div style='padding:.4em .9em;font-size:.85em;line-height:1.45;overflow-wrap:anywhere'><b>{title}</b>{lines}</div>"
+    def _show_running(self, on: bool) -> None:
+        put(self.cancel, visible=on)
+        put(self.bar, visible=on)
+        for form in (self.opening, self.browsing, self.making):
+            put(form, visible=not on and (form is not self.making or self._found is not None))
+
+    def _show_joints(self, out: Path) -> None:
+        """Show each camera's picture, with the joints that were detected in it."""
+        with suppress(HandtrackError, OSError):
+            images = "".join(
+                f"<figure>{_picture(image)}<figcaption>{html.escape(name)}</figcaption></figure>"
+                for name, image in joints_found(out).items()
+            )
+            self.pictures.content = f"<div class='handtrack-thumbnails'>{images}</div>"
+            put(self.pictures, visible=True)
 
     def _cancel(self) -> None:
         if self._program is not None:
+            put(self.cancel, visible=False)
             self._program.cancel()
+
+    def _say(self, title: str, words: str = "") -> None:
+        self.output.content = text(f"<b>{html.escape(title)}</b> {html.escape(words)}", faint=False) if title else ""  # fmt: skip
 
     def _on(self, button: viser.GuiButtonHandle, act: Callable[[], None]) -> None:
         button.on_click(lambda _: self._tried(act))
@@ -298,24 +407,59 @@ class StartPage:
         try:
             act()
         except HandtrackError as error:
-            self._said.clear()
-            self._said.append(str(error))
-            self._show("That is not possible:")
+            self._say("That is not possible:", str(error))
         except Exception as error:
             log.exception("callback failed")
-            self._said.append(f"{type(error).__name__}: {error}")
-            self._show("That did not work:")
+            self._say("That did not work:", f"{type(error).__name__}: {error}")
 
 
-def _head(title: str, text: str) -> str:
-    return (
-        "<div style='padding:.3em .9em .5em;line-height:1.5'>"
-        f"<div style='font-size:1.15em;font-weight:600'>{html.escape(title)}</div>"
-        f"<div style='opacity:.7;font-size:.85em;overflow-wrap:anywhere'>{html.escape(text)}</div></div>"
+def _picture(image: Bytes[H, W, D3]) -> str:
+    """Return a picture BGR as HTML, small."""
+    high = 160
+    size = (round(image.shape[1] * high / image.shape[0]), high)
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    coded = np.asarray(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1])
+    return f"<img alt='' src='data:image/jpeg;base64,{base64.b64encode(coded.tobytes()).decode()}'>"
+
+
+def _card(name: str, where: str, words: str = "", picture: str = "") -> str:
+    """Return a recording as a card; the button after it lies over it."""
+    lines = "".join(f"<div>{html.escape(line)}</div>" for line in (where, words))
+    return f"<div class='handtrack-card'><span>{picture}</span><div><b>{html.escape(name)}</b>{lines}</div></div>"
+
+
+def _counted(inside: list[Path]) -> str:
+    """Return what lies in a folder, in words."""
+    suffixes = [path.suffix.lower() for path in inside if path.is_file()]
+    counts = (
+        (sum(path.is_dir() for path in inside), "folder"),
+        (sum(suffix in VIDEOS for suffix in suffixes), "video"),
+        (sum(suffix in CALIBRATIONS for suffix in suffixes), "possible calibration"),
     )
+    words = [f"{n} {what}{'' if n == 1 else 's'}" for n, what in counts if n]
+    return ", ".join(words) or "nothing in it"
 
 
-def _small(text: str) -> str:
-    return (
-        f"<div style='padding:.1em .9em .3em;font-size:.8em;opacity:.7'>{html.escape(text)}</div>"
+def _cameras(found: FoundFiles) -> str:
+    """Return a row for each camera: its video, whether it is calibrated, and what is missing; and what is not used."""
+    known = [] if found.given is None else [one.name for one in found.given.cameras]
+    unnamed = None in known
+    names = dict.fromkeys((*found.videos, *(name for name in known if name is not None)))
+    rows = ""
+    for name in names:
+        video, calibrated = found.videos.get(name), unnamed or name in known
+        joints = found.project is not None
+        state = "ready" if calibrated and (video or joints) else "no calibration" if video else "no video: left out"  # fmt: skip
+        rows += (
+            f"<tr class='{'' if state == 'ready' else 'handtrack-error'}'><td><b>{html.escape(name)}</b></td>"
+            f"<td>{html.escape(video.name) if video else '2D joints' if joints else '–'}</td>"
+            f"<td>{'✓ calibrated' if calibrated else '–'}</td><td>{state}</td></tr>"
+        )
+    unused = "".join(
+        f"<div class='handtrack-error'><b>Not used:</b> {html.escape(path.name)}, of no camera of the calibration</div>"
+        for path in found.unused
     )
+    family = found.given.family if found.given else ""
+    if found.project is not None:
+        family = f"a Pose2Sim project, with the cameras' 2D joints; {family}"
+    return table(rows) + text(unused, faint=False) + escaped(family)
