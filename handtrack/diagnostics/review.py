@@ -122,7 +122,7 @@ def _named(frame: Judged) -> str:
 
 def _stretch(run: list[Judged]) -> Stretch:
     worst = max(run, key=probability_off)
-    word = worst.status.name.lower()
+    word = "lost" if worst.status == Status.LOST else "low confidence"
     brief, words = word, word
     if worst.reason is not None:
         brief, words = worst.reason.brief, worst.reason.words

@@ -158,7 +158,7 @@ def _save(
     ]
     hand = hand_words(run.model)
     if json_since is None:
-        by_status = ", ".join(f"{counts[name]} {name}" for name in ("tracked", "doubtful", "lost"))
+        by_status = f"{counts['tracked']} tracked, {counts['doubtful']} of low confidence, {counts['lost']} lost"
         fixed = f", {counts['keyframe']} set by hand" if counts["keyframe"] else ""
         print(
             f"{len(results)} of {len(frames)} frames{_begun_at(run)}: {by_status}{fixed}{hand and f'; {hand}'}. "
@@ -208,9 +208,9 @@ def _write(out: Path, track: TrackResult) -> tuple[Path, str]:
 
 
 def _doubts(results: Sequence[FrameResult]) -> list[str]:
-    """Return a sentence on the lost frames and one on the doubtful, with the first one's reason."""
+    """Return a sentence on the lost frames and one on those of low confidence, with the first one's reason."""
     notes = []
-    for status, word in ((Status.LOST, "lost"), (Status.DOUBTFUL, "doubtful")):
+    for status, word in ((Status.LOST, "lost"), (Status.DOUBTFUL, "low confidence")):
         found = sorted((r for r in results if r.status == status), key=lambda r: r.frame)
         if found:
             frames = listed([r.frame for r in found])

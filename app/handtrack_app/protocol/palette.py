@@ -30,7 +30,7 @@ SURFACE = (196, 178, 164)
 STATUS = {
     -1: ("not tracked", "#3a3f47"),
     0: ("tracked", "#56b4e9"),
-    1: ("doubtful", "#f0e442"),
+    1: ("low confidence", "#f0e442"),
     2: ("lost", "#d55e00"),
     3: ("set by hand", "#cc79a7"),
 }

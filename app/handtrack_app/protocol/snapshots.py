@@ -131,6 +131,11 @@ class PinCard:
     """the nearest place on the pin's ray"""
     off_px: float
 
+    @property
+    def off_m(self) -> float:
+        """How far the pose has it from the pin's ray [m]."""
+        return float(np.linalg.norm(np.subtract(self.place, self.meant)))
+
 
 @dataclass(frozen=True)
 class PoseSnapshot:

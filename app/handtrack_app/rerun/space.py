@@ -116,7 +116,7 @@ def signed_colours(residual: Floats[*Axes]) -> Bytes[*Axes]:
 def queue_text(queue: Sequence[Stretch]) -> str:
     """Return what is worth a look as Markdown, the worst first."""
     if not queue:
-        return "No frame is doubtful or lost."
+        return "No frame is lost or of low confidence."
     rows = [f"| {s.first}–{s.last} | {s.worst} | {s.words} |" for s in queue[:_SHOWN]]
     return "\n".join(["| frames | worst | why |", "|---|---|---|", *rows])
 

@@ -241,7 +241,7 @@ def _layout(queue: Sequence[Stretch], kinds: Set[str] = frozenset()) -> Blueprin
                 rrb.TimeSeriesView(origin="/overlap", name="Overlap by camera"),
                 rrb.TimeSeriesView(origin="/error", name="Error [mm]"),
                 rrb.TimeSeriesView(origin="/parameters", name="Parameters [m, rad]"),
-                rrb.TextLogView(origin="/log", name="Doubtful and lost frames"),
+                rrb.TextLogView(origin="/log", name="Frames of low confidence, or lost"),
             ),
             column_shares=[3, 2],
         ),

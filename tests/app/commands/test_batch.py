@@ -98,7 +98,7 @@ def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
     folders(tmp_path / "takes", 4, broken=1)
     ended = handtrack("batch", tmp_path / "takes" / "*", "--out", tmp_path / "out", "--most-lost", "0.1")  # fmt: skip
     assert ended.code == 3
-    assert "4 recordings: 3 done, 1 refused; 30 frames, 0 doubtful, 3 lost" in ended.out
+    assert "4 recordings: 3 done, 1 refused; 30 frames, 0 of low confidence, 3 lost" in ended.out
     with (tmp_path / "out" / "report.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["recording"] for row in rows] == ["take3", "take2", "take1", "take0"]

@@ -123,7 +123,9 @@ def test_simulate_track_evaluate_export(handtrack: CommandLine, session: Path) -
     tracked = handtrack("track", session)
     assert tracked.code == 0
     poses = session / "tracks" / "poses.npz"
-    assert tracked.out == f"5 of 5 frames: 5 tracked, 0 doubtful, 0 lost. Saved to {poses}\n"
+    assert (
+        tracked.out == f"5 of 5 frames: 5 tracked, 0 of low confidence, 0 lost. Saved to {poses}\n"
+    )
     assert "tracking: 100%" in tracked.err
     first = poses.read_bytes()
 

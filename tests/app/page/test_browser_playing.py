@@ -54,7 +54,7 @@ def test_a_slow_page_shows_all_of_one_frame(tmp_path: Path) -> None:
         bench.page.play(False)
         for one in samples:
             frame = one["cursor"]
-            word = {5: "set by hand", 7: "doubtful"}.get(frame, "tracked")
+            word = {5: "set by hand", 7: "low confidence"}.get(frame, "tracked")
             assert one["card"] in (None, frame) and one["sheet"] in (None, frame), one
             assert one["word"] in (None, word)
             assert word in one["lanes"].splitlines()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -98,6 +100,8 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(
 
 def test_pins_are_listed_with_what_the_pose_misses_them_by() -> None:
     pin = PinCard("<cam>", "ring pip", (1.0, 2.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.26)
-    text = pin_list((pin,))
-    assert "ring pip" in text and "1.3 px" in text
-    assert "&lt;cam&gt;" in text
+    text = pin_list((pin,), 0.007, gain=-12.4)
+    assert "ring pip" in text and "1.3 px" in text and "−12" in text
+    assert "&lt;cam&gt;" in text and "handtrack-error" not in text
+    missed = replace(pin, meant=(0.0, 0.008, 0.0))
+    assert "handtrack-error" in pin_list((pin, missed), 0.007)

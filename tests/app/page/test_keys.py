@@ -15,7 +15,7 @@ from tests.app.wire import WireClient
 NEEDED = (
     "Undo", "Redo", "Play or pause", "Ten frames on", "Ten frames back", "Keep this pose", "No keyframe", "Track: from here on",
     "Track: all frames", "Track: pause", "Track: cancel", "Refine", "Save the track", "Export angles", "Fit frame",
-    "Next doubtful", "Look through front", "Orbit view", "See the hand in all cameras", "View: nearer", "View: wider",
+    "Next frame of low", "Look through front", "Orbit view", "See the hand in all cameras", "View: nearer", "View: wider",
     "View: the whole image", "View: the hand", "Hide or show the panel", "Hide or show the model", "Before/after", "Next overlay", "Light or dark", "Large or usual text", "Help", "Tour",
 )  # fmt: skip
 
@@ -69,12 +69,14 @@ def test_help_is_one_page_and_closes(bench: Workbench) -> None:
         eventually(lambda: bool(said(wire, "GuiModalMessage")), "open")
         search = wire.button("Search")
         assert search is not None
-        wire.set_value(search, "doubtful")
+        wire.set_value(search, "low confidence")
 
         def few() -> bool:
             told = [one.get("updates", {}).get("content", "") for _, one in wire.messages]
             return any(
-                "doubtful" in text and "Play or pause" not in text for text in told if "kbd" in text
+                "low confidence" in text and "Play or pause" not in text
+                for text in told
+                if "kbd" in text
             )
 
         eventually(few, "only what has the word")

@@ -23,13 +23,13 @@ def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench: Workbench) -> No
     review, state, document = bench.layout.review, bench.state, bench.worker.document
     assert "Track some frames" in review.head.content
     _tracked(bench)
-    assert review.rows[0].visible and review.rows[0].label == "7, doubtful"
+    assert review.rows[0].visible and review.rows[0].label == "7, low confidence"
     with WireClient(bench.url) as client:
         client.set_value(review.go, "Next")
         eventually(lambda: state.frame == 7, "gone to")
         client.set_value(review.accept, "Interval")
         eventually(lambda: document.accepted == {7}, "accepted")
-        eventually(lambda: not review.stretches and "No doubtful" in review.head.content, "done")  # fmt: skip
+        eventually(lambda: not review.stretches and "No frames" in review.head.content, "done")  # fmt: skip
         eventually(lambda: "and locked" in review.here.content, "said so")
         assert "Accepted" in bench.layout.pose.card.content
         client.set_value(review.accept, "All confident")

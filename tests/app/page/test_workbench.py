@@ -197,7 +197,7 @@ def test_tracking_shows_progress_and_the_timeline(tmp_path: Path) -> None:
     eventually(
         lambda: timeline.strip is not None and (timeline.strip.status >= 0).all(), "every frame"
     )
-    eventually(lambda: "doubtful" in timeline.picture.content, "marked")
+    eventually(lambda: "low confidence" in timeline.picture.content, "marked")
     bench.stop()
 
 

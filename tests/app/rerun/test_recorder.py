@@ -187,7 +187,7 @@ def test_the_viewer_opens_on_the_worst_frame() -> None:
     assert selection is not None and "32" in str(selection)
     assert "| 30–34 | 32 | the thumb may be off |" in queue_text(queue)
     assert worst_first([]).time_selection is None
-    assert queue_text([]) == "No frame is doubtful or lost."
+    assert "|" not in queue_text([])
 
 
 def signed(colours: np.ndarray) -> np.ndarray:

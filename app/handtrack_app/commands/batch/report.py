@@ -60,7 +60,7 @@ def in_words(outcomes: Sequence[Outcome]) -> str:
     total = sum(outcome.total for outcome in outcomes)
     lost = sum(outcome.frames.get("lost", 0) for outcome in outcomes)
     doubtful = sum(outcome.frames.get("doubtful", 0) for outcome in outcomes)
-    return f"{len(states)} recordings: {counts}; {total} frames, {doubtful} doubtful, {lost} lost"
+    return f"{len(states)} recordings: {counts}; {total} frames, {doubtful} of low confidence, {lost} lost"
 
 
 def open_command(outcome: Outcome) -> str:
@@ -86,10 +86,10 @@ def _html(rows: Sequence[Outcome]) -> str:
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>handtrack batch</title><style>{_STYLE}</style></head><body>
-<h1>handtrack batch</h1><p>{escape(in_words(rows))}. The worst first: those without a result, then by lost frames, doubtful ones, and
+<h1>handtrack batch</h1><p>{escape(in_words(rows))}. The worst first: those without a result, then by lost frames, those of low confidence, and
 how probably joints are off.</p>
 <input placeholder="show only those with …" aria-label="show only those with">
-<table><thead><tr><th>recording</th><th>frames</th><th>lost</th><th>doubtful</th><th title="mean probability that some joint is more
+<table><thead><tr><th>recording</th><th>frames</th><th>lost</th><th>low confidence</th><th title="mean probability that some joint is more
 than 25 mm off">P off</th><th>s</th><th>what is to be known</th><th>workbench</th></tr></thead>
 <tbody>
 {body}

@@ -160,6 +160,7 @@ class PosePanel:
         self.guesses.fit(session)
         self.copies.fit(session)
         self.nudges.fit(session)
+        self.pins.fit(session)
         self.library.label = "Pose as" if session.kind == "body" else "Fingers as"
         self.titles = {pose.title: pose.name for pose in session.poses}
         self.library.options = (_KEEP, *self.titles)
@@ -244,13 +245,19 @@ class PosePanel:
         if self.page.state.playing:
             pose = replace(pose, note="")  # what comes and goes would move all below it
         self.card.content = pose_card(pose, self.score)
-        self.pins.show(pose)
+        self._show_pins(pose)
 
     def show_score(self, score: ScoreSnapshot) -> None:
         """Take a pose's score: it shows beside that pose alone."""
         self.score = score
         if self.pose is not None:
             put(self.card, content=pose_card(self.pose, score))
+            self._show_pins(self.pose)
+
+    def _show_pins(self, pose: PoseSnapshot) -> None:
+        score = self.score
+        known = score is not None and score.is_of(pose.frame, pose.values)
+        self.pins.show(pose, score if known else None)
 
 
 def _rows(groups: list[str]) -> list[tuple[str, ...]]:

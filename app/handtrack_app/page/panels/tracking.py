@@ -104,7 +104,7 @@ class TrackingPanel:
             )  # fmt: skip
             self.marked = gui.add_html("", visible=False)
             self.odd = gui.add_button(
-                "Next doubtful or lost frame", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
+                "Next frame of low confidence, or lost", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
                 hint="Key: Shift N.",
             )  # fmt: skip
             save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray", visible=not session.live,

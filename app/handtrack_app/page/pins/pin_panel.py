@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.html import table, text
-from handtrack_app.page.page import Keys, Page
+from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.pins.grips import Grips
-from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot
+from handtrack_app.page.pins.taking_hold import near_joint_m
+from handtrack_app.protocol.score import ScoreSnapshot
+from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot, SessionSnapshot
 
-_FAR_PX = (
-    10.0  # a third of a finger's width in the pictures of the tutorial: no pose meets such a pin
-)
 IMAGES, LEAST = "fit to images", "keep"
 _NONE = (
     "<div class='handtrack-text handtrack-faint'>Look through a camera (key 1, 2 …) and drag a "
@@ -30,6 +30,10 @@ class PinPanel:
     grips: Grips
     keys: Keys
     pins: tuple[PinCard, ...] = field(default=())
+    near_m: float = 0.0
+    """a pin that is missed by more is not at its joint any more"""
+    _before: tuple[int, float] | None = None
+    """a frame, and the cost of its pose before the pins"""
 
     def build(self) -> None:
         """Add the folder where it stands."""
@@ -69,14 +73,22 @@ class PinPanel:
             "shift",
         )
 
-    def show(self, pose: PoseSnapshot) -> None:
-        """Show the pins of a frame."""
-        if pose.pins == self.pins:
-            return
+    def fit(self, session: SessionSnapshot) -> None:
+        """Take the size of a session's model."""
+        self.near_m = near_joint_m(session)
+
+    def show(self, pose: PoseSnapshot, score: ScoreSnapshot | None) -> None:
+        """Show the pins of a frame. score: of this pose, or None while it is not known."""
+        cost = None if score is None or not score.energy else sum(score.energy.values())
+        if not pose.pins and cost is not None:
+            self._before = pose.frame, cost
+        gain = None
+        if cost is not None and self._before is not None and self._before[0] == pose.frame:
+            gain = cost - self._before[1]
         self.pins = pose.pins
-        self.list.content = pin_list(pose.pins) if pose.pins else _NONE
+        put(self.list, content=pin_list(pose.pins, self.near_m, gain) if pose.pins else _NONE)
         for button in (self.drop, self.drop_all, self.copy):
-            button.visible = bool(pose.pins)
+            put(button, visible=bool(pose.pins))
 
     def _hold(self, choice: str) -> None:
         if choice in (IMAGES, LEAST):
@@ -101,15 +113,19 @@ class PinPanel:
         self.page.engine.copy_pins(state.frame, before, behind, state.begin_edit())
 
 
-def pin_list(pins: tuple[PinCard, ...]) -> str:
-    """Return the pins of a frame as a table: what, where, and by how much the pose misses it."""
+def pin_list(pins: tuple[PinCard, ...], near_m: float, gain: float | None = None) -> str:
+    """Return the pins of a frame as a table: what, where, and by how much the pose misses it. near_m: a pin that is missed by more
+    contradicts something; gain: of the cost, by the pins, where it is known.
+    """
     rows = "".join(
-        f"<tr class='{'handtrack-error' if pin.off_px > _FAR_PX else ''}'><td>{html.escape(pin.words)}</td>"
+        f"<tr class='{'handtrack-error' if pin.off_m > near_m else ''}'><td>{html.escape(pin.words)}</td>"
         f"<td>{html.escape(pin.camera)}</td><td style='text-align:right'>{pin.off_px:.1f} px</td></tr>"
         for pin in pins
     )
     mean = sum(pin.off_px for pin in pins) / len(pins)
-    head = f"{len(pins)} pin{'' if len(pins) == 1 else 's'}, mean error {mean:.1f} px"
-    if any(pin.off_px > _FAR_PX for pin in pins):
+    parts = dict.fromkeys(group_of(pin.words.replace(" ", "_")).lower() for pin in pins)
+    head = f"{', '.join(parts)}: {len(pins)} pin{'' if len(pins) == 1 else 's'}, {mean:.1f} px"
+    head += "" if gain is None else f", cost {gain:+.0f}".replace("-", "−")
+    if any(pin.off_m > near_m for pin in pins):
         head += ". The red ones contradict the others or the joint limits."
     return text(head, faint=False) + table(rows)

@@ -42,6 +42,11 @@ def view_card(camera: viser.CameraHandle) -> CameraCard:
     return CameraCard("", (width, height), matrix, turn, centre)
 
 
+def near_joint_m(session: SessionSnapshot) -> float:
+    """Return how far from a joint is still at it: half of what carries it is as thick as that."""
+    return NEAR_JOINT_M * session.reach_m / HAND_REACH_M
+
+
 def ellipsoid_at(session: SessionSnapshot, pose: PoseSnapshot, at: Floats[D3]) -> int | None:
     """Return the ellipsoid of the flesh that a point, world [m], is in or next to; None where the pose is not of this model."""
     if len(pose.centre) != len(session.radii) or not len(session.radii):
@@ -65,8 +70,7 @@ def hold_at(
     if pixel is None:
         return None
     away = float(way @ card.rotation[:, 2])
-    larger = session.reach_m / HAND_REACH_M
-    near = NEAR_JOINT_M * larger * float(card.matrix[0, 0]) / max(away, 0.05)
+    near = near_joint_m(session) * float(card.matrix[0, 0]) / max(away, 0.05)
     joint = _nearest_joint(session, pose, card, pixel, at, near)
     if joint is not None:
         return Hold(joint=joint)
@@ -89,9 +93,7 @@ def _nearest_joint(
     best, found = near_px, None
     for name, place in zip(session.joint_names, pose.joints, strict=True):
         seen = ray_pixel(card, place - card.centre)
-        if seen is None or float(np.linalg.norm(place - at)) > 4 * NEAR_JOINT_M * (
-            session.reach_m / HAND_REACH_M
-        ):
+        if seen is None or float(np.linalg.norm(place - at)) > 4 * near_joint_m(session):
             continue
         off = float(np.hypot(seen[0] - pixel[0], seen[1] - pixel[1]))
         if off < best:

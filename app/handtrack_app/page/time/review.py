@@ -49,7 +49,7 @@ class ReviewPanel:
             )
             self.accept = gui.add_button_group(
                 "Accept", _ACCEPT, visible=False,
-                hint="The interval that was gone to, the frame shown, or all tracked frames of which nothing is doubted. No tracking "
+                hint="The interval that was gone to, the frame shown, or all tracked frames of high confidence. No tracking "
                 "or refining changes them; your own edits do. Undo takes it back.",
             )  # fmt: skip
             self.release = gui.add_button_group(
@@ -219,7 +219,7 @@ def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) ->
     place = (
         "" if at is None or not stretches else f"Interval {min(done + at + 1, total)} of {total} · "
     )
-    look = "<b>No doubtful frames left.</b>" if not stretches else (
+    look = "<b>No frames of low confidence left.</b>" if not stretches else (
         f"<b>{place}{done} of {total} accepted</b><div class='handtrack-bar'><div style='width:{share:.0f}%'></div></div>"
         "Sorted by the expected number of wrong frames."
     )  # fmt: skip

@@ -38,7 +38,7 @@ TOUR = (
     ),
     (
         "Review",
-        "Shift Z shows the most doubtful interval. <b>Accept and next</b>, in the tab Review, locks it.",
+        "Shift Z shows the interval of lowest confidence. <b>Accept and next</b>, in the tab Review, locks it.",
     ),
     ("Plot", "Review, then Plots: choose what to see over time."),
     ("Export", "More, then Export: download joint angles and positions."),
