@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import cv2
+import numpy as np
 import pytest
 
 from handtrack.diagnostics import residual_image as ri
+from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.simulation.render import render_mask
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
@@ -37,3 +40,22 @@ def test_the_models_mask_is_what_rays_hit(scene):
         cut = render_mask(silhouette.camera, flesh.posed(bones)) > 0
         assert (ours != cut).sum() <= 1  # a pixel exactly on an outline
         assert ours.any()
+
+
+def test_a_mask_is_shown_with_what_nobody_knows(scene):
+    seen = scene[2][0]
+    mask = seen.mask.copy()
+    mask[:, :9] = UNKNOWN
+    image = np.full((72, 96, 3), 100, np.uint8)
+    painted = ri.mask_picture(image, Silhouette(seen.camera, mask, seen.valid))
+    background = cv2.dilate((mask > 0.5).astype(np.uint8), np.ones((5, 5))) == 0
+    assert (painted[background & (mask == 0)] == 100).all()
+    hatched = (painted[:, :9] != 100).any(axis=-1)
+    assert 0.4 < hatched.mean() < 0.6, "every other stripe"
+    inside = cv2.erode((mask > 0.5).astype(np.uint8), np.ones((5, 5))) > 0
+    away = np.linalg.norm(painted[inside].astype(float) - ri.HAND_TINT, axis=-1)
+    assert (
+        inside.any()
+        and (0 < away).all()
+        and (away < np.linalg.norm(100.0 - np.array(ri.HAND_TINT))).all()
+    )

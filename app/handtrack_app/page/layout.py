@@ -120,7 +120,7 @@ class PageLayout:
         self.plots = PlotsPanel(page, reviewing.add_tab("Plots"), lambda: self.timeline.window)
         self.export = ExportPanel(page, others.add_tab("Export"))
         self.settings = SettingsPanel(page, others.add_tab("Settings"), refits)
-        self.masks = MaskPanel(page, others.add_tab("Masks"), stage)
+        self.masks = MaskPanel(page, others.add_tab("Masks"), stage, self.keys)
         self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box)
         self.help.marks = (
             lambda: page.state.version,

@@ -251,6 +251,8 @@ class Keys:
     words: Worded = field(default_factory=Worded)
     known: list[tuple[str, str]] = field(default_factory=list)
     """key and what it does, in words"""
+    modal: dict[int, Callable[[str], bool]] = field(default_factory=dict)
+    """by client that is at something, such as painting: asked first what a letter means; whether it took it"""
 
     def add(
         self,
@@ -263,7 +265,13 @@ class Keys:
         hotkey = cast("HotkeyKey | None", key)
         command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
         self.words.on(command, label=words)
-        command.on_trigger(action)
+
+        def act(event: UserEvent) -> None:
+            first = None if modifier else self.modal.get(event.client_id or 0)
+            if first is None or key is None or not first(key):
+                action(event)
+
+        command.on_trigger(act)
         if key is not None:
             shown = _KEY_WORDS.get(key, key)
             self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))

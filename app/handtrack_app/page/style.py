@@ -9,8 +9,15 @@ import viser
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import chip
 
-_RESIDUAL = (("#e69f00", "silhouette without model"), ("#0072b2", "model without silhouette"))
-"""as `handtrack.diagnostics.residual_image` draws them, which the page's process does not import"""
+_LEGENDS = {
+    "residual": (("#e69f00", "silhouette without model"), ("#0072b2", "model without silhouette")),
+    "mask": (
+        ("#009e73", "mask"),
+        ("repeating-linear-gradient(135deg, #cc79a7 0 2px, transparent 2px 4px)", "unknown"),
+        ("#56b4e9", "corrected (outline)"),
+    ),
+}
+"""by overlay; as `handtrack.diagnostics.residual_image` draws them, which the page's process does not import"""
 _STYLE_SHEET = """
 p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spacing: 0 !important; }
 .mantine-Paper-root[data-with-border="true"]:has(> .mantine-Paper-root) {
@@ -119,7 +126,9 @@ div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important;
 /* what the colours of an overlay mean: at the picture's lower left while a camera is looked through */
 #handtrack-legend { display: none; position: fixed; left: 12px; bottom: calc(var(--handtrack-below) + 10px); z-index: 3; padding: .3em .8em;
   font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8); border-radius: 4px; pointer-events: none; }
-body[data-overlay="residual"] #handtrack-legend { display: block; }
+body[data-overlay="residual"] #handtrack-legend, body[data-overlay="mask"] #handtrack-legend { display: block; }
+body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([data-overlay="mask"]) #handtrack-legend > .mask { display: none; }
+#handtrack-brush { display: none; position: fixed; z-index: 3; border: 1px solid #fff; outline: 1px solid #000; border-radius: 50%; pointer-events: none; }
 .handtrack-warning { color: #f0e442; }
 .handtrack-text { padding: .3em .9em; font-size: 13px; line-height: 1.4; overflow-wrap: anywhere; }
 .handtrack-faint { opacity: .85; }
@@ -151,6 +160,17 @@ if (document.getElementById("handtrack-style") === null) {
   legend.id = "handtrack-legend";
   legend.innerHTML = %l;
   document.body.append(legend);
+  // a brush is a circle about the pointer, in its size over the image
+  const brush = document.createElement("div");
+  brush.id = "handtrack-brush";
+  document.body.append(brush);
+  document.addEventListener("pointermove", (event) => {
+    const view = window.__viserMutable, tangent = Number(document.body.dataset.brush);
+    const shown = tangent > 0 && event.target instanceof Element && event.target.closest(".mantine-Paper-root") === null;
+    brush.style.display = shown ? "block" : "none";
+    const size = shown ? tangent * view.canvas.clientHeight / Math.tan(view.camera.fov * Math.PI / 360) : 0;
+    Object.assign(brush.style, {left: `${event.clientX - size / 2}px`, top: `${event.clientY - size / 2}px`, width: `${size}px`, height: `${size}px`});
+  }, true);
   // keys are heard by the document's root. They act where neither a dialog is open nor a control has the focus
   const controls = 'input, textarea, select, button, [role="slider"], [role="tab"], [role="combobox"], [role="checkbox"]';
   let awaited = false;  // the palette, which takes a moment to open
@@ -212,6 +232,9 @@ if (document.getElementById("handtrack-style") === null) {
 
 def dress(server: viser.ViserServer) -> None:
     """Give all pages of a server the workbench's style, which no folded panel takes along, and its dialogs their keys."""
-    legend = " &nbsp; ".join(f"{chip(colour)}{words}" for colour, words in _RESIDUAL)
+    legend = "".join(
+        f"<div class='{overlay}'>{' &nbsp; '.join(f'{chip(colour)}{words}' for colour, words in entries)}</div>"
+        for overlay, entries in _LEGENDS.items()
+    )
     source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET)).replace("%l", json.dumps(legend))
     internals.run_javascript(server, source)

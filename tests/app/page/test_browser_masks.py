@@ -18,6 +18,8 @@ from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.experiments.workbench.chromium import PROJECT
 
+BRUSH = "() => document.getElementById('handtrack-brush').getBoundingClientRect().width"
+
 
 def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng: np.random.Generator) -> None:
     matrix = np.array([[150.0, 0, 47.5], [0, 140.0, 35.5], [0, 0, 1.0]])
@@ -49,12 +51,26 @@ def test_a_user_tries_a_method_and_paints(tmp_path: Path) -> None:
         start, *_, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*spot)]) for spot in spots)
         view.drag(tuple(start), tuple(stop))
         eventually(lambda: _reach_is_off(bench, (8, 40, 40, 60)) < 3, "a round stroke of 10 px")
+        brushes = bench.layout.masks.correcting
+        page.keyboard.press("]")
+        eventually(lambda: brushes.radius.value == 12, "a larger brush")
+        scale = np.linalg.norm(np.subtract(stop, start)) / 12.0
+
+        def circle_fits() -> bool:
+            page.mouse.move(*start)
+            page.mouse.move(*stop)
+            return abs(page.evaluate(BRUSH) / (24.0 * scale) - 1.0) < 0.05
+
+        eventually(circle_fits, "a circle about the pointer, as large as what it paints")
+        page.keyboard.press("x")
+        eventually(lambda: brushes.brush.value == "not hand", "the other brush")
         with WireClient(bench.url):
             eventually(lambda: len(bench.server.get_clients()) == 2, "another page looks on")
             other = bench.server.get_clients()[max(bench.server.get_clients())]
             bench.stage.look("cam1", other)
             assert bench.stage._marking, "its look is its own"
         view.press("Done painting")
+        eventually(lambda: not bench.layout.keys.modal, "letters mean what they did")
         eventually(lambda: not bench.stage._marking, "the hand is back")
         bench.page.travel(back=True)
         corrections = bench.worker.document.run.session.view("cam0").corrections  # type: ignore[union-attr]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Callable
 from itertools import count
 
 import viser
 
-from handtrack_app.page.page import Page, UserEvent, number, put
+from handtrack_app import viser_internals as internals
+from handtrack_app.page.page import Keys, Page, UserEvent, number, put
 from handtrack_app.page.scene.looking import Pixel
 from handtrack_app.page.scene.stage import Stage
 
@@ -20,6 +22,7 @@ _BRUSHES = {
 }
 """words → what is sent"""
 _RADIUS = (1, 80, 1)  # [px]
+_FACTOR = 1.2  # by which a key changes the radius
 _MOST = 20  # frames to carry to, each way
 
 
@@ -30,11 +33,14 @@ class CorrectingWidgets:
         self,
         page: Page,
         stage: Stage,
+        keys: Keys,
         camera: Callable[[UserEvent], str | None],
         named: Callable[[], str],
     ) -> None:
         """camera: the one that a user means; named: the one chosen in the tab, empty for all."""
         self.page, self.stage, self.camera, self.named = page, stage, camera, named
+        self._modal = keys.modal
+        self._painter: viser.ClientHandle | None = None
         self._strokes = count(1)
         self._stroke, self._last = 0, None
         self.brushes = {page.words.of(words): brush for words, brush in _BRUSHES.items()}
@@ -44,9 +50,9 @@ class CorrectingWidgets:
             self.brush = gui.add_dropdown(
                 "Brush",
                 tuple(self.brushes),
-                hint="As it is: takes the correction away again where it is painted.",
+                hint="Key X, while you paint, swaps with the one before. As it is: takes the correction away again.",
             )
-            self.radius = gui.add_slider("Radius px", *_RADIUS, 10)
+            self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
             self.paint = gui.add_button(
                 "Paint over the mask", icon=viser.Icon.BRUSH, color="gray",
                 hint="Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.",
@@ -66,7 +72,13 @@ class CorrectingWidgets:
         page.on(self.done, self._end)
         page.on(self.drop, self._drop)
         page.on(self.carry, self._carry)
-        stage.stopped_painting = lambda: self._show_painting(False)
+        self.radius.on_update(lambda _: self._show_brush())  # whoever changed it
+        for words, key, factor in (("smaller", "[", 1 / _FACTOR), ("larger", "]", _FACTOR)):
+            act = page.from_user(lambda _, factor=factor: self._resize(factor))
+            keys.add(f"Brush for masks: {words}", key, act)
+        self._other = tuple(self.brushes)[1]
+        """what X swaps with"""
+        stage.stopped_painting = lambda: self._show_painting(None)
 
     def say(self, corrected: dict[str, str]) -> None:
         """Say which cameras are corrected in the frame shown."""
@@ -83,12 +95,12 @@ class CorrectingWidgets:
         if camera is None or event.client is None:
             return
         self.stage.paint_on(camera, event.client, self._pointed)
-        self._show_painting(True)
+        self._show_painting(event.client)
         self.page.notify(
             "info",
             f"Painting over {camera}",
-            "Drag with the left button over the image, or click. The mouse wheel and the right button still move the view; key 0 "
-            "looks freely again.",
+            "Drag with the left button over the image, or click. X swaps the brush, [ and ] change its radius. The wheel and the "
+            "right button still move the view; key 0 ends.",
             event.client,
         )
 
@@ -96,9 +108,34 @@ class CorrectingWidgets:
         if event.client is not None:
             self.stage.look(self.page.state.look(event.client.client_id).through, event.client)
 
-    def _show_painting(self, on: bool) -> None:
-        put(self.paint, visible=not on)
-        put(self.done, visible=on)
+    def _show_painting(self, painter: viser.ClientHandle | None) -> None:
+        """Take who paints; nobody does any more, for None."""
+        before, self._painter = self._painter, painter
+        put(self.paint, visible=painter is None)
+        put(self.done, visible=painter is not None)
+        if before is not None:
+            self._modal.pop(before.client_id, None)
+            _send_brush(before, 0.0)
+        if painter is not None:
+            self._modal[painter.client_id] = self._swapped
+            self._show_brush()
+
+    def _show_brush(self) -> None:
+        """Draw the brush as a circle about the pointer, in its size over the image."""
+        client, radius = self._painter, number(self.radius.value, *_RADIUS[:2])
+        card = None if client is None else self.stage.looking.card(client.client_id)
+        if client is not None and card is not None and radius is not None:
+            _send_brush(client, radius / float(card.matrix[1, 1]))
+
+    def _swapped(self, key: str) -> bool:
+        if key == "X":
+            self._other, self.brush.value = str(self.brush.value), self._other
+        return key == "X"
+
+    def _resize(self, factor: float) -> None:
+        wanted = self.radius.value * factor
+        wanted = math.ceil(wanted) if factor > 1 else math.floor(wanted)
+        self.radius.value = min(max(wanted, _RADIUS[0]), _RADIUS[1])
 
     def _pointed(self, camera: str, at: Pixel, phase: str) -> None:
         radius = number(self.radius.value, *_RADIUS[:2])
@@ -122,3 +159,8 @@ class CorrectingWidgets:
         before, behind = (number(s.value, 0, _MOST) or 0 for s in (self.before, self.behind))
         frame = self.page.state.frame
         self.page.engine.carry_masks(frame, self.named(), round(before), round(behind))
+
+
+def _send_brush(client: viser.ClientHandle, tangent: float) -> None:
+    """Show a page the brush. tangent: of the angle from its middle to its edge, seen from the camera; 0: none."""
+    internals.run_javascript(client, f"document.body.dataset.brush = {tangent:.6f}")

@@ -10,7 +10,7 @@ import viser
 
 from handtrack_app.page.masks.correcting import CorrectingWidgets
 from handtrack_app.page.masks.method_widgets import METHOD_WORDS, MethodWidgets
-from handtrack_app.page.page import Page, UserEvent, put
+from handtrack_app.page.page import Keys, Page, UserEvent, put
 from handtrack_app.page.panels.constraints import clean_interval
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.masks import MaskCameraCard, MaskCard, MaskPicture
@@ -25,6 +25,7 @@ class MaskPanel:
     page: Page
     tab: viser.GuiTabHandle
     stage: Stage
+    keys: Keys
     card: MaskCard | None = None
     built: bool = False
     methods: dict[str, MethodWidgets] = field(default_factory=dict)
@@ -55,7 +56,7 @@ class MaskPanel:
         self.note = gui.add_html("")
         self.on = gui.add_checkbox(
             "Show masks", page.state.display.masks,
-            hint=page.words.of("{Kind} as it is, background dark; of what is purple nobody knows. Blue: corrected by you."),
+            hint=page.words.of("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
         )  # fmt: skip
         self.camera = gui.add_dropdown("Camera", (ALL, *names) if len(names) > 1 else names)
         self.method = gui.add_dropdown("Masks from", tuple(METHOD_WORDS[n] for n in possible))
@@ -80,7 +81,9 @@ class MaskPanel:
             "Back to what is saved", icon=viser.Icon.RESTORE, color="gray", visible=False,
             hint="Forget what was changed here since; corrections stay.",
         )  # fmt: skip
-        self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
+        self.correcting = CorrectingWidgets(
+            page, self.stage, self.keys, self._one_camera, self._named
+        )
         page.on(self.on, lambda event: self._show_masks(bool(event.value)))
         page.on(self.camera, lambda _: self._show_chosen())
         page.on(self.method, lambda event: self._choose(str(event.value)))
