@@ -24,6 +24,7 @@ from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.posing.copy_panel import CopyPanel
 from handtrack_app.page.posing.library import Library
 from handtrack_app.page.posing.refit_switch import RefitSwitch
+from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import dress
 from handtrack_app.page.time.compared_hand import ComparedHand
@@ -106,6 +107,7 @@ class PageLayout:
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
         nudges = NudgePanel(page, stage.hand_middle, stage.looking.view_axes, self.keys)
+        GrabKeys(page, self.keys, lambda: stage.root)
         pins = PinPanel(page, stage.grips, self.keys)
         copies = CopyPanel(page, self.keys, stage.looking.view_axes)
         joints = posing.add_tab("Joints")

@@ -266,7 +266,7 @@ class Keys:
         command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
         self.words.on(command, label=words)
 
-        def act(event: UserEvent) -> None:
+        def act(event: viser.CommandEvent) -> None:
             first = None if modifier else self.modal.get(event.client_id or 0)
             if first is None or key is None or not first(key):
                 action(event)

@@ -77,7 +77,7 @@ def test_the_page_speaks_of_a_body_in_its_measures(opened):
         ("Place", "Trunk", "Head"), ("Left arm", "Right arm"), ("Left leg", "Right leg"),
     ]  # fmt: skip
     known = {key: words.of(text) for key, text in layout.keys.known}
-    assert known["G"] == "See the body in all cameras"
+    assert known["B"] == "See the body in all cameras"
     offered = (layout.session.paint.hint, layout.plots.note.content, layout.help.table())
     assert [re.findall(r"(?<!by )\b(hands?|fingers?|palm|thumb)\b", text) for text in offered] == [
         [],

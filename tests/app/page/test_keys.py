@@ -34,6 +34,27 @@ def test_every_command_is_there_and_no_key_is_given_twice_or_to_viser(bench: Wor
     assert "Shift →" in table and "Keep this pose" in table
 
 
+def test_the_handle_moves_or_turns_along_one_axis_by_keys(bench: Workbench) -> None:
+    assert bench.stage.root is not None
+    control = bench.stage.root.control
+
+    def free() -> tuple[object, ...]:
+        return not control.disable_axes, not control.disable_rotations, control.active_axes
+
+    with WireClient(bench.url) as wire:
+        page = Browser(bench, wire)
+        page.press("Grab: move the hand; then X, Y or Z")
+        eventually(lambda: free() == (True, False, (True, True, True)), "it moves")
+        page.press("View: wider")  # its key is X
+        eventually(lambda: free() == (True, False, (True, False, False)), "along x")
+        page.press("Turn the hand; then X, Y or Z")
+        eventually(lambda: free() == (False, True, (True, True, True)), "it turns")
+        page.press("View: wider")
+        eventually(lambda: free() == (False, True, (False, True, True)), "about x")
+        page.press("Close the dialog, or leave the camera")  # Escape
+        eventually(lambda: free() == (True, True, (True, True, True)), "as it was")
+
+
 def test_frames_and_keyframes_by_key(bench: Workbench) -> None:
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)

@@ -151,7 +151,7 @@ class SessionPanel:
         act = look(lambda event: self._show_look(None, event.client))
         self.page.everyones.add(self.keys.add("Orbit view", "0", act))
         act = look(lambda event: self._show_look(ALL, event.client))
-        self.page.everyones.add(self.keys.add("See the {kind} in all cameras", "G", act))
+        self.page.everyones.add(self.keys.add("See the {kind} in all cameras", "B", act))
         self.zoom.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:

@@ -15,6 +15,7 @@ from handtrack.geometry.rotation import (
     rotation_matrix,
     rotation_vector,
 )
+from handtrack_app.page.page import Keys, Page
 from handtrack_app.page.pins.whole_hand import ROOT
 
 RootEdit = Callable[[dict[str, float], str, str, bool], None]
@@ -59,6 +60,63 @@ class RootHandle:
         if self._words:
             edit: dict[str, float] = dict(zip(ROOT, root.tolist(), strict=True))
             self.on_edit(edit, self._words, f"handle {self._drags}", True)
+
+
+@dataclass
+class GrabKeys:
+    """G lets the handle move, R turn; X, Y and Z, along or about that axis of it alone. The same again, or Escape, ends it.
+
+    It is dragged with the button held: viser reports no pointer that only moves.
+    """
+
+    page: Page
+    keys: Keys
+    handle: Callable[[], RootHandle | None]
+    _kind: str = ""
+    _axis: str = ""
+    _was_shown: bool = True
+
+    def __post_init__(self) -> None:
+        for key, words in (
+            ("G", "Grab: move the {kind}; then X, Y or Z"),
+            ("R", "Turn the {kind}; then X, Y or Z"),
+        ):
+            act = self.page.from_user(
+                lambda event, key=key: self._begin(key, event.client.client_id)
+            )
+            self.keys.add(words, key, act)
+
+    def _begin(self, kind: str, client: int) -> None:
+        self._kind, self._axis = kind, ""
+        self._was_shown = self.page.state.display.handle
+        self.keys.modal[client] = lambda key: self._heard(key, client)
+        self.page.draw("handle", True)
+        self._show()
+
+    def _heard(self, key: str, client: int) -> bool:
+        if key in ("X", "Y", "Z"):
+            self._axis = "" if key == self._axis else key
+        elif key in ("G", "R") and key != self._kind:
+            self._kind, self._axis = key, ""
+        elif key in (self._kind, "escape"):
+            self._kind = self._axis = ""
+            del self.keys.modal[client]
+            self.page.draw("handle", self._was_shown)
+        else:
+            return False
+        self._show()
+        return True
+
+    def _show(self) -> None:
+        handle = self.handle()
+        if handle is not None:
+            control = handle.control
+            control.disable_axes, control.disable_rotations = self._kind == "R", self._kind == "G"
+            # viser draws an arc where the two axes are active that it lies between
+            x, y, z = (
+                not self._axis or (axis == self._axis) == (self._kind == "G") for axis in "XYZ"
+            )
+            control.active_axes = x, y, z
 
 
 def add_root_handle(
