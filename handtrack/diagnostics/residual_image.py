@@ -19,6 +19,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Silhouette
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.unexplained import THICK_M, pieces
 
 MODEL_ONLY = (0, 114, 178)
 MASK_ONLY = (230, 159, 0)
@@ -90,11 +91,25 @@ def residual_image(predicted: Floats[H, W], mask: Array[H, W]) -> Floats[H, W]:
 def residual_picture(
     image: Bytes[H, W, D3], camera: Camera, flesh: PosedEllipsoids, mask: Array[H, W]
 ) -> Bytes[H, W, D3]:
-    """Return the picture RGB with the disagreement of hard outline and mask painted over it."""
-    residual = np.where(mask < 0, 0.0, mask - model_mask(camera, flesh).astype(float))
+    """Return the picture RGB with the disagreement of hard outline and mask painted over it, and pieces of the mask beside the
+    model outlined, with their area at the model's distance.
+    """
+    model = model_mask(camera, flesh)
+    residual = np.where(mask < 0, 0.0, mask - model.astype(float))
     share = 0.75 * np.abs(residual)[..., None]
     end = np.where(residual[..., None] < 0, np.array(MODEL_ONLY), np.array(MASK_ONLY))
-    return np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
+    picture = np.rint(image + share * (end - image.astype(float))).astype(np.uint8)
+    away = np.median((flesh.centre - camera.centre) @ camera.rotation[2])
+    scale = camera.matrix[0, 0] / max(float(away), 1e-6)
+    labels, areas = pieces((mask > 0.5) & ~model, 0.5 * THICK_M * scale)
+    for number, area in enumerate(areas, start=1):
+        lines, _ = cv2.findContours((labels == number).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)  # fmt: skip
+        cv2.drawContours(picture, lines, -1, OUTLINE, 2)
+        x, y, _, _ = cv2.boundingRect(lines[0])
+        words, size = f"unexplained: {area * (1e3 / scale) ** 2:.0f} mm2", max(mask.shape) / 1100
+        for colour, thick in (((0, 0, 0), 3), (OUTLINE, 1)):
+            cv2.putText(picture, words, (x, max(y - 6, 12)), cv2.FONT_HERSHEY_SIMPLEX, size, colour, thick, cv2.LINE_AA)  # fmt: skip
+    return picture
 
 
 def joint_pairs(

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, C, Floats, H, W
+from handtrack.arrays import Array, C, Floats, H, Ints, N, W
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.flesh import Ellipsoids, PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette
 
-_THICK_M = (
+THICK_M = (
     0.010  # thinner is a rim by which a mask is wider than the model, or the model another person's
 )
 _FRACTION = 4  # bits of a pixel that OpenCV draws ellipses to
@@ -35,21 +35,23 @@ def unexplained_mm2(
     for row, (silhouette, scale) in enumerate(zip(silhouettes, pixels_per_m, strict=True)):
         left = _mask(silhouette) & ~_covered(silhouette, flesh)
         if left.any():
-            found[row] = _largest_px(left, 0.5 * _THICK_M * scale) * (1e3 / scale) ** 2
+            _, areas = pieces(left, 0.5 * THICK_M * scale)
+            found[row] = areas.max(initial=0.0) * (1e3 / scale) ** 2
     return found
 
 
-def _largest_px(left: Array[H, W], radius: float) -> float:
-    """Return the area [px] of the largest connected piece that circles of a radius [px] sweep."""
+def pieces(left: Array[H, W], radius: float) -> tuple[Ints[H, W], Floats[N]]:
+    """Return the connected pieces that circles of a radius [px] sweep, numbered from 1, and their areas [px]."""
     middle = (
         cv2.distanceTransform(np.pad(left, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         >= radius
     )
     if not middle.any():
-        return 0.0
+        return np.zeros(left.shape, np.int32), np.zeros(0)
     away = cv2.distanceTransform((~middle).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    count, _, about, _ = cv2.connectedComponentsWithStats((away <= radius).astype(np.uint8))
-    return float(about[1:count, cv2.CC_STAT_AREA].max())
+    labels, about = cv2.connectedComponentsWithStats((away <= radius).astype(np.uint8))[1:3]
+    labels, areas = labels[1:-1, 1:-1], about[1:, cv2.CC_STAT_AREA].astype(float)
+    return np.asarray(labels, np.int32), areas
 
 
 def _mask(silhouette: PreparedSilhouette) -> Array[H, W]:
