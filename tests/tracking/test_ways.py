@@ -211,7 +211,7 @@ def test_hypotheses_that_were_carried_are_candidates(turning):
 
 def test_a_finger_in_the_wrong_place_does_not_make_a_damaged_cloud_poor():
     """One depth camera, 30 % of the points missing in regions, 20 % wrong: doubted depths would not say which finger it is."""
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(4)  # of seeds 0 to 15 five fail: 8, 11, 12, 13 and 15
     first = HAND.transform.solver_params(named_pose(HAND, "open"))
     first[1] = -0.09
     poses = np.tile(first, (5, 1))

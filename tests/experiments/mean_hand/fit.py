@@ -14,6 +14,9 @@ from handtrack.model.articulated import FINGERS as NAMES
 from tests.experiments.honesty.meshes import FINGERS, HINGES, HandMesh
 
 LENGTH_MM = 187.0
+DEPTH_MM = 1.3
+"""by which a finger's joint centres lie nearer to its back than to its pulp, of a hand of that length: 3 mm of skin and tendon and
+half of a head 8 to 9 mm high, of a finger 17 to 18 mm deep"""
 _POINTS = 4000
 _CUFF_MM = 12.0
 """behind the wrist, of what is looked at"""
@@ -105,7 +108,10 @@ def flat(mesh: HandMesh, definition: dict[str, Any], rng: np.random.Generator) -
 
 
 def measured(definition: dict[str, Any], rng: np.random.Generator) -> Flat:
-    """Return the fingers and thumb of a definition as points on its ellipsoids: what was measured with callipers stands in it."""
+    """Return the fingers and thumb of a definition as points on its ellipsoids: what was measured with callipers stands in it.
+
+    Callipers say how broad and deep a finger is, not where its bones lie in it: that is `DEPTH_MM`, as of MakeHuman's joints.
+    """
     bones, joints = bones_of(definition), joints_of(definition)
     points, fingers = [], []
     for f, chain in enumerate(CHAINS):
@@ -115,7 +121,7 @@ def measured(definition: dict[str, Any], rng: np.random.Generator) -> Flat:
         placed = [
             (
                 *frame(bones[r["bone"]])[:2],
-                np.array(r["centre"], float),
+                np.array([*r["centre"][:2], -DEPTH_MM], float),
                 np.array(r["radii"], float),
             )
             for r in rows

@@ -12,6 +12,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, N, T, V
 from tests.experiments.honesty.meshes import FINGERS, HandMesh, _made, _skin_point, _upright
+from tests.experiments.mean_hand.fit import DEPTH_MM, LENGTH_MM
 
 _DATA = "makehuman/data"
 _CUFF_M = 0.022
@@ -19,10 +20,6 @@ _CUFF_M = 0.022
 _JOINT_M = (0.008, 0.005, 0.004)
 """half of what bends about a finger's joints, from the palm out"""
 _SECTION_M = 0.004
-LENGTH_MM = 187.0
-DEPTH_MM = 1.3
-"""by which a finger's joint centres lie nearer to its back than to its pulp, of a hand of that length: 3 mm of skin and tendon and
-half of a head 8 to 9 mm high, of a finger 17 to 18 mm deep"""
 KNUCKLE_MM = 10.7
 """by which a knuckle's centre lies under the skin of the back of such a hand: the same 3 mm and half of a metacarpal's head 15 to 16 mm high"""
 _UP = np.array([[-0.73, -0.47, 0.49], *[[0.0, 0, 1]] * 4])

@@ -8,6 +8,9 @@ Bones stay as measured; the thumb's base is put at the joint line. Ellipsoids of
 MakeHuman's surfaces together; then palm and wrist are given the mean of their breadth and circumferences and those of ANSUR II's people.
 Ellipsoids of the thenar stay where they are in the hand: MakeHuman has its thumb 12 mm further back, so they fit no better about our bone.
 WebXR's hand is in none of it: it is what the product is judged by.
+
+The committed file is what this program wrote at commit 6b23cd26. Since then MakeHuman's knuckles lie under the skin, palms are as high as
+people's, and finger joints lie nearer to the back. What it writes now has not been tracked with on all recordings and is not committed.
 """
 
 from __future__ import annotations
@@ -116,11 +119,12 @@ def _to_skin(definition: dict[str, Any], people_: list[Flat]) -> None:
     """Give the palm's ellipsoids the height of people's back and palm above and below their own middles.
 
     Ellipsoids beside each other that fit a skin by distance lie outside it at their crests and inside it between: silhouettes show crests.
-    An ellipsoid that does not reach the surface there stays as it is.
+    An ellipsoid that does not reach the surface there stays as it is. The thenar counts as surface: without its skin, what lies behind it
+    (the web, the index metacarpal) would seem as thin as the back of the hand there.
     """
     rows, bones = definition["ellipsoids"]["fine"], bones_of(definition)
     palm = [r for r in rows if "carpal" in r["bone"] and not r["bone"].startswith("thumb")]
-    shown = [r for r in rows if r["bone"] != "forearm" and not r["bone"].startswith("thumb")]
+    shown = [r for r in rows if r["bone"] != "forearm"]
 
     def middle(row: dict[str, Any]) -> Floats[D3]:
         head, axes, _ = frame(bones[row["bone"]])
@@ -130,8 +134,7 @@ def _to_skin(definition: dict[str, Any], people_: list[Flat]) -> None:
         near = points[(np.abs(points[:, 0] - at[0]) < 5) & (np.abs(points[:, 1] - at[1]) < 3), 2]
         return np.array([near.max(), near.min()])
 
-    skins = [hand.points[hand.finger != 0] for hand in people_]
-    aims = [np.mean([heights(skin, middle(row)) for skin in skins], axis=0) for row in palm]
+    aims = [np.mean([heights(h.points, middle(row)) for h in people_], axis=0) for row in palm]
     for _ in range(12):
         points = _points(definition, shown)
         for row, (back, front) in zip(palm, aims, strict=True):
@@ -222,14 +225,20 @@ def _numbers(values: Any) -> str:
     return "[" + ", ".join(f"{round(float(v), 2) + 0.0:g}" for v in values) + "]"
 
 
-def main() -> None:
-    start, makehuman, out = map(Path, sys.argv[1:4])
-    definition = tomllib.loads(start.read_text())
+def read_start(path: Path) -> dict[str, Any]:
+    """Return the definition that a mean begins with, its coarse palm on a metacarpal, as today's is."""
+    definition = tomllib.loads(path.read_text())
     bones = bones_of(definition)
     for row in definition["ellipsoids"]["metaballs"]:
-        if row["bone"] == "root":  # the palm's, which today follows the palm's proportions
+        if row["bone"] == "root":
             row["bone"] = "middle_metacarpal"
             row["centre"] = np.subtract(row["centre"], bones[row["bone"]]["head"]).tolist()
+    return definition
+
+
+def main() -> None:
+    start, makehuman, out = map(Path, sys.argv[1:4])
+    definition = read_start(start)
     hands = families(definition, makehuman)
     text = resources.files("handtrack.model.definitions").joinpath("hand26.toml").read_text()
     out.write_text(written(text, mean_definition(definition, hands, report=True)))
