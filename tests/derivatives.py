@@ -129,16 +129,20 @@ def deformed(bones: BonePoses, by: Floats) -> BonePoses:
     about it as well, along their own axes by the exponentials of three numbers, and their flesh is shifted [m].
     """
     turn = np.stack([rotation_matrix(w) for w in by[:, 3:6]])
-    arm, growth, shift = bones.position - bones.reference, bones.growth, bones.shift
+    arm, scale_change, shift = bones.position - bones.reference, bones.scale_change, bones.shift
     if by.shape[1] == 12:
         more = np.exp(by[:, 6:9])
         own = more * np.einsum("bji,bj->bi", bones.rotation, arm)
         arm = np.einsum("bij,bj->bi", bones.rotation, own)
-        growth = more * (1.0 if growth is None else growth)
+        scale_change = more * (1.0 if scale_change is None else scale_change)
         shift = more * (0.0 if shift is None else shift) + by[:, 9:]
     position = bones.reference + np.einsum("bij,bj->bi", turn, arm) + by[:, :3]
     return replace(
-        bones, rotation=turn @ bones.rotation, position=position, growth=growth, shift=shift
+        bones,
+        rotation=turn @ bones.rotation,
+        position=position,
+        scale_change=scale_change,
+        shift=shift,
     )
 
 

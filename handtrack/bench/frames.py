@@ -100,7 +100,7 @@ def times_between_frames(session: Session, values: dict[str, object], count: int
     start, params = run.initial()
     frames = range(start, min(start + count, session.frame_count))
     at: list[float] = []
-    control = Control(on_early=lambda _: at.append(time.perf_counter()))
+    control = Control(on_provisional=lambda _: at.append(time.perf_counter()))
     for _ in run.track_with(control, frames, start, params):
         pass
     return [1e3 * float(t) for t in np.diff(at)[_AFTER:]]

@@ -80,7 +80,7 @@ def image_residuals(term: ObservationTerm, bones: BonePoses) -> list[ImageResidu
     if isinstance(term, CarriedTextureTerm):
         found = []
         for texture, image in term.seen:
-            at = bones.to_world(texture.bone, bones.grown(texture.bone, texture.local))
+            at = bones.to_world(texture.bone, bones.rescaled(texture.bone, texture.local))
             pixels = texture.camera.project(at)
             brighter = (image.look_up(pixels)[0] - texture.color).mean(axis=1)
             found.append(ImageResiduals("texture", texture.camera, pixels, brighter / term.sigma))

@@ -62,16 +62,16 @@ class Ellipsoids:
 
     def posed(self, bones: BonePoses) -> PosedEllipsoids:
         """Return the ellipsoids where the bones have carried them."""
-        flesh, carried = self.grown(bones), bones.rotation[self.bone]
+        flesh, carried = self.rescaled(bones), bones.rotation[self.bone]
         centre = bones.position[self.bone] + np.einsum("eij,ej->ei", carried, flesh.centre)
         return PosedEllipsoids(self.bone, centre, carried @ self.rotation, flesh.radii)
 
-    def grown(self, bones: BonePoses) -> Ellipsoids:
+    def rescaled(self, bones: BonePoses) -> Ellipsoids:
         """Return the ellipsoids as large as the bones are."""
-        if bones.growth is None:
+        if bones.scale_change is None:
             return self
         shift = 0.0 if bones.shift is None else bones.shift[self.bone]
-        return self.scaled(bones.growth[self.bone], shift)
+        return self.scaled(bones.scale_change[self.bone], shift)
 
     def scaled(self, factors: Floats[E, D3], shift: Floats[E, D3] | float = 0.0) -> Ellipsoids:
         """Return the ellipsoids after scaling by factors along the axes of their bones, and a shift [m]."""

@@ -30,7 +30,7 @@ class BonePoses:
     """bone frame → world."""
     position: Floats[B, D3]
     """proximal end of each bone, world [m]."""
-    growth: Floats[B, D3] | None = None
+    scale_change: Floats[B, D3] | None = None
     """scale factors of each bone, along its own axes about its proximal end, of all that is fixed to it; None: 1."""
     shift: Floats[B, D3] | None = None
     """of the ellipsoids on each bone, in its frame [m]; None: 0."""
@@ -51,16 +51,16 @@ class BonePoses:
 
     def to_world(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
         """Return points of a bone's frame in the world [m]."""
-        turned = np.einsum("...ij,...j->...i", self.rotation[bone], self.grown(bone, points))
+        turned = np.einsum("...ij,...j->...i", self.rotation[bone], self.rescaled(bone, points))
         return self.position[bone] + turned
 
-    def grown(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
+    def rescaled(self, bone: int | Ints[*Axes], points: Floats[*Axes, D3]) -> Floats[*Axes, D3]:
         """Return points of a bone's frame [m] where its growth has moved them, in that frame."""
-        return points if self.growth is None else points * self.growth[bone]
+        return points if self.scale_change is None else points * self.scale_change[bone]
 
     def on_flesh(self, bone: Ints[N], points: Floats[N, D3]) -> Floats[N, D3]:
         """Return points of bones' surfaces likewise: they shift with the ellipsoids, too."""
-        return self.grown(bone, points) + (0.0 if self.shift is None else self.shift[bone])
+        return self.rescaled(bone, points) + (0.0 if self.shift is None else self.shift[bone])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:
     """Return the bones' poses for joint parameters [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
     params = _checked(skeleton, joint_params)
     rotation, position, _, _ = pose(*skeleton.tree, params)
-    return BonePoses(position[0], rotation, position, skeleton.growth, skeleton.shift)
+    return BonePoses(position[0], rotation, position, skeleton.scale_change, skeleton.shift)
 
 
 def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, Floats[B, D6, S]]:
@@ -118,7 +118,9 @@ def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, F
     the joint. Replaces eqs. 30–39 of the 2007 paper; docs/explanation/model.md.
     """
     rotation, position, jacobian = linearize_pose(*skeleton.tree, _checked(skeleton, joint_params))
-    return BonePoses(position[0], rotation, position, skeleton.growth, skeleton.shift), jacobian
+    return BonePoses(
+        position[0], rotation, position, skeleton.scale_change, skeleton.shift
+    ), jacobian
 
 
 def _checked(skeleton: Skeleton, joint_params: Floats[S]) -> Floats[S]:

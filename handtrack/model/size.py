@@ -142,17 +142,22 @@ class SizeParameters:
             landmark_definition=self.model.scale.landmark_definition,
         )  # fmt: skip
 
-    def grown(self, deviations: Floats[N]) -> ArticulatedModel:
+    def rescaled(self, deviations: Floats[N]) -> ArticulatedModel:
         """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""
         more, skeleton = deviations - self._at, self.model.skeleton
-        growth = np.exp(self._rates @ more)
+        scale_change = np.exp(self._rates @ more)
         offset, shift = skeleton.offset, None
         if self.model.proportions is not None:
             by, known = more[self._proportions], self.model.proportions
             offset = offset + np.tensordot(by, known.moves, axes=1)
-            shift = np.tensordot(by, known.shift, axes=1) * growth
-        offset, length = offset * growth[skeleton.parent], skeleton.length * growth[:, 1]
-        larger = replace(skeleton, offset=offset, length=length, growth=growth, shift=shift)
+            shift = np.tensordot(by, known.shift, axes=1) * scale_change
+        offset, length = (
+            offset * scale_change[skeleton.parent],
+            skeleton.length * scale_change[:, 1],
+        )
+        larger = replace(
+            skeleton, offset=offset, length=length, scale_change=scale_change, shift=shift
+        )
         seen = self.model.offset
         if self.seen:
             seen = (0.0 if seen is None else seen) + self.offset_moves @ more
@@ -176,10 +181,10 @@ class SizeParameters:
     def fields(self, bones: BonePoses) -> BoneFields:
         """Return how the bones of a person move and deform by each of the deviations.
 
-        bones: those of `grown`. A bone's head moves as far as those above it have grown, and no bone turns.
+        bones: those of `rescaled`. A bone's head moves as far as those above it have grown, and no bone turns.
         """
-        skeleton, growth = self.model.skeleton, bones.growth
-        assert growth is not None
+        skeleton, scale_change = self.model.skeleton, bones.scale_change
+        assert scale_change is not None
         turn, above = bones.rotation, np.array(skeleton.parent[1:], int)
         stretch = np.einsum("bij,bjn,bkj->bikn", turn, self._rates, turn)
         along = bones.position[1:] - bones.position[above]
@@ -187,10 +192,10 @@ class SizeParameters:
         further[1:] = np.einsum("bijn,bj->bin", stretch[above], along)
         shift = np.zeros_like(further)
         if (known := self.model.proportions) is not None:
-            grown = growth[above][:, :, None] * known.moves[:, 1:].transpose(1, 2, 0)
-            further[1:, :, self._proportions] += turn[above] @ grown
+            rescaled = scale_change[above][:, :, None] * known.moves[:, 1:].transpose(1, 2, 0)
+            further[1:, :, self._proportions] += turn[above] @ rescaled
             shift[:, :, self._proportions] = turn @ (
-                growth[:, :, None] * known.shift.transpose(1, 2, 0)
+                scale_change[:, :, None] * known.shift.transpose(1, 2, 0)
             )
         moved = np.tensordot(self._carried, further, axes=1)
         at = moved - np.einsum("bijn,bj->bin", stretch, bones.position - bones.reference)

@@ -37,7 +37,7 @@ class Skeleton:
     """(S − 6,) the bone that each hinge moves."""
     hinge_axis: Floats[K, D3]
     """(S − 6, 3) unit axis in the bone's rest frame."""
-    growth: Floats[B, D3] | None = None
+    scale_change: Floats[B, D3] | None = None
     """as of `BonePoses`: of a person whose shape is being fitted."""
     shift: Floats[B, D3] | None = None
     """the same"""

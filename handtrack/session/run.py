@@ -638,7 +638,7 @@ def _assessed(run: TrackingRun, result: FrameResult) -> FrameResult:
     """Return a frame alone at the pose of this person nearest to that it had, and how sure it is."""
     start = run.model.clipped(run.model.transform.solver_params(result.parameters))
     tracker = Tracker(run.model, run.settings)
-    return tracker.glance(TrackerState.beginning_at(start), run.seen_at(result))[1]
+    return tracker.step_without_search(TrackerState.beginning_at(start), run.seen_at(result))[1]
 
 
 def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:

@@ -316,7 +316,9 @@ class _Tracking:
         self._on_progress = on_progress
         self._interrupted = False
         self._control = replace(control, refines=False, should_stop=self._stops, on_step=self._step)
-        self._control = replace(self._control, on_early=lambda r: on_progress(ProvisionalFrame(r)))
+        self._control = replace(
+            self._control, on_provisional=lambda r: on_progress(ProvisionalFrame(r))
+        )
         self._asked = control.should_stop
         self._recorded = run.session.live is None
         self._announced = run.session.known_frames.stop

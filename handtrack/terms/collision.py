@@ -69,9 +69,9 @@ class CollisionTerm(SurfaceTerm):
         return _depths(self.flesh, bones, self.pairs)
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        grown, collisions = self.flesh.grown(bones), self.collisions
-        if grown is not self.flesh:
-            collisions = collisions._replace(ellipsoids=grown.arrays)
+        rescaled, collisions = self.flesh.rescaled(bones), self.collisions
+        if rescaled is not self.flesh:
+            collisions = collisions._replace(ellipsoids=rescaled.arrays)
         return collision_sums(bones.frames, collisions, sums)
 
     @cached_property

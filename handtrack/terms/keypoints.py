@@ -46,8 +46,8 @@ class KeypointTerm(ObservationTerm):
         targets, observed = self._targets, self.observed
         if not isinstance(observed, Keypoints) and observed.camera.is_distorted:
             return self.rows(bones, sums.width).add_to(sums)
-        if bones.growth is not None:
-            targets = targets._replace(point=bones.grown(targets.bone, targets.point))
+        if bones.scale_change is not None:
+            targets = targets._replace(point=bones.rescaled(targets.bone, targets.point))
         return keypoint_sums(bones.frames, targets, self.loss, float(self.weight), sums)
 
     def rows(self, bones: BonePoses, width: int = 6) -> Rows:
@@ -80,7 +80,11 @@ class KeypointTerm(ObservationTerm):
         )
         if self.is_detected:
             shifted = fields.landmarks[self._joints]
-            shifted = shifted if bones.growth is None else bones.growth[bone][:, :, None] * shifted
+            shifted = (
+                shifted
+                if bones.scale_change is None
+                else bones.scale_change[bone][:, :, None] * shifted
+            )
             moved += bones.rotation[bone] @ shifted
         return moved
 

@@ -154,10 +154,10 @@ def track_frames(
 
 def _shown_within(frames: range, control: Control) -> Control:
     """Return the control, shown only what is yielded too."""
-    show = control.on_early
+    show = control.on_provisional
     if show is None:
         return control
-    return replace(control, on_early=lambda result: result.frame in frames and show(result))
+    return replace(control, on_provisional=lambda result: result.frame in frames and show(result))
 
 
 def _already(known: Mapping[int, Step], path: range) -> list[Step]:

@@ -131,7 +131,9 @@ class SpeculativeExecution:
         before, control = self._state, replace(self._control, on_search=frame.reports.append)
         try:
             seen = self._observe(number, self._tracker.expected_bones(before, number))
-            frame.after, frame.result, due = self._tracker.glance(before, seen, control)
+            frame.after, frame.result, due = self._tracker.step_without_search(
+                before, seen, control
+            )
         except Exception as problem:  # an earlier frame's search may lead elsewhere
             frame.failure = problem
             return
@@ -192,8 +194,8 @@ class SpeculativeExecution:
         return after, result
 
     def _show(self, result: FrameResult) -> None:
-        if self._control.on_early is not None:
-            self._control.on_early(result)
+        if self._control.on_provisional is not None:
+            self._control.on_provisional(result)
 
     @staticmethod
     def _drop(frames: Iterable[_Frame]) -> None:

@@ -62,7 +62,7 @@ class Tracker:
         after, solved = self._stepped(state, observation, control)
         return after, solved.result
 
-    def glance(
+    def step_without_search(
         self, state: TrackerState, observation: Observation, control: Control = Control()
     ) -> tuple[TrackerState, FrameResult, bool]:
         """Return what `step` does if its searches find nothing, without making them; and whether any is due."""

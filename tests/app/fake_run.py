@@ -291,8 +291,8 @@ class FakeRun:
             if self.hungry:
                 np.ones(12_500_000_000)
             result = self._result(frame, start_params, start_frame)
-            if control.on_early is not None:
-                control.on_early(result)
+            if control.on_provisional is not None:
+                control.on_provisional(result)
             yield result
 
     def refined(

@@ -30,7 +30,7 @@ from tests.experiments.silhouettes import binary_fist, field_recovery
 Figures = dict[str, float | int | str]
 OURS: dict[str, object] = {"tracker.estimate": "forward"}
 """the live pass: a paper's method knows no frame after"""
-POOR: poor_clouds.Ways = {
+POOR: poor_clouds.ModeSearch = {
     "hand26_paper2004": ("hand26", {"method": "paper2004"}),
     "glove9_paper2004": ("glove9", {"method": "paper2004"}),
     "hand26_ours": ("hand26", {}),

@@ -48,7 +48,7 @@ def test_a_bodys_offsets_are_mirror_images():
     assert size.offset_count == 9
     deviations = np.zeros(len(size.names))
     deviations[-9:] = 1.0
-    model = size.grown(deviations)
+    model = size.rescaled(deviations)
     bones = model.bones(model.params_from({}))
     beside = bones.to_world(model.joint_bone, model.seen_point) - model.joint_positions(bones)
     left, right, knee, nose = (beside[model.joint_names.index(name)] for name in size.seen)
@@ -63,21 +63,21 @@ def test_a_bodys_offsets_are_mirror_images():
 
 def test_a_grown_model_is_the_model_of_that_size(size, rng):
     deviations = rng.normal(size=len(size.names))
-    grown, base = size.grown(deviations), size.model
+    rescaled, base = size.rescaled(deviations), size.model
     built = load_model(base.name, base.side, size.scale(deviations), forearm=True)
-    assert grown.scale == built.scale
-    np.testing.assert_allclose(grown.skeleton.length, built.skeleton.length, atol=1e-12)
+    assert rescaled.scale == built.scale
+    np.testing.assert_allclose(rescaled.skeleton.length, built.skeleton.length, atol=1e-12)
     params = posed(base, rng)
-    here, there = grown.bones(params), built.bones(params)
+    here, there = rescaled.bones(params), built.bones(params)
     np.testing.assert_allclose(here.position, there.position, atol=1e-12)
-    joints = grown.joint_positions(here), built.joint_positions(there)
+    joints = rescaled.joint_positions(here), built.joint_positions(there)
     np.testing.assert_allclose(*joints, atol=1e-12)
     for flesh in base.flesh:
-        ours, theirs = grown.flesh[flesh].posed(here), built.flesh[flesh].posed(there)
+        ours, theirs = rescaled.flesh[flesh].posed(here), built.flesh[flesh].posed(there)
         np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-12)
         np.testing.assert_allclose(ours.radii, theirs.radii, atol=1e-12)
     points = here.position + 0.02
-    surfaces = [MetaballSurface.of(model) for model in (grown, built)]
+    surfaces = [MetaballSurface.of(model) for model in (rescaled, built)]
     distances = [s.distance(b, points) for s, b in zip(surfaces, (here, there), strict=True)]
     np.testing.assert_allclose(*distances, atol=1e-12)
 
@@ -89,14 +89,14 @@ def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
     every, flesh = np.arange(len(local)), size.model.flesh["fine"]
 
     def points(at):
-        return size.grown(at).bones(params).to_world(every, local)
+        return size.rescaled(at).bones(params).to_world(every, local)
 
     def ellipsoids(at):
-        placed = flesh.posed(size.grown(at).bones(params))
+        placed = flesh.posed(size.rescaled(at).bones(params))
         axes = placed.rotation * placed.radii[:, None]
         return placed.centre, axes @ axes.swapaxes(1, 2)
 
-    bones = size.grown(deviations).bones(params)
+    bones = size.rescaled(deviations).bones(params)
     fields, (centre, shape) = size.fields(bones), ellipsoids(deviations)
     arm = bones.to_world(every, local) - bones.reference
     for k, name in enumerate(size.names):

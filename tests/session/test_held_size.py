@@ -98,7 +98,7 @@ def test_the_first_frames_do_not_decide_where_they_are_bad():
 
     def track(frames, start, params, should_stop):
         for frame in frames:
-            yield Tracker(MEAN, TrackerSettings()).glance(
+            yield Tracker(MEAN, TrackerSettings()).step_without_search(
                 TrackerState.beginning_at(poses[frame]), seen[frame]
             )[1]
 

@@ -75,6 +75,6 @@ def test_c60_a_long_history_is_small():
     tracemalloc.start()
     for shift in range(1000):
         do(history, "pose/3", [value + shift for value in pose])
-    grown = tracemalloc.get_traced_memory()[0]
+    rescaled = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
-    assert grown < 1.2e6, "about 1 kB a pose, written out 3"
+    assert rescaled < 1.2e6, "about 1 kB a pose, written out 3"

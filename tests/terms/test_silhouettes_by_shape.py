@@ -32,10 +32,10 @@ def test_coverage_by_pose_shape_and_outline(rng, side):
     wider = 0.0015
 
     def cost(both):
-        model = size.grown(both[len(pose) : -1])
+        model = size.rescaled(both[len(pose) : -1])
         return term.wider(both[-1]).cost(model.bones(both[: len(pose)]))
 
-    model = size.grown(deviations)
+    model = size.rescaled(deviations)
     placed, twists, _ = model.linearize(moved)
     fields = BoneFields.of_twists(twists @ model.transform.matrix, len(model.joint_names))
     fields = fields.beside(size.fields(placed)).with_outline()

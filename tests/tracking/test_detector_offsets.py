@@ -59,11 +59,11 @@ def test_derivatives_by_pose_size_and_offsets(rng, side):
     deviations = rng.normal(scale=0.5, size=len(size.names))
 
     def cost(both):
-        model = size.grown(both[26:])
+        model = size.rescaled(both[26:])
         terms = [KeypointTerm(model, t.observed) for t in problems[0].observation_terms]
         return Problem(model, terms, problems[0].parameter_terms).cost(both[:26])
 
-    system = linearize_sized(problems[0], size.grown(deviations), size, every, poses[0])
+    system = linearize_sized(problems[0], size.rescaled(deviations), size, every, poses[0])
     both = np.concatenate([poses[0], deviations])
     assert system.cost == pytest.approx(cost(both))
     names = (*problems[0].model.transform.names, *size.names)
@@ -86,7 +86,7 @@ def test_offsets_and_size_are_found(rng):
 def missed(problems, poses, scale):
     """Return the mean square of what a person's points miss the pixels by, at the best poses."""
     size = SizeParameters(problems[0].model, NAMES)
-    model, total = size.grown(size.deviations(scale)), 0.0
+    model, total = size.rescaled(size.deviations(scale)), 0.0
     for problem, pose in zip(problems, poses, strict=True):
         terms = [KeypointTerm(model, t.observed) for t in problem.observation_terms]
         params = solve(Problem(model, terms, problem.parameter_terms), pose).params

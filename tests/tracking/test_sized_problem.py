@@ -67,9 +67,9 @@ def test_a_cloud_by_pose_and_shape(rng, side):
         problem = Problem(hand, [term])
 
         def cost(x, term=term):
-            return term.cost(size.grown(x[26:]).bones(x[:26]))
+            return term.cost(size.rescaled(x[26:]).bones(x[:26]))
 
-        system = linearize_sized(problem, size.grown(deviations), size, every, both[:26])
+        system = linearize_sized(problem, size.rescaled(deviations), size, every, both[:26])
         assert system.cost == pytest.approx(cost(both))
         assert np.abs(system.gradient[26:]).max() > 0
         check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=1e-4)

@@ -30,7 +30,7 @@ class Path:
     def expected_bones(self, state, frame):
         return None
 
-    def glance(self, state, seen, control):
+    def step_without_search(self, state, seen, control):
         self.glanced.append(seen)
         after = state + seen
         return after, self._result(seen, after), seen in self.due
@@ -83,7 +83,7 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
         if result.frame == 3 + AHEAD:
             path.gate.set()
 
-    found = poses(path, 2, monkeypatch, on_early=show)
+    found = poses(path, 2, monkeypatch, on_provisional=show)
     assert [f for f, _ in early[: 4 + AHEAD]] == list(range(4 + AHEAD))  # nothing waited
     assert dict(early) == dict(found)  # the last that is shown of a frame holds
     assert path.glanced.count(5) == 2
@@ -106,7 +106,7 @@ def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
             path.gate.set()
             searches[-1].done.exception()  # waits
 
-    found = dict(poses(path, 2, monkeypatch, on_early=show, waits=False))
+    found = dict(poses(path, 2, monkeypatch, on_provisional=show, waits=False))
     assert early[:51] == list(range(51))
     assert found[39] == sum(range(40))  # of 3 it came too late, and 5 had none beside it
     assert found[40] == sum(range(41)) + 1000

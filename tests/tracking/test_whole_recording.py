@@ -53,7 +53,7 @@ def test_the_motion_s_matrix_is_its_residuals_squared(rng):
     size = poses.size
     system = BlockBanded.zero(*poses.shape)
     motion.add_to(system, np.zeros(poses.shape), poses)
-    whiten = np.linalg.cholesky(np.linalg.inv(motion.pushes)).T
+    whiten = np.linalg.cholesky(np.linalg.inv(motion.process_noise)).T
 
     def residual(step):
         steps = changes(moved(poses, step.reshape(poses.shape)))
@@ -78,15 +78,15 @@ def test_the_pushes_are_found_from_poses_that_are_known(rng):
     size, kept = 10, 0.8
     spread = np.sqrt(np.full(size, 1e-4))
     spread[6:] *= np.array([1.0, 3.0, 3.0, 0.3])
-    pushes = np.diag(spread**2)
-    pushes[7, 8] = pushes[8, 7] = 0.9 * spread[7] * spread[8]
-    root = np.linalg.cholesky(pushes)
+    process_noise = np.diag(spread**2)
+    process_noise[7, 8] = process_noise[8, 7] = 0.9 * spread[7] * spread[8]
+    root = np.linalg.cholesky(process_noise)
     poses, speed = [np.zeros(size)], np.zeros(size)
     for _ in range(1500):
         speed = kept * speed + root @ rng.normal(size=size)
         poses.append(moved(poses[-1][None], speed[None])[0])
     usual = Motion(kept, 1e-3 * np.eye(size))
-    found = usual.estimated(np.array(poses), (), usual).pushes
+    found = usual.estimated(np.array(poses), (), usual).process_noise
     np.testing.assert_allclose(np.sqrt(np.diag(found)), spread, rtol=0.1)
     assert found[7, 8] / np.sqrt(found[7, 7] * found[8, 8]) == pytest.approx(0.9, abs=0.03)
     assert abs(found[6, 7]) < 0.1 * np.sqrt(found[6, 6] * found[7, 7])

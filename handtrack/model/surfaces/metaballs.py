@@ -111,7 +111,7 @@ class MetaballSurface:
 
     def posed(self, bones: BonePoses) -> PosedSurface:
         """Return the surface at these poses, for compiled code."""
-        flesh = self.ellipsoids.grown(bones).arrays
+        flesh = self.ellipsoids.rescaled(bones).arrays
         table = np.empty((len(flesh.bone), 16))
         pose_table(bones.frames, flesh, table)
         return PosedSurface(table, flesh.bone, *self.links, self.sharpness, self.turning_level)

@@ -92,8 +92,8 @@ class CloudEmptinessTerm(SurfaceTerm):
         if self.distances.is_empty:
             return 0.0
         share = np.ones(len(self.bone))
-        if bones.growth is not None:  # a larger hand's errors are alike over broader patches
-            share /= bones.growth[self.bone].prod(axis=1) ** (2 / 3)
+        if bones.scale_change is not None:  # a larger hand's errors are alike over broader patches
+            share /= bones.scale_change[self.bone].prod(axis=1) ** (2 / 3)
         surface = self.bone, bones.on_flesh(self.bone, self.local), share
         noise = self.slack_m, self.sigma_m, self.loss, self.weight
         return emptiness_sums(self.distances.arrays, bones.frames, surface, noise, sums)

@@ -45,12 +45,12 @@ def parts_overlap(
     bones: BonePoses,
 ) -> list[OutlineOverlap]:
     """Return the same of each part alone: the ellipsoids of those numbers."""
-    seen, grown = prepared(silhouettes), ellipsoids.grown(bones)
+    seen, rescaled = prepared(silhouettes), ellipsoids.rescaled(bones)
     starts = np.cumsum([0, *map(len, parts)])
     members = np.concatenate([*parts, np.empty(0, np.int64)]).astype(np.int64)
     areas = np.zeros((len(seen), len(parts), 2))
     for camera, found in zip(seen, areas, strict=True):
-        flesh = grown.thicker(camera.wider_m).arrays
+        flesh = rescaled.thicker(camera.wider_m).arrays
         overlap_areas(bones.frames, flesh, camera.arrays, starts, members, found)
     mask = np.array([camera.area for camera in seen])
     return [OutlineOverlap(areas[:, n, 0], mask, areas[:, n, 1]) for n in range(len(parts))]

@@ -134,11 +134,11 @@ class FieldTerm(ObservationTerm):
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         cost, frames, gathered = 0.0, tuple(bones.frames), tuple(sums)
-        grown = self.ellipsoids.grown(bones)
-        radii = grown.arrays.radii
+        rescaled = self.ellipsoids.rescaled(bones)
+        radii = rescaled.arrays.radii
         for view, seen in zip(self._views, self.silhouettes, strict=True):
-            is_larger = grown is not self.ellipsoids
-            flesh = tuple(grown.thicker(seen.wider_m).arrays) if is_larger else view.ellipsoids
+            is_larger = rescaled is not self.ellipsoids
+            flesh = tuple(rescaled.thicker(seen.wider_m).arrays) if is_larger else view.ellipsoids
             part = silhouette_sums(
                 frames, flesh, radii, view.mask, view.field, view.weight, gathered
             )

@@ -37,7 +37,7 @@ class Control:
     """called with a SearchReport for every search that was made"""
     on_step: Callable[[Any], None] | None = None
     """called with a Step for every frame that is solved for good, in the order of tracking, before its result is yielded"""
-    on_early: Callable[[Any], None] | None = None
+    on_provisional: Callable[[Any], None] | None = None
     """called with a frame's FrameResult as soon as it is solved; a search beside may still change it, and the frames after
     it. What holds is yielded later"""
     on_refined: Callable[[float], None] = _unheard

@@ -72,12 +72,14 @@ def p_in_basin(
     """
     model = problem.model
     bones, twist, joint = model.linearize(params)
-    growth = np.zeros((*twist.shape[:2], 1))
-    growth[:, :3, 0] = bones.position - bones.reference  # bones move apart, as thick as they were
+    scale_change = np.zeros((*twist.shape[:2], 1))
+    scale_change[:, :3, 0] = (
+        bones.position - bones.reference
+    )  # bones move apart, as thick as they were
     seen = Sums.zero(len(bones.position), 6)
     cost = sum(term.add_to(bones, seen) for term in problem.observation_terms)
     spread = max(2.0 * cost / count, 1.0)
-    hessian = pull_back(seen, np.concatenate([twist, growth], axis=2))[1] / spread
+    hessian = pull_back(seen, np.concatenate([twist, scale_change], axis=2))[1] / spread
     for prior in problem.parameter_terms:
         hessian[:-1, :-1] += prior.linearize(joint).hessian
     hessian[-1, -1] += size_sigma**-2

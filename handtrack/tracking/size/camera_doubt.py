@@ -51,7 +51,7 @@ def camera_doubts(
     camera's three angles, or two coefficients of its lens, together with all poses and the overall size, which are eliminated.
     """
     size = SizeParameters(model)
-    model = size.grown(size.deviations(model.scale))
+    model = size.rescaled(size.deviations(model.scale))
     looks = [_Look.of(model, settings, observed, pose) for observed, pose in seen]
     looks = [look for look in looks if look.seen]
     names = dict.fromkeys(name for look in looks for name in look.seen)

@@ -153,15 +153,15 @@ def estimate_whole(
     should_stop: Callable[[], bool] = lambda: False,
     tell: Callable[[float], None] = lambda share: None,
     sweeps: int = _SWEEPS,
-    promise: float = np.inf,
+    at_most: float = np.inf,
 ) -> WholeEstimate | None:
     """Return the poses that are most probable together, from `poses` on, solver parameters of the frames, and the changes of
     the evidence's cameras and person; None when stopped, or where its first step does not foretell that a frame costs less than
-    `promise` on average.
+    `at_most` on average.
 
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
-    frame has a damping of its own: one that fits worse after a step than its system foretold is held back, the others are not.
-    What lies at a limit and would leave is held there. The pushes of the motion are estimated beside (EM). tell: is called with
+    frame has a damping of its own: one that fits worse after a step than its system predicted is held back, the others are not.
+    What lies at a limit and would leave is held there. The process noise of the motion is estimated beside (EM). tell: is called with
     the share that is done, frame by frame, since reading them takes longest; sweeps: at most.
     """
     model = evidence.model
@@ -197,17 +197,17 @@ def estimate_whole(
                 motion = motion.estimated(ahead, system.frames.inverse_parts(), usual)
             system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
-            promised = 0.5 * (right[0] * step).sum(axis=1)
-            promised += 0.5 * float((right[1] * change / alike).sum())
-            settled = promised.mean() < _ENOUGH and promised.max() < _ENOUGH_ONCE
-            foretold = best.systems.foretold(step, change)
-            if sweep == 1 and foretold.mean() >= promise:
+            expected_gain = 0.5 * (right[0] * step).sum(axis=1)
+            expected_gain += 0.5 * float((right[1] * change / alike).sum())
+            settled = expected_gain.mean() < _ENOUGH and expected_gain.max() < _ENOUGH_ONCE
+            predicted = best.systems.predicted(step, change)
+            if sweep == 1 and predicted.mean() >= at_most:
                 return None
             del system  # of a long recording as large as what all frames say
             evidence = evidence.sharing(best.shared.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
             gain = best.cost(motion) - found.cost(motion)
-            worse = found.costs > np.maximum(foretold, best.costs)
+            worse = found.costs > np.maximum(predicted, best.costs)
             damping = np.clip(damping * np.where(worse, _TIGHTEN, _RELAX), _LEAST, _MOST)
             if gain > 0:
                 best = found

@@ -59,13 +59,13 @@ class FrameProblem:
         size, first = len(pose), len(pose)
         count = sum(view.by_camera.shape[2] for view in views) + person.count
         gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
-        grown = np.arange(size + count - person.count, size + count)
+        rescaled = np.arange(size + count - person.count, size + count)
         cost = 0.0
         for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
             wide = 0 if view is None else view.by_camera.shape[2]
             if problem.observation_terms:
                 seen = _by_changes(person, problem, pose, view, n)
-                at = np.r_[:size, first : first + wide, grown]
+                at = np.r_[:size, first : first + wide, rescaled]
                 if view is not None:
                     moves = np.zeros((len(seen.gradient), len(at)))
                     moves[:size, :size], moves[:6, :6] = np.eye(size), view.by_pose[n]
@@ -141,7 +141,7 @@ class FrameSystems:
         places = _places(self.gradient.shape[1])
         return self._halves.sum(axis=0)[places[self.size :, self.size :]]
 
-    def foretold(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
+    def predicted(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
         """Return what each frame should cost after a step, to second order."""
         rows, columns = _half(self.gradient.shape[1])
         twice = np.where(rows == columns, 0.5, 1.0)

@@ -32,12 +32,12 @@ class Motion:
 
     Where nothing is seen the hand goes on, and comes to rest; what it may do meanwhile is bounded and known. Joints are
     pushed together: fingers that close as one where they are seen do so where one of them is hidden. A first velocity is as
-    large as velocities are that last, of variance pushes / (1 − kept²).
+    large as velocities are that last, of variance process noise / (1 − kept²).
     """
 
     kept: float
     """share of the velocity that is left a frame later, 0 … 1"""
-    pushes: Floats[P, P]
+    process_noise: Floats[P, P]
     """[m², rad²] covariance; place and turn go on their own"""
 
     @classmethod
@@ -102,12 +102,12 @@ class Motion:
         together = np.eye(size)
         together[ANGLES, ANGLES] = count / (count + size)
         np.fill_diagonal(together, 1.0)
-        pushed = (pushed + _USUAL_FRAMES * usual.pushes) / (count + _USUAL_FRAMES)
+        pushed = (pushed + _USUAL_FRAMES * usual.process_noise) / (count + _USUAL_FRAMES)
         return Motion(kept, pushed * together)
 
     @cached_property
     def _known(self) -> Floats[P, P]:
-        return np.linalg.inv(self.pushes)
+        return np.linalg.inv(self.process_noise)
 
     def _add(
         self,

@@ -111,7 +111,7 @@ class PersonChange:
     @cached_property
     def model(self) -> ArticulatedModel:
         """This person's, whose bones have grown."""
-        return self.parameters.grown(self.values) if self.count else self.parameters.model
+        return self.parameters.rescaled(self.values) if self.count else self.parameters.model
 
     @cached_property
     def with_long_arm(self) -> ArticulatedModel:
@@ -120,7 +120,7 @@ class PersonChange:
         if FOREARM_END not in names or not self.free[names.index(FOREARM_END)]:
             return self.parameters.model
         values[names.index(FOREARM_END)] = _REACHES
-        return self.parameters.grown(values)
+        return self.parameters.rescaled(values)
 
     def scale(self, covariance: Floats[K, K]) -> HandScale:
         """Return the same as it is saved; covariance: of the free ones. What is not free is known better by these, where both err

@@ -38,7 +38,7 @@ def with_doubt(size: SizeParameters, scale: HandScale, covariance: Floats[N, N])
     for k in range(count):
         step = np.zeros(len(slope))
         step[k] = _STEP
-        ahead, behind = (hand_length_mm(size.grown(at + s)) for s in (step, -step))
+        ahead, behind = (hand_length_mm(size.rescaled(at + s)) for s in (step, -step))
         slope[k] = (ahead - behind) / (2 * _STEP)
     length = float(np.sqrt(slope @ covariance @ slope))
     return replace(

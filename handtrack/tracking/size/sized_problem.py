@@ -28,7 +28,7 @@ def linearize_sized(
     """Return a frame's system in its pose and the free ones of the deviations (K,), P + K numbers, without a size's prior; then,
     if wished, by how much its masks are wider.
 
-    model: `size.grown`, of the size around which the system holds.
+    model: `size.rescaled`, of the size around which the system holds.
     """
     bones, twists, joint = model.linearize(pose)
     fields = BoneFields.of_twists(twists, len(model.joint_names))

@@ -17,7 +17,7 @@ from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.whole.evidence import Evidence, Recording, frame_seconds
-from handtrack.tracking.whole.ways import APART_M
+from handtrack.tracking.whole.mode_search import APART_M
 
 _REACH = 50
 """frames on either side that a correction may change"""

@@ -24,6 +24,7 @@ from handtrack.tracking.size.cameras import ALL, CALIBRATION, OUTLINE, TIME, Cam
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import terms_of
+from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import (
     MOSTLY_NEW,
     NEW_POSE_S,
@@ -34,11 +35,13 @@ from handtrack.tracking.whole.evidence import (
     new_share,
 )
 from handtrack.tracking.whole.keyframes import with_keyframes
-from handtrack.tracking.whole.other_ways import with_other_ways
+from handtrack.tracking.whole.mode_search import ModeSearch
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack.tracking.whole.several import Way, several_ways
+from handtrack.tracking.whole.trajectory_hypotheses import (
+    TrajectoryHypothesis,
+    trajectory_hypotheses,
+)
 from handtrack.tracking.whole.trellis import Trellis
-from handtrack.tracking.whole.ways import Ways
 
 _BESIDE = 7
 """frames to either side by which a cloud's is judged: half a second in all"""
@@ -58,7 +61,7 @@ _UNSEEN = 7
 _BY_CHANCE = 0.05
 """of good calibrations that would be corrected if all frames were one. Measured, each half the ratio: clean up to 2.0 (another hand),
 0.5°, 2 mm and 0.5 % off, or a camera late, from 11; asked for are 8.5 of two cameras, 13.8 of three"""
-_PROMISED = 0.5
+_EXPECTED = 0.5
 """share of that gain that a first step must foretell, which is true near the least cost, and the first sweeps bring; else the cameras are
 good, and no more is tried"""
 _SAMPLES = 8
@@ -86,7 +89,7 @@ class RecordingEstimate:
     """all poses, and what they share, found together"""
     calibrated: WholeEstimate | None = None
     """the solution that corrected the cameras"""
-    hypotheses: tuple[Way, ...] = ()
+    hypotheses: tuple[TrajectoryHypothesis, ...] = ()
     """trajectories refined as a whole, the best first"""
     results: tuple[FrameResult, ...] = ()
 
@@ -171,14 +174,14 @@ def bridge_gaps(recording: Recording, tracked: Sequence[FrameResult]) -> Recordi
 def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
     """Return the estimate on the Viterbi path through the modes of its frames."""
     tracked, numbers = estimate.tracked, estimate.frames
-    ways = Ways(estimate.evidence, tracked, estimate.poses, estimate.recording.control)
-    gathered = ways.gathered()
+    search = ModeSearch(estimate.evidence, tracked, estimate.poses, estimate.recording.control)
+    gathered = search.gathered()
     if gathered is None:
         return None
-    trellis = ways.moving_as_found(gathered)
+    trellis = search.moving_as_found(gathered)
     path = [row[k] for row, k in zip(trellis.minima, trellis.best.tolist(), strict=True)]
     bridged = {n for n, one in zip(numbers, path, strict=True) if one.origin == "bridged"}
-    poses = trellis.way(trellis.best)
+    poses = trellis.path(trellis.best)
     poor = _poor_still(estimate.evidence, tracked, poses)
     changed = [n for n, one in enumerate(path) if one.origin != "tracked"]
     evidence = estimate.evidence.elsewhere(
@@ -225,11 +228,11 @@ def correct_cameras(estimate: RecordingEstimate) -> RecordingEstimate:
     nearest = _nearest_images(evidence, numbers, found.poses)
     evidence = evidence.sharing(found.shared.through(nearest))
     asked = _asked_gain(cameras)
-    promise = float(found.costs.mean()) - _PROMISED * asked
+    at_most = float(found.costs.mean()) - _EXPECTED * asked
     tried = estimate_whole(
-        evidence, numbers, found.poses, control.should_stop, sweeps=_TRIED, promise=promise
+        evidence, numbers, found.poses, control.should_stop, sweeps=_TRIED, at_most=at_most
     )
-    if tried is None or tried.costs.mean() >= promise:
+    if tried is None or tried.costs.mean() >= at_most:
         return estimate
     again = estimate_whole(
         evidence.sharing(tried.shared), numbers, tried.poses, control.should_stop, control.on_refined
@@ -257,8 +260,8 @@ def flip_limbs(estimate: RecordingEstimate) -> RecordingEstimate:
     count, evidence = estimate.evidence.settings.tracker.hypotheses, estimate.evidence
     if count <= 1 or evidence.new > MOSTLY_NEW:
         return estimate
-    first = Way(estimate.solved, evidence, "followed")
-    several = several_ways(first, estimate.frames, count, estimate.recording.control)
+    first = TrajectoryHypothesis(estimate.solved, evidence, "followed")
+    several = trajectory_hypotheses(first, estimate.frames, count, estimate.recording.control)
     best = several[0]
     return replace(estimate, hypotheses=tuple(several), solution=best.found, evidence=best.evidence)
 
@@ -280,7 +283,7 @@ def assess_frames(estimate: RecordingEstimate) -> RecordingEstimate:
 def keep_alternatives(estimate: RecordingEstimate) -> RecordingEstimate:
     """Return the estimate whose frames have the other poses that all frames together leave open, and are as unsure."""
     assert estimate.trellis is not None, "passes come in order"
-    results = with_other_ways(
+    results = with_alternatives(
         estimate.evidence.model, estimate.results, estimate.trellis,
         estimate.evidence.settings.tracker.hypotheses, estimate.hypotheses,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Several poses a frame, and the ways through them: how probable each is, and which way is the most probable."""
+"""Several poses a frame, and the paths through them: how probable each is, and which is the most probable."""
 
 from __future__ import annotations
 
@@ -44,24 +44,24 @@ class Trellis:
 
     @cached_property
     def best(self) -> Ints[F]:
-        """Which minimum of each frame lies on the most probable way (Viterbi)."""
+        """Which minimum of each frame lies on the most probable path (Viterbi)."""
         least, back = -self._masses[0], []
         for mass, joined in zip(self._masses[1:], self._joined, strict=True):
             costs = least[:, None] - joined
             back.append(costs.argmin(axis=0))
             least = costs.min(axis=0) - mass
-        way = [int(least.argmin())]
+        path = [int(least.argmin())]
         for before in reversed(back):
-            way.append(int(before[way[-1]]))
-        return np.array(way[::-1])
+            path.append(int(before[path[-1]]))
+        return np.array(path[::-1])
 
-    def way(self, chosen: Ints[F]) -> Floats[F, P]:
+    def path(self, chosen: Ints[F]) -> Floats[F, P]:
         """Return the poses of one minimum each frame."""
         return np.array([row[k].pose for row, k in zip(self.minima, chosen.tolist(), strict=True)])
 
     @property
     def probabilities(self) -> list[Floats[K]]:
-        """How probable each frame's minima are, by all frames: over all ways through them (forward–backward)."""
+        """How probable each frame's minima are, by all frames: over all paths through them (forward–backward)."""
         ahead: list[Floats[K]] = [self._masses[0]]
         behind: list[Floats[K]] = [np.zeros(len(self.minima[-1]))]
         for mass, joined in zip(self._masses[1:], self._joined, strict=True):
@@ -84,7 +84,7 @@ class Trellis:
     def _weights(self) -> tuple[list[Floats[K]], list[Floats[K, L]]]:
         """Logarithms of each frame's masses, and of each frame's minima joined with each of the next's.
 
-        What is the same of all ways is left out: the mass of a frame's only minimum, and the join of two such.
+        What is the same of all paths is left out: the mass of a frame's only minimum, and the join of two such.
         """
         known = np.linalg.inv(self.change)
         masses: list[Floats[K]] = []

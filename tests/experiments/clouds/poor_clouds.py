@@ -16,8 +16,8 @@ from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, Sensor, dept
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.initialize import carried_over
 
-Ways = Mapping[str, tuple[str, dict[str, Any]]]
-WAYS: Ways = {
+ModeSearch = Mapping[str, tuple[str, dict[str, Any]]]
+WAYS: ModeSearch = {
     "hand26": ("hand26", {"model.fallback": "none"}),
     "glove9": ("glove9", {}),
     "ball6": ("ball6", {}),
@@ -71,7 +71,7 @@ def scene(
 
 
 def track(
-    way: str, truth: Floats[F, S], seen: Sequence[Observation], ways: Ways = WAYS
+    way: str, truth: Floats[F, S], seen: Sequence[Observation], ways: ModeSearch = WAYS
 ) -> list[FrameResult]:
     """Return the frames, tracked from the first true pose."""
     name, values = ways[way]
@@ -81,7 +81,7 @@ def track(
 
 
 def palm_mm(
-    way: str, results: Sequence[FrameResult], truth: Floats[F, S], ways: Ways = WAYS
+    way: str, results: Sequence[FrameResult], truth: Floats[F, S], ways: ModeSearch = WAYS
 ) -> Floats[F]:
     """Return the mean error of wrist and middle knuckle of each frame [mm]."""
     whole, model = load_model(), load_model(ways[way][0])

@@ -60,7 +60,7 @@ def _fitted(seed: int, joints: bool) -> tuple[Floats, Floats, float, float]:
     seen = [_seen(hand, pose, cameras, n, joints, rng) for n, pose in enumerate(true)]
     tracker = Tracker(mean, SETTINGS)
     results = [
-        tracker.glance(TrackerState.beginning_at(pose), one)[1]
+        tracker.step_without_search(TrackerState.beginning_at(pose), one)[1]
         for pose, one in zip(true, seen, strict=True)
     ]
     sure = [n for n, result in enumerate(results) if result.status == Status.TRACKED]

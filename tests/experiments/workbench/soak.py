@@ -49,9 +49,9 @@ def soak() -> dict[str, Any]:
         for client in others:
             client.__exit__(None, None, None)
         settled = np.array([row for row in taken if row[0] > 60 * _SETTLED])
-        growth, page_growth = 3600 * np.polyfit(settled[:, 0], settled[:, 1:3], 1)[0]
+        scale_change, page_growth = 3600 * np.polyfit(settled[:, 0], settled[:, 1:3], 1)[0]
         return {
-            "ratio": float(growth) / 5.0,
+            "ratio": float(scale_change) / 5.0,
             "reference": "5 MB an hour after ten minutes; here by a line through the last three of five, in which memory still settles",
             "minutes": _MINUTES,
             "frames_shown": sent,
@@ -60,7 +60,7 @@ def soak() -> dict[str, Any]:
             "memory_first_mb": taken[0][1],
             "memory_settled_mb": float(settled[0, 1]),
             "memory_last_mb": float(settled[-1, 1]),
-            "growth_mb_an_hour": float(growth),
+            "growth_mb_an_hour": float(scale_change),
             "of_this_the_page": float(page_growth),
             "page_settled_mb": float(settled[0, 2]),
             "page_last_mb": float(settled[-1, 2]),

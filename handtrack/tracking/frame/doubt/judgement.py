@@ -72,8 +72,8 @@ def judged(
         model.scale
     ):  # a size that nothing measured may be another, about where the hand is
         joints = model.joint_positions(model.bones(params))
-        grown = model.scale.std["overall"] * (joints - joints.mean(axis=0))
-        stated += grown[:, :, None] * grown[:, None, :]
+        rescaled = model.scale.std["overall"] * (joints - joints.mean(axis=0))
+        stated += rescaled[:, :, None] * rescaled[:, None, :]
     status, reason = assess(terms, model.bones(params), energy, previous)
     if moved_m is not None and reason is not None and reason.kind == "energy":
         status, reason = Status.TRACKED, None

@@ -15,7 +15,10 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, new_share
-from handtrack.tracking.whole.several import Way, several_ways
+from handtrack.tracking.whole.trajectory_hypotheses import (
+    TrajectoryHypothesis,
+    trajectory_hypotheses,
+)
 
 BODY = load_model("body34")
 FRONT = Camera(
@@ -46,11 +49,11 @@ def _evidence(poses: np.ndarray, *cameras: Camera) -> Evidence:
     return Evidence(BODY, settings, observe, dict(zip(FRAMES, poses, strict=True)), 0.04)
 
 
-def _way(poses: np.ndarray, *cameras: Camera) -> Way:
+def _way(poses: np.ndarray, *cameras: Camera) -> TrajectoryHypothesis:
     evidence = _evidence(poses, *cameras)
     found = estimate_whole(evidence, FRAMES, poses, sweeps=3)
     assert found is not None
-    return Way(found, evidence, "followed")
+    return TrajectoryHypothesis(found, evidence, "followed")
 
 
 def _places(poses: np.ndarray) -> np.ndarray:
@@ -59,7 +62,7 @@ def _places(poses: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def ways():
-    return several_ways(_way(_reaching(), FRONT), FRAMES, 6)
+    return trajectory_hypotheses(_way(_reaching(), FRONT), FRAMES, 6)
 
 
 def test_limbs_are_flipped_in_all_frames(ways):
@@ -76,7 +79,7 @@ def test_two_limbs_are_flipped_together(ways):
 
 def test_what_two_cameras_see_has_one_way():
     way = _way(_reaching(), FRONT, SIDE)
-    assert several_ways(way, FRAMES, 6) == [way]
+    assert trajectory_hypotheses(way, FRAMES, 6) == [way]
 
 
 def test_joints_of_one_camera_count_as_often_as_their_errors_are_new():

@@ -1,4 +1,4 @@
-"""What of the other ways through a recording stays with its frames: poses that may be, and a doubt where they are elsewhere."""
+"""Alternative poses of frames, by the other trajectories of a recording, and low confidence where they are elsewhere."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
-from handtrack.tracking.whole.several import Way
+from handtrack.tracking.whole.mode_search import APART_M
+from handtrack.tracking.whole.trajectory_hypotheses import TrajectoryHypothesis
 from handtrack.tracking.whole.trellis import Trellis
-from handtrack.tracking.whole.ways import APART_M
 
 _LEAST = 0.03
-"""probability below which another way is left out"""
+"""probability below which an alternative is left out"""
 
 
-def with_other_ways(
+def with_alternatives(
     model: ArticulatedModel,
     results: Sequence[FrameResult],
     trellis: Trellis,
     shown: int = 1,
-    refined: Sequence[Way] = (),
+    refined: Sequence[TrajectoryHypothesis] = (),
 ) -> list[FrameResult]:
     """Return refined frames with the other poses that all frames together leave open, the most probable first, behind the
     frame's own. What is stated contains them.
 
-    trellis: on whose most probable way the frames were refined; shown: how many poses a frame has that were asked for,
-    however probable: such as differ in shape come first. refined: of ways that were refined as a whole, the frames' own first, the
+    trellis: on whose Viterbi path the frames were refined; shown: how many poses a frame has that were asked for,
+    however probable: such as differ in shape come first. refined: hypotheses that were refined as a whole, the frames' own first, the
     others are what is shown.
     """
     found = []
@@ -56,10 +56,10 @@ def with_other_ways(
             weight = float(weights[0] / weights.sum())
             known = [
                 Alternative(
-                    model.joint_params(way.found.poses[n]), float(way.found.costs[n]), float(w), -1,
-                    way.origin,
+                    model.joint_params(hypothesis.found.poses[n]), float(hypothesis.found.costs[n]), float(w), -1,
+                    hypothesis.origin,
                 )
-                for way, w in zip(refined[1:], weights[1:] / weights.sum(), strict=True)
+                for hypothesis, w in zip(refined[1:], weights[1:] / weights.sum(), strict=True)
             ]  # fmt: skip
         held = Alternative(result.parameters, result.energy, weight, -1, "refined")
         found.append(replace(result, alternatives=(held, *known)) if known else result)
@@ -96,9 +96,9 @@ def _shown(
 def _doubted(
     model: ArticulatedModel, result: FrameResult, own: float, others: Sequence[Alternative]
 ) -> FrameResult:
-    """Return a frame whose stated covariance and probability contain the other ways. own: how probable its own way is.
+    """Return a frame whose stated covariance and probability contain the alternatives. own: how probable its own pose is.
 
-    Of a joint, ways that leave it where it is say nothing: P = w / (w of its own way and of those that move it).
+    Of a joint, alternatives that leave it where it is say nothing: P = w / (w of its own pose and of those that move it).
     """
     poses = [model.bones(model.transform.solver_params(one.parameters)) for one in others]
     off = np.array([model.joint_positions(bones) for bones in poses]) - result.joint_positions
@@ -116,7 +116,7 @@ def _doubted(
         return result
     if 1.0 - (1.0 - before) * (1.0 - elsewhere) <= 1.0 / figures.MISSED:
         return result
-    way, joint = np.unravel_index(int((weight * far_m).argmax()), far_m.shape)
+    hypothesis, joint = np.unravel_index(int((weight * far_m).argmax()), far_m.shape)
     name = model.joint_names[joint].replace("_", " ")
-    why = Reason("other way", name, number=elsewhere, other=1e3 * float(far_m[way, joint]))
+    why = Reason("other way", name, number=elsewhere, other=1e3 * float(far_m[hypothesis, joint]))
     return replace(result, status=Status.DOUBTFUL, reason=why)

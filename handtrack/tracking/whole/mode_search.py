@@ -1,4 +1,4 @@
-"""Where a recording may have gone another way: minima of frames besides the tracked poses, and the ways through all of them."""
+"""Modes of a recording: minima of frames besides the tracked poses, and the paths through all of them."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ APART_M = 0.01
 _SURPRISING = 2.0
 """usual changes of a frame from which two frames don't go together"""
 _MET = 2
-"""frames in a row after which a way that leads to known minima is taken for theirs"""
+"""frames in a row after which a path that leads to known minima is taken for theirs"""
 _FAR = 50
-"""frames that a way is carried on at most"""
+"""frames that a path is carried on at most"""
 _TRIALS_EVERY, _TRIED = 8, 4
 """frames of a doubtful stretch after which other fingers are tried, and how many"""
 _ROUNDS = 3
-"""times at most that frames are bridged which jump on the best way, since each may open another"""
+"""times at most that frames are bridged which jump on the best path, since each may open another"""
 _LEAST_CHANGE = 0.1
 """of the usual: what hardly moved may still begin to"""
 _HOPELESS = 15.0
-"""[log-likelihood] a way that fits worse by more, all its frames together, isn't carried on"""
+"""[log-likelihood] a path that fits worse by more, all its frames together, isn't carried on"""
 
 
 @dataclass(eq=False)
-class Ways:
+class ModeSearch:
     """Minima as they are gathered."""
 
     evidence: Evidence
@@ -82,27 +82,27 @@ class Ways:
                 self._carry(n - 1, 1, self._pose(n - 1), self._speed(n - 1, -1, firm))
         for n in _spread(doubted & firm):
             self._try_fingers(n)
-        usual = Trellis(self.minima, self.motion.pushes)
+        usual = Trellis(self.minima, self.motion.process_noise)
         for _ in range(_ROUNDS):
-            if not self._bridge(usual.way(self.moving_as_found(usual).best)):
+            if not self._bridge(usual.path(self.moving_as_found(usual).best)):
                 break
-            usual = Trellis(self.minima, self.motion.pushes)
+            usual = Trellis(self.minima, self.motion.process_noise)
         return None if self.control.should_stop() else usual
 
     def moving_as_found(self, usual: Trellis) -> Trellis:
-        """Return the trellis where frames change as they do on the most probable way by what is usual."""
-        return replace(usual, change=self._change(usual.way(usual.best)))
+        """Return the trellis where frames change as they do on the most probable path by what is usual."""
+        return replace(usual, change=self._change(usual.path(usual.best)))
 
     def _change(self, poses: Floats[F, P]) -> Floats[P, P]:
-        """Return what a frame changes on a way, a variance: nine in ten changes are within 1.645 standard deviations, the others
-        may be mistakes; no more than is usual, since a way full of mistakes changes by anything.
+        """Return what a frame changes on a path, a variance: nine in ten changes are within 1.645 standard deviations, the others
+        may be mistakes; no more than is usual, since a path full of mistakes changes by anything.
         """
-        usual = np.sqrt(np.diag(self.motion.pushes))
+        usual = np.sqrt(np.diag(self.motion.process_noise))
         found = np.percentile(np.abs(changes(poses)), 90, axis=0) / 1.645
         return np.diag(np.clip(found, _LEAST_CHANGE * usual, usual) ** 2)
 
     def _bridge(self, poses: Floats[F, P]) -> bool:
-        """Add the middle between the neighbours of frames that don't go together with these on a way: where a frame tells
+        """Add the middle between the neighbours of frames that don't go together with these on a path: where a frame tells
         little, no minimum of its own may be near. Return whether there is any.
         """
         added = False
@@ -148,8 +148,10 @@ class Ways:
     def _pushed(self, poses: Floats[F, P]) -> Array[F]:
         """Return which frames change their neighbours' motion by more than is usual."""
         pushed = np.zeros(len(poses), bool)
-        pushes = np.abs(np.diff(changes(poses), axis=0)) / np.sqrt(np.diag(self.motion.pushes))
-        pushed[1:-1] = (pushes > _SURPRISING).any(axis=1)
+        surprise = np.abs(np.diff(changes(poses), axis=0)) / np.sqrt(
+            np.diag(self.motion.process_noise)
+        )
+        pushed[1:-1] = (surprise > _SURPRISING).any(axis=1)
         return pushed
 
     def _speed(self, n: int, towards: int, firm: Array[F]) -> Floats[P]:
@@ -158,7 +160,7 @@ class Ways:
         if not 0 <= other < len(self.poses) or not firm[other]:
             return np.zeros_like(self.poses[n])
         step = changes(np.array([self.poses[other], self.poses[n]]))[0]
-        usual = np.sqrt(np.diag(self.motion.pushes))
+        usual = np.sqrt(np.diag(self.motion.process_noise))
         return step if (np.abs(step) < _SURPRISING * usual).all() else np.zeros_like(step)
 
     def _carry(self, n: int, towards: int, pose: Floats[P], speed: Floats[P]) -> None:

@@ -1,4 +1,4 @@
-"""Several ways of a recording, each refined by all frames: limbs flipped in depth throughout."""
+"""Several trajectories of a recording, each refined by all frames: limbs flipped in depth throughout."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence
 
 _SWEEPS = 6
-"""of ways beside the best: they show which is better, and what else it may be"""
+"""of hypotheses beside the best: they show which is better, and what else it may be"""
 _WIDTH, _ROUNDS = 3, 3
-"""ways that are flipped on, the best; limbs that may be flipped together. A flip may cost more before another limb is flipped, too:
-of a real person the best way was two such steps away in one camera of four (docs/reports/results.md)"""
+"""hypotheses that are flipped on, the best; limbs that may be flipped together. A flip may cost more before another limb is flipped, too:
+of a real person the best hypothesis was two such steps away in one camera of four (docs/reports/results.md)"""
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class TrajectoryHypothesis:
     """Poses of all frames, refined together."""
 
     found: WholeEstimate
@@ -32,34 +32,38 @@ class Way:
 
     @property
     def cost(self) -> float:
-        """By which ways are compared: what all frames say, and what is usual of motion."""
+        """By which hypotheses are compared: what all frames say, and what is usual of motion."""
         usual = self.evidence.usual
         moves = 0.0 if usual is None else usual.cost(self.found.poses)
         return float(self.found.costs.sum()) + moves
 
 
-def several_ways(
-    first: Way, frames: Sequence[int], count: int, control: Control = Control()
-) -> list[Way]:
-    """Return so many ways, the best first, where joints in one camera's image are all that was seen; else the given one alone.
+def trajectory_hypotheses(
+    first: TrajectoryHypothesis, frames: Sequence[int], count: int, control: Control = Control()
+) -> list[TrajectoryHypothesis]:
+    """Return so many hypotheses, the best first, where joints in one camera's image are all that was seen; else the given one alone.
 
-    One camera leaves open on which side of the image plane a limb is, throughout: like the 2003 paper's jumps, but of whole ways. How
-    far away everything is it leaves open too, about each of them: that is no way of its own, and the covariance tells it. Fewer
+    One camera leaves open on which side of the image plane a limb is, throughout: like the 2003 paper's jumps, but of whole trajectories. How
+    far away everything is it leaves open too, about each of them: that is no hypothesis of its own, and the covariance contains it. Fewer
     where there are no more, or it was stopped.
     """
     camera = _camera(first.evidence, frames)
     if camera is None or count < 2:
         return [first]
-    ways, flipped = [first], list[Way]()
+    hypotheses, flipped = [first], list[TrajectoryHypothesis]()
     for _ in range(_ROUNDS):
-        fresh = [way for way in ways[:_WIDTH] if all(way is not one for one in flipped)]
-        for way in fresh:
-            for other in _flipped(way, frames, camera, control):
-                ways = _unlike(sorted([*ways, other], key=lambda w: w.cost))[:count]
+        fresh = [
+            hypothesis
+            for hypothesis in hypotheses[:_WIDTH]
+            if all(hypothesis is not one for one in flipped)
+        ]
+        for hypothesis in fresh:
+            for other in _flipped(hypothesis, frames, camera, control):
+                hypotheses = _unlike(sorted([*hypotheses, other], key=lambda w: w.cost))[:count]
         flipped += fresh
         if not fresh or control.should_stop():
             break
-    return ways
+    return hypotheses
 
 
 def _camera(evidence: Evidence, frames: Sequence[int]) -> Camera | None:
@@ -75,17 +79,21 @@ def _camera(evidence: Evidence, frames: Sequence[int]) -> Camera | None:
     return found
 
 
-def _flipped(way: Way, frames: Sequence[int], camera: Camera, control: Control) -> Iterator[Way]:
-    """Yield the way with one limb on the other side of where it was, refined."""
-    for name, poses in _trials(way, camera):
-        yield from _refined(way.evidence, frames, poses, f"{way.origin}, {name} flipped", control)
+def _flipped(
+    hypothesis: TrajectoryHypothesis, frames: Sequence[int], camera: Camera, control: Control
+) -> Iterator[TrajectoryHypothesis]:
+    """Yield the hypothesis with one limb on the other side of where it was, refined."""
+    for name, poses in _trials(hypothesis, camera):
+        yield from _refined(
+            hypothesis.evidence, frames, poses, f"{hypothesis.origin}, {name} flipped", control
+        )
 
 
-def _trials(way: Way, camera: Camera) -> Iterator[tuple[str, Floats[F, P]]]:
-    """Yield each limb's name and the poses in which it is flipped, one way of all: from the frame where a flip differs most it is
+def _trials(hypothesis: TrajectoryHypothesis, camera: Camera) -> Iterator[tuple[str, Floats[F, P]]]:
+    """Yield each limb's name and the poses in which it is flipped, one hypothesis of all: from the frame where a flip differs most it is
     followed to both sides, to the flip that is nearest. Where the limb lies in the image plane that is the pose itself.
     """
-    model, poses = way.evidence.model, way.found.poses
+    model, poses = hypothesis.evidence.model, hypothesis.found.poses
     by_frame = [flips_of_limbs(model, pose, camera) for pose in poses]
     for name in by_frame[0]:
         leaves = [np.concatenate([pose[None], at[name]]) for pose, at in zip(poses, by_frame, strict=True)]  # fmt: skip
@@ -106,22 +114,24 @@ def _far(rows: Floats[N, P], pose: Floats[P]) -> Floats[N]:
     return np.linalg.norm(rows[:, 6:] - pose[6:], axis=1)
 
 
-def _unlike(ways: Sequence[Way]) -> list[Way]:
-    """Return the ways of which no better one is the same: all joints of all frames near each other."""
-    kept: list[Way] = []
+def _unlike(hypotheses: Sequence[TrajectoryHypothesis]) -> list[TrajectoryHypothesis]:
+    """Return the hypotheses of which no better one is the same: all joints of all frames near each other."""
+    kept: list[TrajectoryHypothesis] = []
     places: list[Floats] = []
-    for way in ways:
-        model = way.evidence.model
-        own = np.array([model.joint_positions(model.bones(pose)) for pose in way.found.poses])
+    for hypothesis in hypotheses:
+        model = hypothesis.evidence.model
+        own = np.array(
+            [model.joint_positions(model.bones(pose)) for pose in hypothesis.found.poses]
+        )
         if all(np.linalg.norm(own - one, axis=2).max() > apart_m(own[0]) for one in places):
-            kept.append(way)
+            kept.append(hypothesis)
             places.append(own)
     return kept
 
 
 def _refined(
     evidence: Evidence, frames: Sequence[int], poses: Floats[F, P], origin: str, control: Control
-) -> Iterator[Way]:
+) -> Iterator[TrajectoryHypothesis]:
     found = estimate_whole(evidence, frames, poses, control.should_stop, sweeps=_SWEEPS)
     if found is not None:
-        yield Way(found, evidence, origin)
+        yield TrajectoryHypothesis(found, evidence, origin)

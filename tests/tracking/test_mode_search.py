@@ -21,8 +21,8 @@ from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, Status
 from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import Recording
-from handtrack.tracking.whole.other_ways import with_other_ways
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.trellis import Minimum, Trellis
 
@@ -153,7 +153,7 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     results = [
         posed_result(HAND, seen, pose, Judgement(Status.TRACKED, None, known)) for seen in views
     ]
-    alone, two, apart = with_other_ways(HAND, results, trellis)
+    alone, two, apart = with_alternatives(HAND, results, trellis)
     assert not alone.alternatives
     assert alone.status == two.status == Status.TRACKED
     assert len(two.alternatives) == len(apart.alternatives) == 2
@@ -184,7 +184,7 @@ def test_poses_that_were_asked_for_differ_in_shape():
     ]
     trellis = Trellis([minima], 100.0 * np.eye(len(pose)))
     result = posed_result(HAND, Observation(0, 0.0), pose, Judgement(Status.TRACKED))
-    (found,) = with_other_ways(HAND, [result], trellis, shown=2)
+    (found,) = with_alternatives(HAND, [result], trellis, shown=2)
     np.testing.assert_array_equal(found.alternatives[1].parameters, HAND.joint_params(turned))
     assert len(found.alternatives) == 5, "others above 3 % stay as well"
 
