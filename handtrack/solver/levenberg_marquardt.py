@@ -35,7 +35,6 @@ class SolveSummary:
     why: str
     """`converged`, `iterations` (used up), `no descent`, or `stopped` (asked to)"""
     cost_history: tuple[float, ...]
-    damping_history: tuple[float, ...]
     system: JointSystem
     """the last linearisation"""
 
@@ -77,7 +76,7 @@ def solve(
     longest = settings.step_limit_m, settings.step_limit_rad
     params = clipped(limits, np.array(params, dtype=float))
     damping, system = settings.damping, problem.linearize(params)
-    costs, dampings = [system.cost], list[float]()
+    costs = [system.cost]
     why, count = "iterations", 0
     for count in range(1, settings.iterations + 1):
         if should_stop is not None and should_stop():
@@ -99,7 +98,6 @@ def solve(
                     break
             damping *= tighten
             tighten *= 2.0
-        dampings.append(damping)
         if moved is None:
             why = "converged" if small else "no descent"
             break
@@ -113,4 +111,4 @@ def solve(
         if gain <= least or largest < settings.step_tolerance:
             why = "converged"
             break
-    return SolveSummary(params, system.cost, count, why, tuple(costs), tuple(dampings), system)
+    return SolveSummary(params, system.cost, count, why, tuple(costs), system)

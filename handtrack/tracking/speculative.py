@@ -58,7 +58,7 @@ class _Frame:
 
 
 class SpeculativeExecution:
-    """Frames on from a state, yielded once settled; `control.on_early` is shown them as soon as they are solved.
+    """Frames on from a state, yielded once settled; `control.on_provisional` is shown them as soon as they are solved.
 
     Whoever watches single solver steps, or has one thread, gets one frame after the other, searches included.
     """

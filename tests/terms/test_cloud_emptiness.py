@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -74,7 +76,7 @@ def test_the_slope_of_the_distance_is_its_derivative_inside_and_beyond_the_grid(
 def test_kernel_equals_rows(rng, model, scene, loss):
     points, bones, mesh = scene
     moved = model.bones(model.rest_params() + 0.05 * rng.normal(size=len(model.rest_params())))
-    term = CloudEmptinessTerm.at_start(points, mesh, loss=loss, weight=0.3, slack_m=0.001)
+    term = replace(CloudEmptinessTerm.at_start(points, mesh, loss=loss, weight=0.3), slack_m=0.001)
     x = moved.to_world(term.bone, term.local)
     distance, n = term.distances.at(x)
     residual = np.maximum(distance - 0.001, 0.0) / 0.004

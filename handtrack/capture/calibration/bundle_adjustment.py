@@ -58,8 +58,6 @@ class Refined:
     """robust standard deviation of one coordinate"""
     lens_std: Floats[C, D9]
     """; 0 where held fixed."""
-    camera_std: Floats[C, D6]
-    """; 0 for the camera held fixed."""
     skew: Floats[C, D2]
     """the skew [px] that would fit next, and its standard deviation."""
     converged: bool
@@ -85,8 +83,8 @@ def refine(
         state, good = _minimised(state, corners, layout, scale, steps)
         scale = max(_ROBUST_SIGMAS * _spread(residuals(state, corners)), 0.05)
     left = residuals(state, corners)
-    lens_std, camera_std, skews = _uncertainty(state, corners, layout, left, scale)
-    return Refined(state, left, _spread(left), lens_std, camera_std, skews, good)
+    lens_std, skews = _uncertainty(state, corners, layout, left, scale)
+    return Refined(state, left, _spread(left), lens_std, skews, good)
 
 
 def _minimised(
@@ -290,8 +288,8 @@ def _flatten_derivative(seen: Floats) -> Floats:
 
 def _uncertainty(
     state: RigState, corners: Corners, layout: _Layout, left: Floats, scale: float
-) -> tuple[Floats, Floats, Floats]:
-    """Return the standard deviations of lenses and cameras, and the skews that would fit next.
+) -> tuple[Floats, Floats]:
+    """Return the standard deviations of lenses, and the skews that would fit next.
 
     Skew s adds s · y' to u; its column is put beside the others for one Gauss-Newton step.
     """
@@ -321,4 +319,4 @@ def _uncertainty(
         right[n:] / diagonal[n:] - coupling.T @ inverse @ (right[:n] / diagonal[:n])
     )
     skews = np.stack([step, np.sqrt(np.maximum(spread * np.diag(own_inverse), 0))], -1)
-    return std.lens, std.camera, skews / diagonal[n:, None]
+    return std.lens, skews / diagonal[n:, None]

@@ -59,10 +59,6 @@ class CloudEmptinessTerm(SurfaceTerm):
         *,
         objects: Floats[M, D3] | None = None,
         margin_m: float = 0.04,
-        spacing_m: float = SPACING_M,
-        most_voxels: int = MOST_VOXELS,
-        sigma_m: float = 0.004,
-        slack_m: float = 0.002,
         loss: Loss = quadratic(),
         weight: float = 1.0,
     ) -> CloudEmptinessTerm:
@@ -72,11 +68,9 @@ class CloudEmptinessTerm(SurfaceTerm):
         margin_m: how far the map reaches beyond the mesh; points beyond it are left out.
         """
         low, high = mesh.vertices.min(axis=0) - margin_m, mesh.vertices.max(axis=0) + margin_m
-        distances = distance_map(cloud, low, high, spacing_m, most_voxels)
+        distances = distance_map(cloud, low, high, SPACING_M, MOST_VOXELS)
         nothing = np.empty(0, np.int64), np.empty((0, 3))
-        return cls(distances, *nothing, sigma_m, slack_m, loss, weight).for_mesh(
-            mesh, views, objects
-        )
+        return cls(distances, *nothing, loss=loss, weight=weight).for_mesh(mesh, views, objects)
 
     def for_mesh(
         self,

@@ -40,10 +40,9 @@ class CoverageTerm(FieldTerm):
         bones_at_start: BonePoses,
         antisymmetric: bool = False,
         weight: float | Sequence[float] = 1.0,
-        name: str = "coverage",
         row_steps: tuple[int, ...] = (),
     ) -> None:
-        super().__init__(silhouettes, ellipsoids, weight, name)
+        super().__init__(silhouettes, ellipsoids, weight, "coverage")
         cameras = [s.camera for s in self.silhouettes]
         shape = ramp(cameras, ellipsoids, band_px, bones_at_start, antisymmetric)
         self.shape = replace(shape, row_steps=row_steps)

@@ -15,10 +15,10 @@ from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.settings import PriorSettings
 
 _USUAL_FRAMES = 0.01
-"""frames for which the usual pushes count beside those that were seen: they keep what never moves from being known to"""
+"""frames for which the usual process noise counts beside what was seen: it keeps what never moves from being known to"""
 _LASTS_S = 0.2
 """[s] after which e⁻¹ of a velocity is left: a movement of half a second, as reaching and grasping take, begins and ends in twice
-that. It isn't estimated: beside the pushes, of hidden joints' angles neither can be told from the other"""
+that. It isn't estimated: beside the process noise, of hidden joints' angles neither can be told from the other"""
 _AT_ONCE = 256
 """frames whose parts of the system are made at once: those of all would be twice as large as the system"""
 _PAIRS = ((0, 0, 2), (0, 1, 1), (0, 2, 0), (1, 0, 2), (1, 1, 1), (2, 0, 2))
@@ -28,7 +28,7 @@ how many frames before the end"""
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """x₊ − x = kept · (x − x₋) + N(0, pushes), of solver parameters a frame: an Ornstein–Uhlenbeck velocity.
+    """x₊ − x = kept · (x − x₋) + N(0, process noise), of solver parameters a frame: an Ornstein–Uhlenbeck velocity.
 
     Where nothing is seen the hand goes on, and comes to rest; what it may do meanwhile is bounded and known. Joints are
     pushed together: fingers that close as one where they are seen do so where one of them is hidden. A first velocity is as
@@ -50,7 +50,7 @@ class Motion:
         return cls(float(np.exp(-seconds / _LASTS_S)), np.diag(push**2))
 
     def cost(self, poses: Floats[F, P]) -> float:
-        """Return ½ Σ rᵀ r of all pushes and of the first velocity, in standard deviations."""
+        """Return ½ Σ rᵀ r of all accelerations and of the first velocity, in standard deviations."""
         steps = changes(poses)
         pushed = steps[1:] - self.kept * steps[:-1]
         first = steps[:1] * np.sqrt(1.0 - self.kept**2)
