@@ -115,8 +115,8 @@ def bvh(kind: str, folder: Path) -> float:
     for ours, theirs in humanik_names(table.model).items():
         text = re.sub(rf"^(\s*(?:JOINT|ROOT)) {ours}$", rf"\1 {theirs}", text, flags=re.MULTILINE)
     assert renamed.read_text(encoding="utf-8") == text
-    if kind == "right":
-        assert "JOINT RightHandIndex1\n" in text
+    if kind == "left":
+        assert "JOINT LeftHandIndex1\n" in text
     root = bvhio.readAsHierarchy(str(path))
     ends = {joint.Name: joint.EndSite for joint, _, _ in bvhio.readAsBvh(str(path)).Root.layout()}
     model, track = table.model, table.track

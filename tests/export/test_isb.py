@@ -22,75 +22,23 @@ def angles(side: str, turned: dict[str, float] | None = None) -> dict[str, float
     return {name: float(np.rad2deg(value[0])) for name, value in found.items()}
 
 
-def tip(side: str, finger: str, turned: dict[str, float]) -> np.ndarray:
-    """Return where a fingertip is in the hand's frame [m]."""
-    model = load_model("hand26", side=side)
-    values = {name: float(np.deg2rad(value)) for name, value in turned.items()}
-    bones = model.bones(model.params_from(values))
-    return model.joint_positions(bones)[model.joint_names.index(f"{finger}_tip")]
+TURNS = [
+    *((f"{f}_{j}_flex", f"{f}_{j}_flexion", 20, 1.1) for f in FINGERS[1:] for j in ("mcp", "pip", "dip")),
+    *((f"thumb_{j}_flex", f"thumb_{j}_flexion", 20, 1e-6) for j in ("mcp", "ip")),
+    *((f"{f}_mcp_abd", f"{f}_mcp_ulnar_deviation", -10, 0.2) for f in ("index", "middle")),
+    *((f"{f}_mcp_abd", f"{f}_mcp_ulnar_deviation", 10, 0.2) for f in ("ring", "little")),
+    ("thumb_cmc_flex", "thumb_cmc_flexion", 20, 1.5), ("thumb_cmc_abd", "thumb_cmc_adduction", -20, 0.5),
+    ("wrist_flex", "wrist_flexion", 15, 0.1), ("wrist_abd", "wrist_ulnar_deviation", -15, 0.1),
+]  # fmt: skip
+"""a parameter that is turned, the angle that follows, by how much and within what [°]; where parameters lead: tests/model/test_hand26.py"""
 
 
-@pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("finger", FINGERS[1:])
-@pytest.mark.parametrize("joint", ["mcp", "pip", "dip"])
-def test_flexion_is_towards_the_palm(side, finger, joint):
-    name = f"{finger}_{joint}_flex"
-    moved = tip(side, finger, {name: 20}) - tip(side, finger, {})
-    assert moved[2] < -0.002  # +z is the back of the hand
-    change = angles(side, {name: 20})[f"{finger}_{joint}_flexion"] - angles(side)[f"{finger}_{joint}_flexion"]  # fmt: skip
-    assert change == pytest.approx(20, abs=2.0)  # about an axis square to the bone
-
-
-@pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("finger", FINGERS[1:])
-def test_deviation_is_towards_the_little_finger(side, finger):
-    """Our abduction leads away from the middle finger, the ISB's deviation to the ulna, whichever finger it is."""
-    ulnar = 1.0 if side == "right" else -1.0  # x of the little finger's side
-    name = f"{finger}_mcp_abd"
-    moved = tip(side, finger, {name: 10}) - tip(side, finger, {})
-    change = angles(side, {name: 10})[f"{finger}_mcp_ulnar_deviation"] - angles(side)[f"{finger}_mcp_ulnar_deviation"]  # fmt: skip
-    assert np.sign(change) == np.sign(ulnar * moved[0])
-    assert abs(change) == pytest.approx(10, abs=0.5)
-
-
-@pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("joint", ["mcp", "ip"])
-def test_the_thumb_bends_positively(side, joint):
-    change = angles(side, {f"thumb_{joint}_flex": 20})[f"thumb_{joint}_flexion"] - angles(side)[f"thumb_{joint}_flexion"]  # fmt: skip
-    assert change == pytest.approx(20, abs=1e-6)
-
-
-@pytest.mark.parametrize("side", SIDES)
-def test_the_thumbs_base_flexes_across_the_palm_and_adducts_into_its_plane(side):
-    """Flexion by where the thumb's tip goes: to the little finger's side; adduction by what rises out of the palm's plane."""
-    relaxed = {"thumb_cmc_flex": 8, "thumb_cmc_abd": 18}
-    bent, raised = relaxed | {"thumb_cmc_flex": 28}, relaxed | {"thumb_cmc_abd": 38}
-    ulnar = 1.0 if side == "right" else -1.0
-    assert ulnar * (tip(side, "thumb", bent) - tip(side, "thumb", relaxed))[0] > 0.01
-    assert (tip(side, "thumb", raised) - tip(side, "thumb", relaxed))[2] < -0.01
-    before, after, up = (angles(side, pose) for pose in (relaxed, bent, raised))
-    assert after["thumb_cmc_flexion"] - before["thumb_cmc_flexion"] == pytest.approx(20, abs=3)
-    assert up["thumb_cmc_adduction"] - before["thumb_cmc_adduction"] == pytest.approx(-20, abs=1)
-
-
-@pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("name, rotation", [("wrist_flex", "flexion"), ("wrist_abd", "ulnar_deviation")])  # fmt: skip
-def test_the_wrist_bends_to_the_palm_and_to_the_ulna(side, name, rotation):
-    """Told by the hand's motion before the forearm: the palm's normal, and the little finger's side."""
-    model = load_model("hand26", side=side, forearm=True)
-
-    def fingertips_by_forearm(value: float) -> np.ndarray:
-        bones = model.bones(model.params_from({name: float(np.deg2rad(value))}))
-        arm = model.skeleton.bone("forearm")
-        middle = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
-        return bones.rotation[arm].T @ (middle - bones.position[arm])
-
-    moved = fingertips_by_forearm(15) - fingertips_by_forearm(0)
-    # the forearm's frame: +y to the elbow, +z dorsal, and so +x to the thumb of a right hand
-    volar, ulnar = -moved[2], -moved[0] if side == "right" else moved[0]
-    change = angles(side, {name: 15})[f"wrist_{rotation}"] - angles(side)[f"wrist_{rotation}"]
-    assert np.sign(change) == np.sign(volar if rotation == "flexion" else ulnar)
-    assert abs(change) == pytest.approx(15, abs=0.5)
+@pytest.mark.parametrize(("parameter", "angle", "change", "within"), TURNS)
+def test_an_angle_follows_its_parameter_to_the_palm_and_to_the_ulna(
+    parameter, angle, change, within
+):
+    turned = angles("right", {parameter: abs(change)})
+    assert turned[angle] - angles("right")[angle] == pytest.approx(change, abs=within)
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -56,8 +56,8 @@ def test_refined_together_no_joint_is_worse_by_a_tenth_of_a_millimetre(bundled, 
 def test_an_independent_hand_mesh_is_followed():
     """Another model's surface and joints (linear skinning), ragged masks; its joints lie elsewhere by definition."""
     run = TrackingRun.open(Session.open(bundled_session()))
-    track = run.result(run.track(range(25), *run.initial()))
-    assert errors_mm(track, run.session.truth).mean() < 6.5  # measured 5.6 mm; the bar is 7
+    track = run.result(run.track(range(12), *run.initial()))
+    assert errors_mm(track, run.session.truth).mean() < 4.5  # measured 3.5 mm
     chain = np.diff(run.session.truth.keypoints21[0][[0, 9, 10, 11, 12]], axis=0)
     length_mm = 1e3 * np.linalg.norm(chain, axis=1).sum()
     assert hand_length_mm(run.model) == pytest.approx(length_mm, rel=0.05)

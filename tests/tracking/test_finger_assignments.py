@@ -6,20 +6,7 @@ import numpy as np
 
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.tracking.search.global_search import bent_fingers, swapped_fingers
-
-
-def test_sixteen_ways_to_hold_four_fingers():
-    model = load_model()
-    params = model.rest_params()
-    ways = bent_fingers(model, params)
-    assert len({way.tobytes() for way in ways}) == 16
-    thumb = [p for p, name in enumerate(model.transform.names) if "thumb" in name or "root" in name]
-    index = model.transform.names.index("index_pip_flex")
-    for way in ways:
-        np.testing.assert_allclose(way[thumb], params[thumb])
-        np.testing.assert_allclose(model.clipped(way), way, atol=1e-12)
-    assert len({round(way[index], 6) for way in ways}) == 2
+from handtrack.tracking.search.global_search import swapped_fingers
 
 
 def test_neighbours_are_exchanged_and_nothing_else():
