@@ -1,0 +1,38 @@
+"""What all frames say, kept as halves of matrices: every part is the whole matrix's, and so is what a step should cost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.size import frame_systems
+from handtrack.tracking.size.frame_systems import FrameSystem, FrameSystems
+
+FRAMES, SIZE, SHARED = 5, 4, 3
+
+
+@pytest.mark.parametrize("at_once", [2, 256])
+def test_it_is_the_whole_matrix_read_in_parts_or_at_once(rng, monkeypatch, at_once):
+    monkeypatch.setattr(frame_systems, "_AT_ONCE", at_once)
+    whole = SIZE + SHARED
+    costs, gradients = rng.normal(size=FRAMES), rng.normal(size=(FRAMES, whole))
+    roots = rng.normal(size=(FRAMES, whole, whole))
+    matrices = roots @ np.swapaxes(roots, 1, 2)
+    seen = 0.5 * matrices[:, :SIZE, :SIZE]
+    systems = FrameSystems.empty(FRAMES, SIZE, SHARED)
+    for n in reversed(range(FRAMES)):
+        own = JointSystem(float(costs[n]), gradients[n], matrices[n])
+        systems.put(n, FrameSystem(own, seen[n]))
+    for part, expected in ((systems.own(), matrices[:, :SIZE, :SIZE]), (systems.seen(), seen)):
+        found = np.zeros_like(expected)
+        for at, blocks in part:
+            found[at] = blocks
+        np.testing.assert_allclose(found, expected, rtol=1e-14)
+    np.testing.assert_allclose(systems.border, matrices[:, :SIZE, SIZE:], rtol=1e-14)
+    np.testing.assert_allclose(systems.corner, matrices[:, SIZE:, SIZE:].sum(axis=0), rtol=1e-12)
+    x = rng.normal(size=(FRAMES, whole))
+    x[:, SIZE:] = x[0, SIZE:]
+    expected = costs + (gradients * x).sum(axis=1) + 0.5 * np.einsum("ni,nij,nj->n", x, matrices, x)
+    found = list(systems.foretold(x[:, :SIZE], x[0, SIZE:]))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
