@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 import threading
 from collections import deque
 from dataclasses import dataclass, field
@@ -15,6 +16,8 @@ from handtrack_app.protocol.snapshots import Notice
 GUIDE = "guide"
 _COLOURS = {GUIDE: "#56b4e9", "info": "#56b4e9", "done": "#009e73", "warning": "#e69f00", "error": "#d55e00"}  # fmt: skip
 _STANDS = (GUIDE, "warning", "error")
+_FRAME, _LINK = re.compile(r"\b(frame) (\d+)", re.I), r"<a href='#' data-frame='\2'>\1 \2</a>"
+"""the style's script goes to the frame of such a link"""
 _MOST = 100  # messages that are kept
 _NONE = "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Nothing was said yet.</div>"
 
@@ -78,8 +81,9 @@ class Messages:
 
 def _words(notice: Notice, more: str = "") -> str:
     colour = _COLOURS.get(notice.level, "gray")
-    text = f"<div>{html.escape(notice.text)}</div>" if notice.text else ""
+    title, text = (_FRAME.sub(_LINK, html.escape(words)) for words in (notice.title, notice.text))
+    text = f"<div>{text}</div>" if text else ""
     return (
         f"<div class='handtrack-note' style='margin:.3em .9em .4em;padding:.15em .6em;border-left:3px solid {colour};"
-        f"font-size:.85em;line-height:1.4;overflow-wrap:anywhere'><b>{html.escape(notice.title)}</b>{text}{more}</div>"
+        f"font-size:.85em;line-height:1.4;overflow-wrap:anywhere'><b>{title}</b>{text}{more}</div>"
     )

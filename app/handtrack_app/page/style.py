@@ -85,6 +85,8 @@ div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !i
 .handtrack-bar { height: 5px; border-radius: 3px; background: rgba(128, 128, 128, .3); margin: .35em 0; }
 .handtrack-bar > div { height: 100%; border-radius: 3px; background: #009e73; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 320px) !important; }
+/* in a narrow window the panel lies over the scene; a key hides it */
+@media (max-width: 1100px) { div[style*="position: absolute; inset:"]:has(canvas[data-engine]) { right: 0 !important; } }
 /* the rail: an icon over its name, five side by side */
 div:has(> .handtrack-rail) + div [role="tablist"] { flex-wrap: nowrap !important; background-image: none !important;
   border-bottom: 1px solid rgba(128, 128, 128, .3); }
@@ -121,6 +123,7 @@ div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; t
 div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important; margin: 0 .3em .4em; width: auto !important; padding: .15em .6em !important; font-size: .8em; }
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
   background-color: #c3c9d2 !important; }
+a[data-frame] { color: inherit; }
 .handtrack-error { color: #ff8a5c; }
 [data-mantine-color-scheme="light"] .handtrack-error { color: #b03a00; }
 /* what the colours of an overlay mean: at the picture's lower left while a camera is looked through */
@@ -192,6 +195,18 @@ if (document.getElementById("handtrack-style") === null) {
   // the arrows step: viser's camera, which hears later, is not to turn by them
   document.documentElement.addEventListener("keydown", (event) => {
     if (event.key.startsWith("Arrow")) event.stopPropagation();
+  });
+  // a link to a frame types it into the timeline's box
+  document.addEventListener("click", (event) => {
+    const link = event.target instanceof Element ? event.target.closest("a[data-frame]") : null;
+    const box = link && document.querySelector('.mantine-Paper-root:has(.handtrack-timeline) .mantine-NumberInput-root input');
+    if (!link) return;
+    event.preventDefault();
+    if (box === null) return;
+    box.focus({preventScroll: true});
+    Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(box, link.dataset.frame);
+    box.dispatchEvent(new Event("input", {bubbles: true}));
+    box.blur();
   });
   // what was pressed with the pointer does not keep the keys
   document.addEventListener("click", (event) => {

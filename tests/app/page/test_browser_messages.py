@@ -39,5 +39,8 @@ def test_what_matters_is_read_whole_and_stays(tmp_path: Path) -> None:
         eventually(lambda: read("Press the button") and not read("Word11"), "the one before it")
         bench.page.edit_pose({"root_tx": 0.01}, "Move")
         eventually(lambda: not read("Press the button"), "it has done its work")
+        bench.page.notify("warning", "Frame 7 does not fit well", "Frame 9 does.")
+        page.locator("a[data-frame='9']:visible").first.click()
+        eventually(lambda: bench.state.frame == 9, "a link leads to its frame")
         view.show_tab("Messages")
         eventually(lambda: read("Press the button") and read("Word11"), "all can be read again")

@@ -87,6 +87,18 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path: Path) -> None:
 
 
 @pytest.mark.browser
+def test_in_a_narrow_window_the_panel_lies_over_the_scene(tmp_path: Path) -> None:
+    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    with browsing(bench, size=(1000, 700)) as view:
+        wide = lambda: view.page.evaluate(CANVAS)[2]  # noqa: E731
+        panel = view.page.get_by_role("tab", name="Review", exact=True)
+        assert panel.is_visible()
+        eventually(lambda: wide() == 1000, "all of the window is the scene")
+        view.page.keyboard.press("t")
+        eventually(lambda: not panel.is_visible(), "the panel is hidden by a key")
+
+
+@pytest.mark.browser
 def test_a_page_that_comes_while_the_session_opens_is_laid_out(tmp_path: Path) -> None:
     opens = threading.Event()
 

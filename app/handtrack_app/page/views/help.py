@@ -103,7 +103,9 @@ class Help:
             for how, what in known
             if wanted.strip().lower() in f"{say(how)} {say(what)}".lower()
         )
-        return f"<div class='handtrack-keys'>{rows or 'Nothing has these words.'}</div>"
+        return (
+            f"<div class='handtrack-keys' tabindex='0'>{rows or 'Nothing has these words.'}</div>"
+        )
 
     def tour(self, client: viser.ClientHandle) -> None:
         """Begin the tour."""
