@@ -8,6 +8,7 @@ from functools import partial
 
 from handtrack.errors import HandtrackError
 from handtrack.session.session_state import NOTHING, Edit
+from handtrack.session.track_session import FramesRefined
 from handtrack.store.history import NOTE, Action
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
@@ -156,6 +157,8 @@ class OpenSession:
         except Exception:
             self.jobs.show_progress()  # a full disk at a job's end: it is over all the same
             raise
+        if isinstance(report.event, FramesRefined) and self._recorder.is_on:
+            self._unrecorded[:0] = [result.frame for result in reversed(report.event.results)]
 
     @command(latest=(), is_ordered=True, at_once=looks_elsewhere)
     def show_frame(self, frame: int, is_played: bool = False) -> None:

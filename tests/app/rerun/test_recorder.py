@@ -291,3 +291,18 @@ def test_the_workbench_opens_rerun_with_what_was_tracked(tmp_path: Path, monkeyp
         eventually(lambda: len(shown) == 4, "all tracked frames are recorded")
     assert opened
     assert shown == [2, 0, 1, 3]
+
+
+def test_refined_frames_reach_rerun_too(tmp_path: Path, monkeypatch) -> None:
+    shown: list[tuple[int, Any]] = []
+    monkeypatch.setattr(
+        LiveRecorder, "show", lambda _, __, one: shown.append((one.frame, one.parameters.tolist()))
+    )
+    monkeypatch.setattr(LiveRecorder, "open", lambda recorder: setattr(recorder, "is_on", True))
+    for worker, listener in _desk(tmp_path, step_s=0.0, refined_by=0.3):
+        worker.engine.open_rerun()
+        worker.engine.track(0, 12, 3, anew=True)
+        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        results = worker.document.results
+        refined = [(frame, one.parameters.tolist()) for frame, one in results.items()]
+        eventually(lambda wanted=refined: shown[-12:] == wanted, "as refined, in their order")
