@@ -8,19 +8,20 @@ import numpy as np
 
 from handtrack.arrays import D3, D21, Floats, K
 from handtrack.diagnostics.flexion import flexion_deg
+from handtrack.diagnostics.review import worth_a_look
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import shape_numbers
 from handtrack.session.posed_frames import driving_joints, solver_params_of
 from handtrack.session.session import Session
+from handtrack.store.spans import Span, resolved
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.pose_pictures import pose_titles
 from handtrack_app.engine.posing.inverse_kinematics import stem_bones
 from handtrack_app.engine.posing.pin_cards import pin_cards
-from handtrack_app.engine.review.glance import hidden_spans, numbers_of, queue, take_spans
 from handtrack_app.engine.timeline import TrackedRows, WholeFrame
 from handtrack_app.protocol.snapshots import (
     BEFORE,
@@ -37,7 +38,14 @@ from handtrack_app.protocol.snapshots import (
     TimelineSnapshot,
     WorkSnapshot,
 )
-from handtrack_app.protocol.timeline import PROBABILITY
+from handtrack_app.protocol.timeline import (
+    APART,
+    AT_LIMITS,
+    MOVED,
+    PROBABILITY,
+    StretchCard,
+    TakeSpan,
+)
 
 _BODY_REACH_M = 0.9
 _PART_GRID = (20, 16)  # points around and steps along a part that is drawn
@@ -324,3 +332,52 @@ def part_cards(model: ArticulatedModel) -> tuple[PartCard, ...]:
 def _is_told(document: Document, lane: str) -> bool:
     """Whether a lane says something of the model: that a joint is 25 mm off is much for a hand, and usual for a body."""
     return lane != PROBABILITY or document.model.kind == "hand"
+
+
+_MOST = 500  # of the queue: nobody looks at more in one go, and what is told does not grow with the recording
+_AT_LIMIT_RAD = 1e-3  # bounded steps end at a limit to rounding; a slider's step is 0.1°
+
+
+def queue(document: Document) -> tuple[StretchCard, ...]:
+    """Return the stretches that are worth a look, the worst first."""
+    done = document.accepted | document.by_hand.keys()
+    return tuple(
+        StretchCard(s.first, s.last, s.worst, s.expected, s.brief, s.words)
+        for s in worth_a_look(document.rows.heads(), done)[:_MOST]
+    )
+
+
+def take_spans(document: Document) -> tuple[TakeSpan, ...]:
+    """Return of which takes the current track is composed."""
+    return _showing(document, document.laid)
+
+
+def hidden_spans(document: Document) -> tuple[TakeSpan, ...]:
+    """Return the frames that do not show, since they were tracked with another model than the one in force."""
+    return _showing(document, document.hidden)
+
+
+def _showing(document: Document, laid: Sequence[Span]) -> tuple[TakeSpan, ...]:
+    shown = resolved(laid, document.takes.frames_of)
+    return tuple(TakeSpan(s.take, s.first, s.stop - 1) for s in shown)
+
+
+def numbers_of(
+    model: ArticulatedModel,
+    result: FrameResult,
+    below: FrameResult | None,
+    compared: FrameResult | None,
+) -> dict[str, float]:
+    """Return how many joints of a frame lie at their limits, and how far the furthest is from where it lies below it, and in the
+    take that is compared [mm].
+    """
+    found, interval = dict[str, float](), model.limits.interval
+    if len(result.parameters) == len(interval):
+        low, high = interval[6:].T
+        near = np.abs(result.parameters[6:, None] - interval[6:]).min(axis=1) < _AT_LIMIT_RAD
+        found[AT_LIMITS] = float((near & (high - low > _AT_LIMIT_RAD)).sum())
+    for word, other in ((MOVED, below), (APART, compared)):
+        if other is not None and other.joint_positions.shape == result.joint_positions.shape:
+            moves = np.linalg.norm(result.joint_positions - other.joint_positions, axis=1)
+            found[word] = float(1e3 * moves.max())
+    return found

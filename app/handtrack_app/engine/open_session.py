@@ -30,12 +30,11 @@ from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.posing.pin_service import PinService
 from handtrack_app.engine.posing.pose_service import PoseService
-from handtrack_app.engine.review.live_score import LiveScore
-from handtrack_app.engine.review.review_service import ReviewService
+from handtrack_app.engine.review_service import LiveScore, ReviewService
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.exporting import export_beside
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.tuning.tuning_service import TuningService
+from handtrack_app.engine.store.tracks import export_beside
+from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.protocol.calls import Call, command, rules_of
 from handtrack_app.protocol.snapshots import (
     Notice,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sized
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -12,23 +12,60 @@ from typing import Any, cast
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
+from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.masks.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession
 from handtrack_app.engine.opening import Opening, open_document
 from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.pictures.painter import Painter
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.posing.pin_service import PinService
 from handtrack_app.engine.posing.pose_service import PoseService
-from handtrack_app.engine.preview import Preview
-from handtrack_app.engine.review.review_service import ReviewService
-from handtrack_app.engine.tuning.tuning_service import TuningService
+from handtrack_app.engine.review_service import ReviewService
+from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol.calls import Call, Caller, rules_of
-from handtrack_app.protocol.engine import Engine
+from handtrack_app.protocol.calls import Call, Caller, Engine, command, rules_of
 from handtrack_app.protocol.mailbox import Mailbox
 from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Shown, Snapshot
 from handtrack_app.rerun.recorder import LiveRecorder
+
+
+class Preview:
+    """Lives on the worker's thread. Calls besides those for frames and pictures wait until the session is open."""
+
+    def __init__(
+        self, document: Document, publish: Callable[[Snapshot], None], waiting: Sized
+    ) -> None:
+        self.document = document
+        self.painter = Painter(document, publish, waiting)
+        self._publish = publish
+        publish(session_snapshot(document))
+
+    @command()
+    def show_frame(self, frame: int, is_played: bool = False) -> None:
+        """Show a frame."""
+        self.document.show(frame)
+        self._publish(pose_snapshot(self.document))
+        self.painter.is_stale = True
+
+    @command()
+    def want_pictures(
+        self, thumbnails: bool, paint: str, screens: tuple[tuple[str, str], ...] = ()
+    ) -> None:
+        """Show these pictures; see OpenSession."""
+        self.painter.want(thumbnails, paint, screens)
+
+    @property
+    def rest_s(self) -> float:
+        """How long the worker may wait for a call before there is something to do."""
+        return self.painter.rest_s
+
+    def idle(self) -> None:
+        """Do what waits while no call does."""
+        if self.painter.is_stale:
+            self.painter.paint()
+
 
 log = logging.getLogger(__name__)
 Opener = Callable[[Path, Mapping[str, object]], Document]

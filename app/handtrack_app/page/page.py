@@ -17,7 +17,7 @@ import viser
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.state import UserState
 from handtrack_app.page.worded import Worded
-from handtrack_app.protocol.engine import Engine
+from handtrack_app.protocol.calls import Engine
 from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
@@ -145,3 +145,25 @@ class Caller:
         if name.startswith("_"):
             raise AttributeError(name)
         return lambda *given, **named: self._send(name, given, named)
+
+
+if TYPE_CHECKING:  # the page's process has no use for what the engine imports
+    from handtrack_app.engine.masks.mask_service import MaskService
+    from handtrack_app.engine.open_session import OpenSession
+    from handtrack_app.engine.pictures.cloud_service import CloudService
+    from handtrack_app.engine.posing.pin_service import PinService
+    from handtrack_app.engine.posing.pose_service import PoseService
+    from handtrack_app.engine.review_service import ReviewService
+    from handtrack_app.engine.tuning_service import TuningService
+
+    class Engine(  # type: ignore[misc]
+        OpenSession,
+        PoseService,
+        PinService,
+        TuningService,
+        ReviewService,
+        CloudService,
+        MaskService,
+    ): ...
+else:
+    Engine = object

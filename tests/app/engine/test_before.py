@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import pose_snapshot
-from handtrack_app.engine.posing.before import pose_before
+from handtrack_app.engine.posing.pose_service import pose_before
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots

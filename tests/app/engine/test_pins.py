@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from handtrack.observation.pins import Pin
-from handtrack_app.engine.posing import pin_edits
+from handtrack_app.engine.posing.pin_service import begun_pull, pins_copied, with_pin
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
@@ -121,11 +121,11 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
 
 def _with_pin(store: Persistence, frame: int) -> Pin:
     document = store.document
-    pull = pin_edits.begun(document, frame, "drag")
+    pull = begun_pull(document, frame, "drag")
     model = document.model
     at = model.joint_positions(model.bones(pull.stood))[model.joint_names.index("ring_tip")]
     pin = Pin("front", _pixel(document, at + (0.0, -0.01, 0.0)), "ring_tip")
-    store.do("Pin", pin_edits.placed(document, pull, pin, by_images=True))
+    store.do("Pin", with_pin(document, pull, pin, by_images=True))
     return pin
 
 
@@ -155,7 +155,7 @@ def test_copied_pins_move_as_what_was_tracked_moves(tmp_path: Path, left_open: N
     store = tracked(opened(tmp_path))
     document = store.document
     pin = _with_pin(store, 5)
-    store.do("Copied", pin_edits.copied(document, 5, range(4, 8)))
+    store.do("Copied", pins_copied(document, 5, range(4, 8)))
     assert document.run.session.pins.frames == [4, 5, 6, 7]
     (copy,) = document.run.session.pins.of(7)
     at = document.model.joint_names.index("ring_tip")

@@ -14,9 +14,8 @@ from handtrack.model.articulated import HandScale
 from handtrack.observation.pins import Pin
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.job_words import Moved
+from handtrack_app.engine.job_control import Moved, RefinedWith
 from handtrack_app.engine.store.tracks import whole_track
-from handtrack_app.engine.tracking_request import RefinedWith
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener, _desk, _pose

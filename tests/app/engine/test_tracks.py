@@ -7,7 +7,7 @@ from pathlib import Path
 
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
-from handtrack_app.engine.job_words import one_frame
+from handtrack_app.engine.job_control import one_frame
 from tests.app.fake_run import fake_document
 
 OPEN = Reason("open", part="thumb", number=30.0)

@@ -20,11 +20,9 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Status
-from handtrack_app.engine.job_control import JobControl
-from handtrack_app.engine.job_words import Outcome, summary
+from handtrack_app.engine.job_control import JobControl, Outcome, summary
 from handtrack_app.engine.opening import open_document
-from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, nothing_left
-from handtrack_app.engine.pictures.cloud_service import CloudService
+from handtrack_app.engine.pictures.cloud_service import CloudRenderer, CloudService, nothing_left
 from handtrack_app.engine.pictures.render_thread import RenderThread
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence

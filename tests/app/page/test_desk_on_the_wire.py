@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack_app.engine.review.live_score import LiveScore
-from handtrack_app.engine.tuning import refit
+from handtrack_app.engine import tuning_service
+from handtrack_app.engine.review_service import LiveScore
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.workbench import Workbench
@@ -142,7 +142,9 @@ def test_a_pose_is_copied_pasted_and_mirrored_by_keys(bench: Workbench) -> None:
 def test_the_switch_refits_the_frame_that_is_shown(
     bench: Workbench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refit, "fitted_again", lambda _m, _s, _seen, params, _stop: params + 0.01)
+    monkeypatch.setattr(
+        tuning_service, "fitted_again", lambda _m, _s, _seen, params, _stop: params + 0.01
+    )
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)
         page.press("Refit while tuning: on, off")

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from handtrack_app.engine.document_snapshots import pose_snapshot
-from handtrack_app.engine.review.live_score import LiveScore
+from handtrack_app.engine.review_service import LiveScore
 from handtrack_app.page.panels.pose_card import pose_card, score_rows
 from handtrack_app.protocol.score import ScoreSnapshot
 from tests.app.fake_run import fake_document

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import session_snapshot, timeline_snapshot
-from handtrack_app.engine.job_words import summary
+from handtrack_app.engine.job_control import summary
 from handtrack_app.engine.store import edits
 from handtrack_app.page.panels.session import head
 from handtrack_app.page.panels.tracking import nearest_posed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from handtrack_app.engine.pictures.close_up import CLOSE_SIZE, close_up
+from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
 from handtrack_app.page.views.wall import CLOSE, cells
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_through import Browser

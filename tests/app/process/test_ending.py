@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from handtrack_app.process import memory
-from handtrack_app.process.ending import ending_words
+from handtrack_app.process.engine_process import ending_words
 from handtrack_app.process.memory import GB
 
 

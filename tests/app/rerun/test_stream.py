@@ -18,10 +18,12 @@ from handtrack_app.rerun.stream import (
     FrameEntry,
     IterationEntry,
     RerunStream,
+    RerunViewer,
+    free_ports,
     grey,
     signed_colours,
+    silent_environment,
 )
-from handtrack_app.rerun.viewer import RerunViewer, free_ports, silent_environment
 from tests.experiments.workbench.chromium import chromium, there_is_one
 
 

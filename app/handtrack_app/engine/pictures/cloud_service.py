@@ -3,20 +3,265 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array, Bytes, Floats
+from handtrack.capture.clouds.cloud_filters import (
+    CloudFilters,
+    FilterReport,
+    near_hand,
+    random_part,
+)
+from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
+from handtrack.capture.clouds.stereo import StereoMatcher
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.posed_frames import solver_params_of
+from handtrack.session.session import Session
 from handtrack.session.sources.skin_samples import painted_skin
+from handtrack.tracking.frame.settings import CloudTermSettings
+from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
+from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.pictures.cloud_renderer import CloudRenderer, RenderInput
+from handtrack_app.engine.pictures.camera_pictures import contact_sheet
+from handtrack_app.engine.pictures.cloud_pictures import (
+    NARROW_PX,
+    WIDE_PX,
+    depth_picture,
+    not_tall,
+    points_picture,
+    stereo_pictures,
+    stereo_words,
+)
 from handtrack_app.engine.pictures.preview_service import PreviewService
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import CloudCard, CloudSelection, Notice
+from handtrack_app.protocol.snapshots import (
+    CloudCard,
+    CloudPicture,
+    CloudSelection,
+    CloudSnapshot,
+    FilterCount,
+    Notice,
+    SurfaceSnapshot,
+)
+
+_SHOWN, _DROPPED_SHOWN = 20_000, 8_000  # points sent to the page at most
+_SPACING_M = 0.0035  # between vertices of the surface shown
+_BODY_SPACING_M = 0.015
+_LEAST_SLOPE = 0.3  # of the distance; deep inside it has none
+_THINNED = ("voxel", "most")
+
+
+@dataclass(frozen=True, eq=False)
+class RenderInput:
+    """What a picture of a frame is made from; nothing of it changes later."""
+
+    frame: int
+    version: int
+    session: Session
+    model: ArticulatedModel
+    bones: BonePoses
+    previous: BonePoses | None
+    """the hand that the cloud is cropped to; None before the hand has a place"""
+    filters: CloudFilters
+    wanted: CloudSelection
+    fitted: CloudTermSettings
+    """which surface the solver fits to clouds"""
+
+
+class CloudRenderer:
+    """Reads, filters and paints; keeps the last filtered cloud and the last matched pair. On the render thread only."""
+
+    def __init__(self) -> None:
+        self._known: tuple[object, PointCloud, Array, tuple[FilterReport, ...]] | None = None
+        self._matcher: tuple[object, StereoMatcher] | None = None
+        self._painted: tuple[object, ...] = ()
+        """what the last picture was made from"""
+
+    def surface(self, moment: RenderInput) -> SurfaceSnapshot:
+        spacing = _SPACING_M if moment.model.kind == "hand" else _BODY_SPACING_M
+        mesh = surface_mesh(fitted_surface(moment.model, moment.fitted), moment.bones, spacing)
+        return SurfaceSnapshot(
+            moment.frame,
+            moment.version,
+            mesh.vertices.astype(np.float32),
+            mesh.faces.astype(np.uint32),
+        )
+
+    def cloud(self, moment: RenderInput) -> CloudSnapshot:
+        measured, fate, reports = self._filtered(moment)
+        if measured is None:
+            return _nothing(moment.frame)
+        kept = np.flatnonzero(fate == len(reports))
+        shown = kept[random_part(len(kept), _SHOWN)]
+        points = measured.points[shown]
+        dropped = np.zeros((0, 3))
+        if moment.wanted.dropped:
+            filters = [i for i, report in enumerate(reports) if report.name not in _THINNED]
+            lost = np.flatnonzero(np.isin(fate, filters))
+            dropped = measured.points[lost[random_part(len(lost), _DROPPED_SHOWN)]]
+        words = ""
+        if not len(kept):
+            words = nothing_left(reports)
+        elif moment.previous is None and moment.filters.crop_m is not None:
+            words = "The hand has no place yet: nothing is cropped to it."
+        elif len(shown) < len(kept):
+            words = f"{len(shown)} of {len(kept)} points are drawn."
+        return CloudSnapshot(
+            moment.frame,
+            points.astype(np.float32),
+            None if measured.colors is None else measured.colors[shown],
+            _residual_mm(moment, points).astype(np.float32),
+            dropped.astype(np.float32),
+            len(measured),
+            len(kept),
+            tuple(FilterCount(r.name, r.text, r.before, r.after) for r in reports),
+            words,
+        )
+
+    def images(self, moment: RenderInput) -> CloudPicture | None:
+        """Return the cameras' pictures with the points; None where they would be those of the last time."""
+        measured, fate, reports = self._filtered(moment)
+        if self._is_painted(moment.frame, moment.wanted, fate):
+            return None
+        measured = measured or EMPTY
+        names = tuple(report.name for report in reports)
+        width = WIDE_PX if moment.wanted.wide else NARROW_PX
+        pictures = dict(_camera_images(moment))
+        columns = 2 if len(pictures) > 1 else 1
+        cell = (width - 8 * (columns - 1)) // columns
+        wanted = moment.wanted
+        cells = {
+            name: points_picture(
+                image, moment.session.rig[name], measured.points, fate, names, cell,
+                wanted.box[1] if wanted.box is not None and wanted.box[0] == name else None,
+            )
+            for name, image in pictures.items()
+        }  # fmt: skip
+        if not cells:
+            return None
+        return _picture(moment, contact_sheet(cells, width, columns), "")
+
+    def stereo(self, moment: RenderInput, pair: tuple[str, str]) -> CloudPicture | None:
+        """Return how a pair is matched; None where it would be the picture of the last time."""
+        session, frame = moment.session, moment.frame
+        settings = (session.file.clouds or CloudSettings()).matching
+        if self._is_painted(frame, moment.wanted, pair, settings):
+            return None
+        key = (pair, settings)
+        if self._matcher is None or self._matcher[0] != key:
+            self._matcher = (
+                key,
+                StereoMatcher(session.rig[pair[0]], session.rig[pair[1]], settings),
+            )
+        matcher = self._matcher[1]
+        width = WIDE_PX if moment.wanted.wide else NARROW_PX
+        images = [session.image(name, frame) for name in pair]
+        if images[0] is None or images[1] is None:
+            missing = pair[0] if images[0] is None else pair[1]
+            blank = np.full((80, width, 3), 26, np.uint8)
+            return _picture(moment, blank, f"{missing} has no image here.")
+        view = matcher.match(
+            images[0], images[1], *(session.view(name).hand_pixels(frame) for name in pair)
+        )
+        pictures = stereo_pictures(view)
+        tall = any(p.shape[0] > 1.2 * p.shape[1] for p in pictures.values())
+        sheet = contact_sheet(pictures, width, 4 if tall and moment.wanted.wide else 2)
+        return _picture(moment, sheet, stereo_words(view, matcher.pair))
+
+    def _is_painted(self, *made_from: object) -> bool:
+        before, self._painted = self._painted, made_from
+        return len(before) == len(made_from) and all(
+            a is b or (not isinstance(a, np.ndarray) and a == b)
+            for a, b in zip(before, made_from, strict=True)
+        )
+
+    def _filtered(
+        self, moment: RenderInput
+    ) -> tuple[PointCloud | None, Array, tuple[FilterReport, ...]]:
+        """Return the measured cloud, which filter dropped each point, and what the filters did."""
+        session = moment.session
+        measured = session.measured_cloud(moment.frame)
+        if measured is None:
+            return None, np.zeros(0, np.int8), ()
+        previous = moment.previous if moment.filters.crop_m is not None else None
+        crop = None if previous is None else hand_distance(moment.model, previous)
+        near = b""  # which points are: the same ones, wherever the hand moves among them
+        if crop is not None and moment.filters.crop_m is not None:
+            near = near_hand(measured.points, crop, moment.filters.crop_m).tobytes()
+        key = (id(measured), moment.filters, near)
+        if self._known is None or self._known[0] != key:
+            fate, reports = moment.filters.dropped_by(measured, crop, session.cloud_camera_centres)
+            self._known = (key, measured, fate, reports)
+        return self._known[1:]
+
+
+def _picture(moment: RenderInput, sheet: Bytes, words: str) -> CloudPicture:
+    wide = moment.wanted.wide
+    return CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
+
+
+def nothing_left(reports: tuple[FilterReport, ...]) -> str:
+    """Return which filter dropped the last points of a cloud."""
+    last = next((report for report in reports if report.before and not report.after), None)
+    if last is None:
+        return "Nothing was measured in this frame."
+    advice = {
+        "crop": "Is the model where the cloud is? Pose it (tab Pose), or make 'To hand' larger.",
+        "range": "Make 'Nearest' smaller or 'Farthest' larger. Is the unit of length right?",
+        "skin": "Take the colour again, or make the ellipse larger.",
+    }
+    said = advice.get(last.name, "")
+    return f"No point is left: the filter '{last.text}' dropped the last {last.before}. {said}".rstrip()
+
+
+def _nothing(frame: int) -> CloudSnapshot:
+    none = np.zeros((0, 3), np.float32)
+    return CloudSnapshot(
+        frame, none, None, np.zeros(0, np.float32), none, 0, 0, (), "This frame has no cloud."
+    )
+
+
+def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
+    """Return the distances to the surface (N,) [mm], to first order: the solver's own grows faster beside an
+    ellipsoid's ends than millimetres do.
+    """
+    if "metaballs" not in moment.model.flesh:
+        return np.full(len(points), np.nan)
+    near = fitted_surface(moment.model, moment.fitted).near(moment.bones, points)
+    slope = np.linalg.norm(near.gradient, axis=1)
+    return 1e3 * near.distance / np.maximum(slope, _LEAST_SLOPE)
+
+
+def _camera_images(moment: RenderInput) -> list[tuple[str, Bytes]]:
+    """Return the cameras to show with their images RGB: those that measured, at most two, else depth pictures."""
+    session = moment.session
+    settings = session.file.clouds or CloudSettings()
+    paired = moment.wanted.pair or (settings.stereo[0] if settings.stereo else ())
+    names = settings.depth or paired or tuple(view.name for view in session.views)
+    cells: list[tuple[str, Bytes]] = []
+    for name in names[:2]:
+        view = session.view(name)
+        image = view.image(moment.frame)
+        if image is not None:
+            cells.append((name, np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)))
+        elif view.depth is not None and (depth := view.depth_m(moment.frame)) is not None:
+            cells.append((name, depth_picture(depth)))
+        else:
+            width, height = view.camera.size
+            cells.append((name, np.full((height, width, 3), 26, np.uint8)))
+    return cells
+
 
 _PAIRS = 12  # offered for stereo
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
+from handtrack.arrays import Floats, S
 from handtrack.observation.pins import Pin
-from handtrack.session.session_state import NOTHING, Edit
-from handtrack.store.history import History
+from handtrack.session.session_state import NOTHING, Edit, SessionState, name_of, read
+from handtrack.store.history import History, merged
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.pictures.pose_pictures import pose_picture, pose_titles
-from handtrack_app.engine.posing.before import pose_before
 from handtrack_app.engine.posing.pin_cards import words_of
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import command
@@ -110,3 +112,38 @@ class PoseService:
             self.publish(Notice("info", "Nothing before", _NOTHING_BEFORE))
         document.before = before
         self.show()
+
+
+_SAME = 1e-9
+"""[m, rad] a pose that was written and read again differs by less"""
+
+
+def pose_before(document: Document, history: History) -> Floats[S] | None:
+    """Return the joint parameters of the frame shown before the last step of the history that changed them; None where no step
+    did, or nobody knew a pose before.
+    """
+    state, here = document.state, ("pose", document.frame)
+    names, now = {name_of(here), name_of(("spans", None))}, document.shown
+    for step in history.past.latest_first():
+        earlier = read({c.key: c.before for c in merged(step) if c.key in names})
+        if not earlier:
+            continue
+        state = state.having(earlier)
+        was = _pose(document, state)
+        if was is not None and np.abs(was - now).max() > _SAME:
+            return was
+    return None
+
+
+def _pose(document: Document, state: SessionState) -> Floats[S] | None:
+    """Return the pose that showed at the frame when this was decided."""
+    frame, decided = document.frame, state.pose.get(document.frame)
+    if decided is not None:
+        return document.posed(decided)
+    for span in reversed(state.spans):
+        take = document.takes.get(span.take) if span.first <= frame < span.stop else None
+        if take is not None and take.parameter_names == document.model.parameter_names:
+            result = take.get(frame)  # where it lacks the frame, the one below shows
+            if result is not None:
+                return result.parameters
+    return document.start if frame == document.first_frame else None

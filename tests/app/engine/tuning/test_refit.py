@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from handtrack.arrays import Floats
-from handtrack_app.engine.tuning import refit
+from handtrack_app.engine import tuning_service
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.engine.test_worker import Listener, _desk
@@ -34,7 +34,7 @@ def bends(monkeypatch: pytest.MonkeyPatch) -> list[float]:
         joint[model.parameter_names.index("index_pip_flex")] = settings.silhouettes.weight / 10
         return model.clipped(model.transform.solver_params(joint))
 
-    monkeypatch.setattr(refit, "fitted_again", fitted)
+    monkeypatch.setattr(tuning_service, "fitted_again", fitted)
     return asked
 
 
@@ -95,7 +95,7 @@ def test_the_newest_change_wins(
             return None
         return params + np.where(np.arange(len(params)) < 1, weight / 100, 0.0)
 
-    monkeypatch.setattr(refit, "fitted_again", slow)
+    monkeypatch.setattr(tuning_service, "fitted_again", slow)
     start = listener.wait(snapshots.PoseSnapshot).values
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 2.0)
@@ -116,7 +116,7 @@ def test_who_poses_meanwhile_keeps_the_pose(
         assert goes_on.wait(60.0)
         return params + 0.01
 
-    monkeypatch.setattr(refit, "fitted_again", slow)
+    monkeypatch.setattr(tuning_service, "fitted_again", slow)
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 2.0)
     assert entered.wait(60.0)
@@ -150,7 +150,7 @@ def test_what_fails_is_told(desk: tuple[Worker, Listener], monkeypatch: pytest.M
     def broken(*_: object) -> None:
         raise ValueError("a mistake of ours")
 
-    monkeypatch.setattr(refit, "fitted_again", broken)
+    monkeypatch.setattr(tuning_service, "fitted_again", broken)
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 2.0)
     told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
@@ -159,10 +159,10 @@ def test_what_fails_is_told(desk: tuple[Worker, Listener], monkeypatch: pytest.M
 
 def test_the_report_of_another_run_is_passed_over(desk: tuple[Worker, Listener]) -> None:
     worker, _ = desk
-    refits = refit.Refits(worker.document, lambda _: None, on=True)
-    order = refit._Order(worker.document.run, 3, worker.document.shown.copy(), "K")
+    refits = tuning_service.Refits(worker.document, lambda _: None, on=True)
+    order = tuning_service._Order(worker.document.run, 3, worker.document.shown.copy(), "K")
     refits._newest = order
-    done = refit.Refitted(order, worker.document.start_params(3))
+    done = tuning_service.Refitted(order, worker.document.start_params(3))
     worker.document.run = replace(worker.document.run)
     assert refits.take(done) is None
     assert refits.take(done) is None, "it was the newest only once"
