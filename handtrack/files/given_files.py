@@ -27,10 +27,10 @@ def check_given(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
         )
 
 
-def first_bytes(path: Path, count: int = 4096) -> bytes:
+def first_bytes(path: Path) -> bytes:
     """Return how a file begins. Raises HandtrackError where it cannot be read."""
     try:
         with path.open("rb") as file:
-            return file.read(count)
+            return file.read(4096)
     except OSError as error:
         raise HandtrackError(f"{path}: cannot be read ({error.strerror}).") from None

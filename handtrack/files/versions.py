@@ -13,10 +13,10 @@ VERSIONS_FOLDER = "versions"
 VERSIONS_KEPT = 20
 
 
-def keep_version(path: Path, kept: int = VERSIONS_KEPT) -> Path | None:
+def keep_version(path: Path) -> Path | None:
     """Copy `path` to versions/<name>_YYYYmmdd_HHMMSS.<suffix> beside it, by the time it was written, UTC.
 
-    Returns the copy, None when there is no such file. Only the latest `kept` versions stay.
+    Returns the copy, None when there is no such file. Only the latest VERSIONS_KEPT stay.
     """
     if not path.is_file():
         return None
@@ -32,7 +32,7 @@ def keep_version(path: Path, kept: int = VERSIONS_KEPT) -> Path | None:
         copy = folder / f"{path.stem}_{written}_{number:02d}{path.suffix}"
     with replacing(copy) as part:
         shutil.copyfile(path, part)
-    for old in versions(path)[:-kept]:
+    for old in versions(path)[:-VERSIONS_KEPT]:
         old.unlink(missing_ok=True)  # another process may have done it
     return copy
 

@@ -25,16 +25,16 @@ class Uncertainty:
     """of joint positions [m²]"""
 
 
-def covariance(hessian: Floats[P, P], variance: float = 1.0) -> tuple[Floats[P, P], Array[P, K]]:
-    """Return variance · H⁻¹ and the directions, unit vectors, that H does not determine.
+def covariance(hessian: Floats[P, P]) -> tuple[Floats[P, P], Array[P, K]]:
+    """Return H⁻¹ and the directions, unit vectors, that H does not determine.
 
     A direction is undetermined when its eigenvalue gives a standard deviation above UNOBSERVABLE_STD;
     its variance is capped there, so that the matrix stays finite.
     """
     values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
-    least = variance / UNOBSERVABLE_STD**2
+    least = 1.0 / UNOBSERVABLE_STD**2
     blind = values < least
-    spread = variance / np.maximum(values, least)
+    spread = 1.0 / np.maximum(values, least)
     return (vectors * spread) @ vectors.T, vectors[:, blind]
 
 
@@ -76,16 +76,15 @@ def uncertainty(
     params: Floats[P],
     hessian: Floats[P, P],
     seen: Floats[P, P] | None = None,
-    variance: float = 1.0,
 ) -> Uncertainty:
-    """Return the uncertainty of a pose. hessian: of the cost ½ Σ r²; variance: of one residual.
+    """Return the uncertainty of a pose. hessian: of the cost ½ Σ r².
 
     seen: the observations' part of it, without priors. What only a prior holds counts as unobservable: its
     standard deviation is infinite, though its covariance is the prior's.
     """
-    cov, blind = covariance(hessian, variance)
+    cov, blind = covariance(hessian)
     if seen is not None:
-        _, blind = covariance(seen, variance)
+        _, blind = covariance(seen)
     matrix = model.transform.matrix
     joint_cov = matrix @ cov @ matrix.T
     std = np.sqrt(np.maximum(np.diag(joint_cov), 0.0))

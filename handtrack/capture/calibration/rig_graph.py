@@ -18,6 +18,7 @@ from handtrack.capture.calibration.board_views import CameraViews
 from handtrack.capture.calibration.boards import Board
 from handtrack.errors import HandtrackError
 
+_MOST_LATE = 60  # frames
 _TURN_M = 1.0  # a degree of disagreement counts as much as 1.7 % of the distance to the board
 
 
@@ -100,7 +101,7 @@ def place_cameras(
 
 
 def frame_offset(
-    a: dict[int, Floats[D4, D4]], b: dict[int, Floats[D4, D4]], board: Board, most: int = 60
+    a: dict[int, Floats[D4, D4]], b: dict[int, Floats[D4, D4]], board: Board
 ) -> int | None:
     """Return by how many frames the second camera seems to be late, None when no shift explains it.
 
@@ -108,7 +109,7 @@ def frame_offset(
     """
     turns = _turn_transforms(board)
     found: dict[int, float] = {}
-    for offset in range(-most, most + 1):
+    for offset in range(-_MOST_LATE, _MOST_LATE + 1):
         frames = [frame for frame in a if frame + offset in b][:60]
         if len(frames) >= 5:
             news, nears = [b[f + offset] for f in frames], [a[f] for f in frames]

@@ -216,12 +216,12 @@ def skin_coloured(colors: Array[N, D3] | None, count: int, skin: SkinEllipse) ->
     return np.less_equal(skin.distance(colors), skin.size)
 
 
-def largest_part(points: Floats[N, D3], link_m: float = _LINK_M) -> Array[N]:
+def largest_part(points: Floats[N, D3]) -> Array[N]:
     """Return which points belong to the largest part that hangs together, by touching cells
-    of side link_m."""
+    of side _LINK_M."""
     if len(points) == 0:
         return np.zeros(0, bool)
-    part = _parts(points, link_m)
+    part = _parts(points, _LINK_M)
     inside: Array = part == np.argmax(np.bincount(part))
     return inside
 
@@ -230,7 +230,6 @@ def nearest_part(
     points: Floats[N, D3],
     centres: Floats[C, D3],
     front_m: float | None = None,
-    link_m: float = _LINK_M,
     hand_distance: HandDistance | None = None,
 ) -> Array[N]:
     """Return which points belong to the part nearest to a camera at `centres`; of a hand known beforehand, to the part that has most
@@ -245,13 +244,13 @@ def nearest_part(
     distance = np.min([np.linalg.norm(points - centre, axis=1) for centre in centres], axis=0)
     about = np.zeros(len(points), bool)
     if hand_distance is not None:
-        about[::_LOOKED] = hand_distance(points[::_LOOKED]) < link_m
-    inside, nearest = _nearest(points, distance, link_m, _LEAST_SHARE * len(points), about)
+        about[::_LOOKED] = hand_distance(points[::_LOOKED]) < _LINK_M
+    inside, nearest = _nearest(points, distance, _LINK_M, _LEAST_SHARE * len(points), about)
     if front_m is None:
         return inside
     front = np.flatnonzero(inside & (distance <= nearest + front_m))
     kept, _ = _nearest(
-        points[front], distance[front], link_m, _LEAST_SHARE * len(front), about[front]
+        points[front], distance[front], _LINK_M, _LEAST_SHARE * len(front), about[front]
     )
     inside[:] = False
     inside[front[kept]] = True
@@ -322,7 +321,7 @@ def _nearest(
 ) -> tuple[Array, float]:
     """Return which points (N, 3) are in the nearest part of at least `least` points, or in that with most points `about` a hand and
     those nearer, and the distance of its nearest hundredth."""
-    part = _parts(points, link_m)
+    part = _parts(points, _LINK_M)
     sizes = np.bincount(part)
     candidates = np.flatnonzero(sizes >= min(least, sizes.max()))
     near = [float(np.quantile(distance[part == c], _NEAR_SHARE)) for c in candidates]

@@ -28,20 +28,16 @@ def correlate(
     least: int,
     most: int,
     window_px: int = 9,
-    least_score: float = 0.6,
-    least_contrast: float = 1.0,
 ) -> Correlated:
     """Return the disparities of two rectified grey images uint8: left x is right x − d.
 
-    least, most: range of d searched [px], both included. least_score: correlation below which
-    nothing matches. least_contrast: standard deviation in a window [grey levels] below which
-    there is nothing to match. Memory does not grow with the range.
+    least, most: range of d searched [px], both included. Memory does not grow with the range.
     """
     size = (window_px, window_px)
     a, b = _centred(left), _centred(right)
-    mean_a, scale_a = _statistics(a, size, least_contrast)
-    mean_b, scale_b = _statistics(b, size, least_contrast)
-    best = np.full(a.shape, np.float32(least_score))
+    mean_a, scale_a = _statistics(a, size)
+    mean_b, scale_b = _statistics(b, size)
+    best = np.full(a.shape, np.float32(_LEAST_SCORE))
     best_right = best.copy()
     found = np.full_like(a, np.nan, np.float32)
     found_right = found.copy()
@@ -86,12 +82,12 @@ def _centred(image: Bytes) -> Array:
     return image.astype(np.float32) - np.float32(image.mean())
 
 
-def _statistics(image: Array, size: tuple[int, int], least_contrast: float) -> tuple[Array, Array]:
+def _statistics(image: Array, size: tuple[int, int]) -> tuple[Array, Array]:
     """Return each window's mean and 1 / standard deviation; NaN where there is no contrast."""
     mean = cv2.boxFilter(image, -1, size)
     variance = cv2.boxFilter(image * image, -1, size) - mean * mean
     with np.errstate(invalid="ignore", divide="ignore"):
-        scale = np.where(variance > least_contrast**2, 1 / np.sqrt(variance), np.nan)
+        scale = np.where(variance > _LEAST_CONTRAST**2, 1 / np.sqrt(variance), np.nan)
     return mean, scale.astype(np.float32)
 
 
@@ -99,6 +95,10 @@ _WINDOW_PX = {"sgbm": 5, "correlation": 11}  # the paper's windows need more to 
 _STEP = 16  # SGBM's disparities come in multiples of that, and in 16ths of a pixel
 _UNIT = 16
 _CONTRAST_PX = 9
+_LEAST_SCORE = 0.6  # correlation below which nothing matches
+_LEAST_CONTRAST = (
+    1.0  # [grey levels] standard deviation in a window below which there is nothing to match
+)
 
 REJECTED = ("", "left and right disagree", "no contrast", "speckle", "outside the other mask")
 """why a match does not count, by its number in `Matches.rejected`; 0 where nothing was rejected"""
@@ -209,14 +209,14 @@ def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Ar
         return inside & (np.abs(left - back) <= tolerance_px)
 
 
-def without_speckles(found: Array[H, W], least_px: int, step_px: float = 1.0) -> Array[H, W]:
-    """Return disparities without patches, bounded by steps above step_px, of fewer than least_px pixels."""
+def without_speckles(found: Array[H, W], least_px: int) -> Array[H, W]:
+    """Return disparities without patches, bounded by steps above a pixel, of fewer than least_px pixels."""
     known = np.isfinite(found)
     if least_px <= 1 or not known.any():
         return found
     low = float(found[known].min())
     whole = np.where(known, (found - low) * _UNIT + _UNIT, 0).astype(np.int16)
-    cv2.filterSpeckles(whole, 0, least_px, step_px * _UNIT)
+    cv2.filterSpeckles(whole, 0, least_px, _UNIT)
     return np.where(whole > 0, found, np.float32(np.nan))
 
 

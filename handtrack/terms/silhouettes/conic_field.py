@@ -24,7 +24,6 @@ class ConicFieldTerm(FieldTerm):
         ellipsoids: Ellipsoids,
         weight: float | Sequence[float] = 1.0,
         normalised: bool = True,
-        name: str = "conic_field",
     ) -> None:
-        super().__init__(silhouettes, ellipsoids, weight, name)
+        super().__init__(silhouettes, ellipsoids, weight, "conic_field")
         self.shape = plain_field(len(self.silhouettes), len(ellipsoids), not normalised)

@@ -96,7 +96,7 @@ def p_in_basin(
     return float(((off < BASIN_M).sum() + 1) / (_DRAWS + 2))  # Laplace's rule: never quite 0 or 1
 
 
-def clustered_modes(found: Sequence[Candidate], seed: int = 0) -> list[Candidate]:
+def clustered_modes(found: Sequence[Candidate]) -> list[Candidate]:
     """Return the modes of a mixture of Gaussians, poses of one frame: the surest first, its confidence the share of all that lies near it.
 
     Near is what tracking goes on from: 12 mm of a hand, 110 mm of a body, on average over the joints, wherever the whole is: one
@@ -107,7 +107,7 @@ def clustered_modes(found: Sequence[Candidate], seed: int = 0) -> list[Candidate
     found
         of one model, each with its share of the mixture (`confidence`) and its normal matrix
     """
-    rng, model = np.random.default_rng(seed), found[0].model
+    rng, model = np.random.default_rng(0), found[0].model
     near = BASIN_M if model.kind == "hand" else _BASIN_SHARE * model_length(model)
     shape = np.array([_shape(model, c.params) for c in found])
     drawn, weight = [], np.repeat([c.confidence / _DRAWN_OF_EACH for c in found], _DRAWN_OF_EACH)
