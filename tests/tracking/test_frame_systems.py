@@ -1,4 +1,4 @@
-"""What all frames say, kept as halves of matrices: every part is the whole matrix's, and so is what a step should cost."""
+"""What all frames say, kept as halves of matrices: every part is the whole matrix's."""
 
 from __future__ import annotations
 
@@ -29,10 +29,7 @@ def test_it_is_the_whole_matrix_read_in_parts_or_at_once(rng, monkeypatch, at_on
         for at, blocks in part:
             found[at] = blocks
         np.testing.assert_allclose(found, expected, rtol=1e-14)
+    np.testing.assert_array_equal(systems.costs, costs)
+    np.testing.assert_array_equal(systems.gradient, gradients)
     np.testing.assert_allclose(systems.border, matrices[:, :SIZE, SIZE:], rtol=1e-14)
     np.testing.assert_allclose(systems.corner, matrices[:, SIZE:, SIZE:].sum(axis=0), rtol=1e-12)
-    x = rng.normal(size=(FRAMES, whole))
-    x[:, SIZE:] = x[0, SIZE:]
-    expected = costs + (gradients * x).sum(axis=1) + 0.5 * np.einsum("ni,nij,nj->n", x, matrices, x)
-    found = list(systems.foretold(x[:, :SIZE], x[0, SIZE:]))
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
