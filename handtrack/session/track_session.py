@@ -12,7 +12,7 @@ from itertools import pairwise
 
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
-from handtrack.session.doctor.check_tracked import doubt_of_cameras
+from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames, solver_params_of
 from handtrack.session.run import TrackingRun
 from handtrack.session.side import doubt_of_side
@@ -508,7 +508,7 @@ class _Tracking:
             yield from [text] if text else []
         refinement = None if self._refined is None else self._refined.refinement
         found = [] if refinement is None else refinement.words
-        text = "" if found or self._stops() else doubt_of_cameras(run, results)
+        text = "" if found or self._stops() else inconsistency_of_cameras(run, results)
         yield from found or ([text] if text else [])
 
     @property

@@ -14,7 +14,7 @@ from handtrack.capture.images.openpose import write_hand
 from handtrack.files.toml_edit import edit_toml
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.session.doctor.check_tracked import check_tracked_cameras, doubt_of_cameras
+from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.run import TrackingRun
@@ -62,7 +62,7 @@ def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
     results = [tracked[frame] for frame in sorted(tracked)]
     (folder / POSES_FILE).parent.mkdir(exist_ok=True)
     write_result(folder / POSES_FILE, run.result(results))
-    return doubt_of_cameras(run, results), run
+    return inconsistency_of_cameras(run, results), run
 
 
 LENS = [-0.014, 1.42, 0.0, 0.0, -6.39]  # a real camera's

@@ -25,7 +25,7 @@ from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.size.shared import Shared
-from handtrack.tracking.size.size_doubt import shape_covariance
+from handtrack.tracking.size.size_uncertainty import shape_covariance
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.evidence import Evidence, Recording

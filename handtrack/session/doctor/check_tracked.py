@@ -17,7 +17,7 @@ from handtrack.session.takes.take_about import foreign_result, foreign_takes
 from handtrack.store.store import Store
 from handtrack.tracking.frame.assessment import hand_words, odd_size
 from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.size.camera_doubt import CameraDoubt, camera_doubts
+from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session
@@ -52,11 +52,11 @@ def check_tracked_cameras(session: Session) -> Iterator[Finding]:
     if run.model.parameter_names != track.parameter_names:
         return
     kept = [frame for frame in track.frames() if frame.frame in session.frame_range]
-    text = doubt_of_cameras(run, kept)
+    text = inconsistency_of_cameras(run, kept)
     yield from [warning(f"{POSES_FILE}: {text}")] if text else []
 
 
-def doubt_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -> str:
+def inconsistency_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -> str:
     """Return which camera the others contradict after tracking, in a sentence with figures; empty where none is to be blamed."""
     posed = sorted((r for r in results if r.status != Status.LOST), key=lambda r: r.frame)
     if len(posed) < _FEWEST or len(run.session.views) < 2:
@@ -66,14 +66,14 @@ def doubt_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -> str:
         (run.seen_at(posed[row]), run.model.transform.solver_params(posed[row].parameters))
         for row in rows
     ]
-    found = camera_doubts(run.model, run.settings, seen)
+    found = camera_inconsistencies(run.model, run.settings, seen)
     least = _LEAST_SHARE_OF_JOINTS if any(one.keypoints for one, _ in seen) else _LEAST_SHARE
     if not found or found[0].gain < _LEAST_GAIN or found[0].share < least:
         return ""
     return _words(found, hand_words(run.model) if odd_size(run.model) else "")
 
 
-def _words(found: Sequence[CameraDoubt], odd: str) -> str:
+def _words(found: Sequence[CameraInconsistency], odd: str) -> str:
     worst = found[0]
     others = [
         f"'{d.camera}'" for d in found[1:] if d.gain > _ALIKE * worst.gain and d.kind == worst.kind

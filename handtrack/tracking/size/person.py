@@ -14,7 +14,7 @@ from handtrack.model.size import FOREARM_END, SizeParameters
 from handtrack.observation.observation import Observation
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.seen_around import joints_around, seen_around
-from handtrack.tracking.size.size_doubt import shape_covariance, with_doubt
+from handtrack.tracking.size.size_uncertainty import shape_covariance, with_uncertainty
 
 SIZE_BANDS_MM = (4.0, 1.5)
 """narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last"""
@@ -136,4 +136,4 @@ class PersonChange:
         known = self._known_covariance
         gain = known[:, free] @ np.linalg.inv(known[np.ix_(free, free)])
         less = known[np.ix_(free, free)] - covariance
-        return with_doubt(self.parameters, scale, known - gain @ less @ gain.T)
+        return with_uncertainty(self.parameters, scale, known - gain @ less @ gain.T)

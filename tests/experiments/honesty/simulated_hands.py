@@ -26,7 +26,7 @@ from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.person import OpenPerson
-from handtrack.tracking.size.size_doubt import shape_covariance
+from handtrack.tracking.size.size_uncertainty import shape_covariance
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person

@@ -24,7 +24,7 @@ _RIDGE = 1e-6  # for joints that nothing holds
 
 
 @dataclass(frozen=True)
-class CameraDoubt:
+class CameraInconsistency:
     """What would make one camera agree with the others."""
 
     camera: str
@@ -40,11 +40,11 @@ class CameraDoubt:
     """by how much the camera is turned, 0 for its lens"""
 
 
-def camera_doubts(
+def camera_inconsistencies(
     model: ArticulatedModel,
     settings: TrackerSettings,
     seen: Sequence[tuple[Observation, Floats[P]]],
-) -> list[CameraDoubt]:
+) -> list[CameraInconsistency]:
     """Return for each camera and kind what it would gain, the largest gain first; none for a single camera.
 
     seen: frames, and the solver parameters at which they were tracked. One step of Gauss and Newton from there: the
@@ -52,18 +52,18 @@ def camera_doubts(
     """
     size = SizeParameters(model)
     model = size.rescaled(size.deviations(model.scale))
-    looks = [_Look.of(model, settings, observed, pose) for observed, pose in seen]
-    looks = [look for look in looks if look.seen]
-    names = dict.fromkeys(name for look in looks for name in look.seen)
+    frames = [_Frame.of(model, settings, observed, pose) for observed, pose in seen]
+    frames = [frame for frame in frames if frame.seen]
+    names = dict.fromkeys(name for frame in frames for name in frame.seen)
     if len(names) < 2:
         return []
-    cost = sum(system.cost for look in looks for system in look.seen.values())
-    found = [_doubt(size, looks, name, kind, cost) for name in names for kind in KINDS]
+    cost = sum(system.cost for frame in frames for system in frame.seen.values())
+    found = [_inconsistency(size, frames, name, kind, cost) for name in names for kind in KINDS]
     return sorted(found, key=lambda one: -one.gain)
 
 
 @dataclass(frozen=True)
-class _Look:
+class _Frame:
     """A frame as its cameras see it."""
 
     model: ArticulatedModel
@@ -83,7 +83,7 @@ class _Look:
         settings: TrackerSettings,
         observed: Observation,
         pose: Floats[P],
-    ) -> _Look:
+    ) -> _Frame:
         bones, twists, _ = model.linearize(pose)
         points = len(model.joint_names)
         moves = BoneFields.of_twists(twists @ model.transform.matrix, points)
@@ -182,17 +182,17 @@ def _middles(model: ArticulatedModel, bones: BonePoses) -> Floats[B, D3]:
     return bones.position + 0.5 * model.skeleton.length[:, None] * bones.rotation[:, :, 1]
 
 
-def _doubt(
-    size: SizeParameters, looks: Sequence[_Look], name: str, kind: str, cost: float
-) -> CameraDoubt:
-    total = reduce(JointSystem.__add__, (look.without_pose(name, kind) for look in looks))
+def _inconsistency(
+    size: SizeParameters, frames: Sequence[_Frame], name: str, kind: str, cost: float
+) -> CameraInconsistency:
+    total = reduce(JointSystem.__add__, (frame.without_pose(name, kind) for frame in frames))
     gradient, hessian = total.gradient.copy(), total.hessian.copy()
     gradient[0] += size.deviations(size.model.scale)[0]
     hessian[0, 0] += 1.0
     step = -np.linalg.solve(hessian + 1e-9 * np.diag(np.diag(hessian) + 1e-9), gradient)
     gain = -0.5 * float(gradient @ step) - 0.5 * float(gradient[0] ** 2 / hessian[0, 0])
-    off = np.concatenate([look.off_px(name, kind, step[1:]) for look in looks])
+    off = np.concatenate([frame.off_px(name, kind, step[1:]) for frame in frames])
     turn = float(np.linalg.norm(step[1:])) if kind == "direction" else 0.0
-    return CameraDoubt(
+    return CameraInconsistency(
         name, kind, gain, gain / max(cost, 1e-9), float(np.sqrt(np.nanmean(off**2))), turn
     )

@@ -27,7 +27,7 @@ def shape_covariance(size: SizeParameters, scale: HandScale) -> Floats[N, N]:
     return found
 
 
-def with_doubt(size: SizeParameters, scale: HandScale, covariance: Floats[N, N]) -> HandScale:
+def with_uncertainty(size: SizeParameters, scale: HandScale, covariance: Floats[N, N]) -> HandScale:
     """Return a person with what is known of their shape: the covariance, by deviations; standard deviations of sizes, and of
     `length_mm`.
     """
