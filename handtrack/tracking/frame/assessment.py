@@ -145,7 +145,7 @@ def _detected(terms: FrameTerms, names: Sequence[str], bones: BonePoses) -> Arra
     near = np.zeros((len(model.joint_names), len(terms.prepared)), int)  # 1 near, -1 elsewhere
     for term in terms.keypoints:
         if isinstance(term.observed, ImageKeypoints):
-            joint, off = term.misses(bones)
+            joint, off = terms.misses(term, bones)
             views = [p.camera.name == term.observed.camera.name for p in terms.prepared]
             near[np.ix_(joint, np.flatnonzero(views))] = np.where(off < NEAR_SIGMAS, 1, -1)[:, None]
     for row, bone in enumerate(map(skeleton.bone, names)):
@@ -282,7 +282,7 @@ def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason |
     """Judge by the share of points that lie where they are seen; robust terms let go of the others."""
     near, known = 0, 0
     for term in terms.keypoints:
-        _, off = term.misses(bones)
+        _, off = terms.misses(term, bones)
         near, known = near + int((off < NEAR_SIGMAS).sum()), known + len(off)
     share = near / max(known, 1)
     reason = Reason("keypoints", number=share, other=known)

@@ -54,7 +54,8 @@ class FrameTask:
         last = self.previous[-1]
         ends = [self.model.transform.solver_params(x) for x in (last.parameters, self.expected)]
         velocity = changes(np.array(ends))[0] / (self.observation.frame - last.frame)
-        return at_own_times(terms, self.observation, params, velocity)
+        seen = self.observation
+        return at_own_times(terms, seen.frames_later, params, velocity, seen.cloud_later)
 
     def opened(self) -> tuple[Floats[P], FrameTerms]:
         """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, Ints, N, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_changes import moved
@@ -110,6 +110,12 @@ class FrameTerms:
             for term in self.keypoints
         )
         return replace(self, keypoints=points)
+
+    def misses(self, term: KeypointTerm, bones: BonePoses) -> tuple[Ints[N], Floats[N]]:
+        """Return `KeypointTerm.misses` at the time when the term's camera saw."""
+        seen = term.observed
+        then = None if isinstance(seen, Keypoints) else self.motions.get(seen.camera.name)
+        return term.misses(bones if then is None else then.carried(bones))
 
     @property
     def stages(self) -> int:
@@ -256,11 +262,16 @@ def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[Keypoi
 
 
 def at_own_times(
-    terms: FrameTerms, seen: Observation, params: Floats[P], velocity: Floats[P], views: bool = True
+    terms: FrameTerms,
+    later: Mapping[str, float],
+    params: Floats[P],
+    velocity: Floats[P],
+    cloud_later: float = 0.0,
 ) -> FrameTerms:
-    """Return the terms in which each camera, and the cloud, is predicted at its own time, as far as that is known.
+    """Return the terms in which cameras, and the cloud, are predicted at their own times.
 
-    velocity: of solver parameters [a frame], as `pose_changes.moved` takes it; views: whether cameras are, or the cloud alone.
+    later: by camera, how many frames later than this one it saw; velocity: of solver parameters [a frame], as `pose_changes.moved`
+    takes it.
     """
     model = terms.model
 
@@ -268,11 +279,10 @@ def at_own_times(
         then = model.clipped(moved(params[None], by * velocity[None])[0])
         return BoneMotion.between(model.bones(params), model.bones(then))
 
-    later = {name: by for name, by in seen.frames_later.items() if by} if views else {}
     return replace(
         terms,
-        motions={name: until(by) for name, by in later.items()},
-        cloud_motion=until(seen.cloud_later) if seen.cloud_later and terms.cloud else None,
+        motions={name: until(by) for name, by in later.items() if by},
+        cloud_motion=until(cloud_later) if cloud_later and terms.cloud else terms.cloud_motion,
     )
 
 

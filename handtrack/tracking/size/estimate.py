@@ -63,6 +63,11 @@ class WholeEstimate:
     def cameras(self) -> CameraChanges:
         return self.shared.cameras
 
+    @cached_property
+    def speeds(self) -> Floats[F, P]:
+        """What each pose changes a frame."""
+        return velocities(self.poses)
+
     @property
     def scale(self) -> HandScale | None:
         """The person, where something of them was found."""

@@ -25,7 +25,7 @@ from handtrack.tracking.frame.frame_terms import FrameTerms, at_own_times, by_ca
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
-from handtrack.tracking.size.cameras import WIDER, CameraChanges, velocities
+from handtrack.tracking.size.cameras import LATE, WIDER, CameraChanges, velocities
 from handtrack.tracking.size.frame_systems import FrameProblem, by_changes
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import OpenPerson, PersonChange
@@ -93,8 +93,12 @@ class FrameEvidence(FrameProblem):
             self.prior.model, [*seen, *self.others.observation_terms], self.prior.parameter_terms
         )
 
-    def seen_by(self, changes: CameraChanges, pose: Floats[P]) -> tuple[FrameTerms, Problem]:
-        """Return the terms and the whole problem where cameras are as they must have been, and masks as wide as they are."""
+    def seen_by(
+        self, changes: CameraChanges, pose: Floats[P], velocity: Floats[P]
+    ) -> tuple[FrameTerms, Problem]:
+        """Return the terms and the whole problem where cameras are as they must have been and saw when they did, and masks are as
+        wide as they are.
+        """
         named = {camera.name: camera for camera in changes.corrected()}
         wider = dict(zip(changes.names, changes.values[:, WIDER].tolist(), strict=True))
         prepared = [
@@ -117,6 +121,8 @@ class FrameEvidence(FrameProblem):
             keypoints=tuple(map(corrected, self.terms.keypoints)),
             pins=tuple(map(corrected, self.terms.pins)),
         )
+        later = dict(zip(changes.names, changes.values[:, LATE].tolist(), strict=True))
+        terms = at_own_times(terms, later, pose, velocity)
         return terms, stage_problem(terms.model, terms, terms.stages - 1, pose)
 
     def plain(self, pose: Floats[P]) -> JointSystem:
@@ -239,7 +245,7 @@ class Evidence:
         if self.follows:
             beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]
             speed = velocities(np.array([self.around[n] for n in beside]))[beside.index(frame)]
-            terms = at_own_times(terms, observation, pose, speed, views=False)
+            terms = at_own_times(terms, {}, pose, speed, observation.cloud_later)
         terms = terms.sharpened(bones)
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)

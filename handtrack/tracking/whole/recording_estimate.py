@@ -393,7 +393,7 @@ def _result(
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
     judgement = Judgement(before.status, before.reason, spread.joint_covariance)
     seen = frame.terms.has_seen
-    terms, problem = frame.seen_by(found.cameras, pose)
+    terms, problem = frame.seen_by(found.cameras, pose, found.speeds[n])
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))

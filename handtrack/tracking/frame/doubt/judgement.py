@@ -104,7 +104,7 @@ def _confirmed(terms: FrameTerms, bones: BonePoses) -> Floats[K]:
     cameras = np.zeros(len(names))
     for term in terms.keypoints:
         if isinstance(term.observed, ImageKeypoints):
-            joint, off = term.misses(bones)
+            joint, off = terms.misses(term, bones)
             np.add.at(cameras, joint, off < NEAR_SIGMAS)
     own = [[name.partition("_")[0] == finger for name in names] for finger in FINGERS]
     return np.array([(cameras[rows] > 1).mean() for rows in own])
