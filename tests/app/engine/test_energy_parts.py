@@ -47,7 +47,7 @@ def _own_names(tree: ast.Module) -> Iterator[str]:
 
 def _given_names(tree: ast.Module) -> Iterator[str]:
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and ast.unparse(node.func) in PRIORS:
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in (*PRIORS, "super().__init__"):
             yield from _words([*node.args, *(k.value for k in node.keywords)])
 
 
