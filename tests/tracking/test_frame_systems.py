@@ -1,4 +1,4 @@
-"""What all frames say, kept as halves of matrices: every part is the whole matrix's."""
+"""What all frames say, kept as halves of matrices: every part is the whole matrix's, and so is the cost predicted for a step."""
 
 from __future__ import annotations
 
@@ -33,3 +33,8 @@ def test_it_is_the_whole_matrix_read_in_parts_or_at_once(rng, monkeypatch, at_on
     np.testing.assert_array_equal(systems.gradient, gradients)
     np.testing.assert_allclose(systems.border, matrices[:, :SIZE, SIZE:], rtol=1e-14)
     np.testing.assert_allclose(systems.corner, matrices[:, SIZE:, SIZE:].sum(axis=0), rtol=1e-12)
+    x = rng.normal(size=(FRAMES, whole))
+    x[:, SIZE:] = x[0, SIZE:]
+    expected = costs + (gradients * x).sum(axis=1) + 0.5 * np.einsum("ni,nij,nj->n", x, matrices, x)
+    found = list(systems.predicted(x[:, :SIZE], x[0, SIZE:]))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
