@@ -11,7 +11,8 @@ import pytest
 
 from docs import generate
 from docs.figures import drift, measured
-from handtrack.session.session import Session
+from handtrack.session import bundled
+from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.cli import build_parser
 from tests.conftest import REPOSITORY
 
@@ -80,7 +81,10 @@ def test_commands_in_pages_parse(capsys):
 def test_readme_example_runs_as_written(tmp_path, monkeypatch, capsys):
     (example,) = blocks(REPOSITORY / "README.md", "python")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(Session, "frame_range", property(lambda _: SHORT))
+    monkeypatch.setattr(bundled, "_CHECKOUT", tmp_path)
+    simulate(
+        tmp_path / "another_hand", Simulation(frames=len(SHORT), size=(320, 240), images=False)
+    )
     exec(compile(example, "README.md", "exec"), {"__name__": "readme"})
     assert f"({len(SHORT)}, 21, 3)" in capsys.readouterr().out
     rows = (tmp_path / "angles.csv").read_text().splitlines()
@@ -98,7 +102,7 @@ def test_generated_parts_are_current():
 
 
 def test_drift_of_a_figure_is_reported():
-    commands = ["handtrack simulate --out s --cameras 1 --frames 2 --no-images --json"]
+    commands = ["handtrack simulate --out s --cameras 1 --frames 2 --size 64 48 --no-images --json"]
     found = measured({"commands": commands, "values": {"frames": 3, "cameras": 1, "gone": 1}})
     assert found == {"frames": 2, "cameras": 1}
     assert len(drift("s", {"frames": 3, "cameras": 1, "gone": 1}, found)) == 2

@@ -1,7 +1,5 @@
 """Calls to the engine, made before they are sent."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from handtrack_app.engine.worker import RULES

@@ -1,7 +1,5 @@
 """A small recording of point clouds for tests to damage: one camera without images, a hand that moves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +31,10 @@ name = "cam0"
 
 [clouds]
 files = "clouds/*"
+
+[tracking]
+tracker.recovery = false
+tracker.escape = false
 """
 
 

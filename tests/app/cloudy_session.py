@@ -1,7 +1,5 @@
 """A small recording with clouds: a hand's surface in skin colour before a grey wall, and two cameras with images."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

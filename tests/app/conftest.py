@@ -1,9 +1,6 @@
 """A workbench on loopback, on a fake run; the command line on small recordings."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,17 +8,17 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.cli import main
-from handtrack_app.engine.document import Document
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
+from tests.app.wire import Browser, WireClient
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Workbench]:
+def bench(tmp_path):
     """A started workbench that shows the fake session."""
     workbench = Workbench(tmp_path, port=0, opener=fake_document).start()
     assert workbench.wait_ready()
@@ -30,15 +27,26 @@ def bench(tmp_path: Path) -> Iterator[Workbench]:
 
 
 @pytest.fixture
-def left_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def wire(bench):
+    """A page of that workbench: the one that edits."""
+    with WireClient(bench.url) as client:
+        yield client
+
+
+@pytest.fixture
+def page(bench, wire):
+    """What that page does with its camera and keys."""
+    return Browser(bench, wire)
+
+
+@pytest.fixture
+def left_open(monkeypatch):
     """Stores that a test leaves open, as a crash would, are closed after it; who left them is taken for dead."""
     monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)
     opened: list[Persistence] = []
     really = Persistence.open.__func__  # type: ignore[attr-defined]
 
-    def remembered(
-        cls: type[Persistence], document: Document, take_over: bool = False
-    ) -> Persistence:
+    def remembered(cls, document, take_over=False):
         opened.append(really(cls, document, take_over))
         return opened[-1]
 
@@ -50,19 +58,19 @@ def left_open(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture
-def handtrack(capsys: pytest.CaptureFixture[str]) -> CommandLine:
+def handtrack(capsys):
     """`handtrack` in this process."""
     return CommandLine(capsys)
 
 
 @pytest.fixture(scope="session")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory):
     """A small recording; not to be changed."""
     return small_recording(tmp_path_factory.mktemp("recorded") / "small")
 
 
 @pytest.fixture(scope="session")
-def tracked(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tracked(recorded, tmp_path_factory):
     """The small recording with its result; not to be changed."""
     folder = Path(shutil.copytree(recorded, tmp_path_factory.mktemp("tracked") / "small"))
     assert main(["track", str(folder)]) == 0
@@ -70,7 +78,7 @@ def tracked(recorded: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(tmp_path: Path) -> Iterator[Workbench]:
+def cloudy(tmp_path):
     """A workbench with a recording that has clouds, the first of them shown."""
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()
     assert workbench.wait_ready()

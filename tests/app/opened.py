@@ -1,7 +1,5 @@
 """A session's store as the workbench opens it, on a fake run; and what is done in it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any

@@ -1,17 +1,12 @@
 """The start page: what a folder holds, what was opened last, and a recording made from videos in the browser."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from handtrack.capture.calibration.rig_file import read_rig
-from handtrack.errors import HandtrackError
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.session import Session
@@ -19,7 +14,6 @@ from handtrack.session.sources.views import View
 from handtrack_app.start.found_files import find_files
 from handtrack_app.start.import_progress import ImportProgress, joints_found
 from handtrack_app.start.recent import recent_sessions, remember
-from handtrack_app.start.rig_view import first_image
 from handtrack_app.start.start_page import StartPage
 from tests.app.commands.test_new_project import project
 from tests.app.waiting import eventually
@@ -31,7 +25,7 @@ BUNDLED = REPOSITORY / "sessions" / "another_hand"
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Videos with names of their own, in a folder with other files, and the calibration among them."""
     folder = tmp_path / "my take"
     folder.mkdir()
@@ -43,14 +37,14 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[StartPage]:
+def start(monkeypatch, tmp_path):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     page = StartPage("127.0.0.1", 0)
     yield page
     page.stop()
 
 
-def test_videos_are_found_by_the_calibrations_names(folder: Path) -> None:
+def test_videos_are_found_by_the_calibrations_names(folder):
     found = find_files(folder)
     names = read_rig(BUNDLED / "calibration.toml").names
     assert found.calibrations == (folder / "a calibration.toml",)
@@ -61,9 +55,7 @@ def test_videos_are_found_by_the_calibrations_names(folder: Path) -> None:
     assert [path.name for path in find_files(folder).unused] == ["zoom.mp4"]
 
 
-def test_one_opencv_file_a_camera_is_taken_whole(
-    tmp_path: Path, start: StartPage, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_opencv_file_a_camera_is_taken_whole(tmp_path, start, monkeypatch):
     rig = rig_of_two()
     files = opencv_files(tmp_path, rig)
     video = BUNDLED / "cam0.mp4"
@@ -87,30 +79,7 @@ def test_one_opencv_file_a_camera_is_taken_whole(
         assert words.count("--video") == 2
 
 
-def test_no_session_of_one_camera_is_offered_while_other_videos_lie_there(
-    tmp_path: Path, start: StartPage
-) -> None:
-    files = opencv_files(tmp_path, rig_of_two())
-    for path in files[1:]:
-        path.unlink()
-    for name in rig_of_two().names:
-        shutil.copy(BUNDLED / "cam0.mp4", tmp_path / f"{name}.mp4")
-    start.folder.value = str(tmp_path)
-    with pytest.raises(HandtrackError, match=r"2 videos"):
-        start.look()
-    assert not start.make.visible and "handtrack-error" in start.found.content
-
-
-def test_a_folder_without_videos_is_told(tmp_path: Path) -> None:
-    with pytest.raises(HandtrackError, match="no video in it"):
-        find_files(tmp_path)
-    with pytest.raises(HandtrackError, match="no such folder"):
-        find_files(tmp_path / "away")
-
-
-def test_recordings_are_remembered_as_long_as_they_are_there(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_recordings_are_remembered_as_long_as_they_are_there(monkeypatch, tmp_path):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     assert recent_sessions() == []
     folders = [Path(shutil.copytree(BUNDLED, tmp_path / name)) for name in ("a", "b")]
@@ -123,7 +92,7 @@ def test_recordings_are_remembered_as_long_as_they_are_there(
     assert recent_sessions() == []
 
 
-def test_a_recording_is_made_in_the_browser(start: StartPage, folder: Path, tmp_path: Path) -> None:
+def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
     with WireClient(start.door.url) as client:
         client.set_value(start.folder, str(tmp_path / "away"))
         eventually(lambda: "no such folder" in start.output.content, "nothing there")
@@ -150,17 +119,7 @@ def drawn(client: WireClient) -> set[str]:
     return {m["name"] for _, m in list(client.messages) if m["type"] == "CameraFrustumMessage"}
 
 
-def test_what_is_refused_is_told_in_the_page(start: StartPage, tmp_path: Path) -> None:
-    with WireClient(start.door.url) as client:
-        (tmp_path / "session.toml").write_text("[recording")
-        client.set_value(start.folder, str(tmp_path))
-        eventually(lambda: "Check this session" in [e.label for e in start._entries], "listed")
-        client.press("Check this session")
-        eventually(lambda: "It was refused" in start.output.content, "told", 60.0)
-        assert "session.toml" in start.output.content and start.chosen is None
-
-
-def test_recordings_are_cards_with_pictures_and_an_example_opens(start: StartPage) -> None:
+def test_recordings_are_cards_with_pictures_and_an_example_opens(start):
     with WireClient(start.door.url) as client:
         said = lambda: str(list(client.messages))  # noqa: E731
         eventually(lambda: said().count("class='handtrack-card'") >= len(bundled_names()), "cards")
@@ -170,9 +129,7 @@ def test_recordings_are_cards_with_pictures_and_an_example_opens(start: StartPag
     assert start.wait() == bundled_session("another_hand")
 
 
-def test_a_camera_without_a_video_and_an_unused_video_are_red(
-    start: StartPage, folder: Path
-) -> None:
+def test_a_camera_without_a_video_and_an_unused_video_are_red(start, folder):
     (folder / "take3_cam2.mp4").rename(folder / "zoom.mp4")
     start.folder.value = str(folder)
     start.look()
@@ -181,7 +138,7 @@ def test_a_camera_without_a_video_and_an_unused_video_are_red(
     assert start.found.content.count("ready") == 2
 
 
-def test_what_an_import_prints_becomes_steps_and_the_time_left() -> None:
+def test_what_an_import_prints_becomes_steps_and_the_time_left():
     progress = ImportProgress("Importing take")
     assert not progress.hear("copying cam0.mp4 …")
     assert progress.hear("detecting:   0%|          | 0/60 [00:00<?, ?frame/s]")
@@ -194,10 +151,8 @@ def test_what_an_import_prints_becomes_steps_and_the_time_left() -> None:
     assert progress.words().count("✓") == 3
 
 
-def test_an_import_that_ends_early_offers_what_is_done(
-    start: StartPage, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def ended(args: list[str], tell: Any, end: Any) -> None:
+def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatch):
+    def ended(args, tell, end):
         tell("copying …")
         shutil.copytree(BUNDLED, args[args.index("--out") + 1])
         end(130)
@@ -212,9 +167,7 @@ def test_an_import_that_ends_early_offers_what_is_done(
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
 
 
-def test_pictures_show_the_joints_that_were_detected(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pictures_show_the_joints_that_were_detected(tmp_path, monkeypatch):
     session = Path(shutil.copytree(BUNDLED, tmp_path / "session"))
     plain = joints_found(session)
     assert {name: picture.shape[0] for name, picture in plain.items()} == dict.fromkeys(plain, 160)
@@ -226,16 +179,7 @@ def test_pictures_show_the_joints_that_were_detected(
     assert np.allclose([columns.mean(), rows.mean()], 100 * scale, atol=1.0)
 
 
-def test_a_video_that_is_none_has_no_picture(tmp_path: Path) -> None:
-    (tmp_path / "cam0.mp4").write_bytes(b"no video")
-    assert first_image(tmp_path / "cam0.mp4", "cam0") is None
-    image = first_image(next(BUNDLED.glob("*.mp4")), "cam0")
-    assert image is not None and image.shape[0] == 240 and image.dtype == np.uint8
-
-
-def test_a_pose2sim_project_is_known(
-    start: StartPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):
     """It has no videos here: joints alone will do."""
     trial = project(tmp_path / "p")
     start.folder.value = str(trial)

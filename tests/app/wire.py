@@ -1,5 +1,79 @@
 """A bare client on the wire, as viser's page speaks: for latency, and for input that no page would send."""
 
+from typing import Any
+
+import numpy as np
+import viser.transforms as vtf
+
+from handtrack_app.page.views.through import Through
+from handtrack_app.workbench import Workbench
+from tests.app.waiting import eventually
 from tests.experiments.workbench.wire import WireClient
 
-__all__ = ["WireClient"]
+__all__ = ["Browser", "WireClient"]
+WHERE = {
+    "SetCameraFovMessage": "fov", "SetCameraPositionMessage": "position", "SetCameraLookAtMessage": "look_at",
+    "SetCameraUpDirectionMessage": "position",
+}  # fmt: skip
+
+
+class Browser:
+    """What a page does with its camera: as it is told, until the user turns the wheel or walks."""
+
+    def __init__(self, bench: Workbench, wire: WireClient) -> None:
+        self.bench, self.wire = bench, wire
+        before = set(bench.server.get_clients())
+        eventually(lambda: len(bench.server.get_clients()) > 0, "it came")
+        self.number = max(before | set(bench.server.get_clients()))
+
+    def press(self, words: str) -> None:
+        commands = self.bench.server.gui._command_handle_from_uuid
+        uuid = next(one for one, handle in commands.items() if handle._impl.props.label == words)
+        self.wire.send({"type": "CommandTriggerMessage", "uuid": uuid})
+
+    @property
+    def view(self) -> Through | None:
+        return self.bench.stage.looking.views.of(self.number)
+
+    def told(self, kind: str) -> Any:
+        """Return the latest value that the page was told."""
+        said = [
+            m for _, m in list(self.wire.messages) if m["type"] == kind and not m.get("initial")
+        ]
+        return said[-1][WHERE[kind]] if said else None
+
+    def tell(self, position: np.ndarray, look_at: np.ndarray, width: int = 800) -> None:
+        """Say where its camera is now."""
+        ahead = (look_at - position) / np.linalg.norm(look_at - position)
+        up = np.array(self.told("SetCameraUpDirectionMessage"))
+        down = -(up - (up @ ahead) * ahead)
+        down /= np.linalg.norm(down)
+        wxyz = vtf.SO3.from_matrix(np.stack([np.cross(down, ahead), down, ahead], axis=1)).wxyz
+        self.wire.send({
+            "type": "ViewerCameraMessage", "wxyz": wxyz.tolist(), "position": position.tolist(),
+            "fov": self.told("SetCameraFovMessage"), "near": 0.01, "far": 100.0, "image_height": 600,
+            "image_width": width, "look_at": look_at.tolist(), "up_direction": up.tolist(),
+        })  # fmt: skip
+
+    def obey(self, width: int = 800) -> None:
+        """Stand where it was told to."""
+
+        def told() -> bool:
+            view = self.view
+            if view is None or self.told("SetCameraFovMessage") != view.eye.fov:
+                return False
+            return np.allclose(self.target - self.centre, view.told[-1].way, rtol=0, atol=1e-9)
+
+        eventually(told, "told where to look")
+        self.tell(self.centre, self.target, width)
+
+    @property
+    def centre(self) -> np.ndarray:
+        return np.array(self.told("SetCameraPositionMessage"))
+
+    @property
+    def target(self) -> np.ndarray:
+        return np.array(self.told("SetCameraLookAtMessage"))
+
+    def times(self) -> float:
+        return 0.0 if self.view is None else self.view.zoom.times

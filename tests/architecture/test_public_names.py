@@ -6,9 +6,6 @@ import json
 import subprocess
 import sys
 
-import pytest
-
-import handtrack
 from tests.conftest import REPOSITORY
 
 HEAVY = ("cv2", "numba", "scipy", "viser", "rerun", "skimage", "trimesh", "numpy")
@@ -20,11 +17,6 @@ def loaded_by(statements: str) -> set[str]:
     run = [sys.executable, "-c", code]
     done = subprocess.run(run, cwd=REPOSITORY, capture_output=True, text=True, check=True)
     return set(json.loads(done.stdout.splitlines()[-1]))
-
-
-@pytest.mark.parametrize("name", handtrack.__all__)
-def test_every_public_name_exists(name):
-    assert getattr(handtrack, name).__name__ == name
 
 
 def test_importing_handtrack_loads_nothing_heavy():

@@ -3,8 +3,6 @@
 `python -m tests.app.commands.fake_child track FOLDER … --json`. What a file `ends` in the folder says is how it ends.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

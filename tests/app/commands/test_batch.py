@@ -1,7 +1,5 @@
 """`handtrack batch`: many recordings, gone on with after any end, nothing done twice, the worst first."""
 
-from __future__ import annotations
-
 import csv
 import json
 import random
@@ -34,12 +32,12 @@ KILLS = 3
 
 
 @pytest.fixture
-def handtrack(capsys) -> CommandLine:
+def handtrack(capsys):
     return CommandLine(capsys)
 
 
 @pytest.fixture
-def quick(monkeypatch) -> None:
+def quick(monkeypatch):
     """Recordings are tracked by a stand-in."""
     monkeypatch.setattr(one, "_CHILD", FAKE)
     monkeypatch.setattr(one, "_POLL_S", 0.02)
@@ -110,29 +108,6 @@ def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
     assert "http" not in page
 
 
-def test_the_exit_code_goes_by_the_limit(tmp_path, handtrack, quick):
-    folders(tmp_path / "takes", 3)
-    words = ["batch", tmp_path / "takes" / "*", "--out", tmp_path / "out"]
-    assert handtrack(*words, "--most-lost", "0.2").code == 0
-    assert handtrack(*words, "--most-lost", "0.1", "--resume").code == 3
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["nothing/*"], "no session folder matches"),
-        ([".", "--jobs", "0"], "--jobs 0: expected 1 or more"),
-        ([".", "--most-lost", "7"], "--most-lost 7: expected a share"),
-    ],
-)
-def test_wrong_words_are_refused(tmp_path, handtrack, monkeypatch, words, said):
-    monkeypatch.chdir(tmp_path)
-    ended = handtrack("batch", *words)
-    assert ended.code == 2
-    assert said in ended.err
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
     """And their processes end with the batch that began them."""
     count, jobs, rng = 24, 2, random.Random(3)
@@ -178,17 +153,6 @@ def test_a_torn_line_of_the_ledger_costs_that_line_alone(tmp_path):
     assert read_ledger(file) == [first, second]
 
 
-def test_on_a_dask_cluster_of_two_workers(tmp_path, handtrack, quick, monkeypatch):
-    distributed = pytest.importorskip("dask.distributed", reason="the extra `cluster` is not installed")  # fmt: skip
-    folders(tmp_path / "takes", 4, broken=1)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:  # fmt: skip
-        words = ["batch", tmp_path / "takes" / "*", "--out", tmp_path / "out", "--dask", cluster.scheduler_address]  # fmt: skip
-        ended = handtrack(*words)
-    assert ended.code == 3, ended.err
-    assert "4 recordings: 3 done, 1 refused" in ended.out
-    assert begun(tmp_path / "takes").total() == 4
-
-
 def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_path, monkeypatch):
     lost, other = (Recording(name, tmp_path / name, "5f0c") for name in ("lost", "done"))
     outcome = Outcome("done", str(tmp_path / "done"), "5f0c", DONE, 0)
@@ -196,7 +160,7 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
     class Cluster:
         """Stands for dask's client."""
 
-        def submit(self, _task, recording, *_more, **_options) -> Future[Outcome]:
+        def submit(self, _task, recording, *_more, **_options):
             future: Future[Outcome] = Future()
             if recording is lost:
                 future.set_exception(RuntimeError("3 workers died over it"))
@@ -204,7 +168,7 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
                 future.set_result(outcome)
             return future
 
-        def close(self) -> None:
+        def close(self):
             pass
 
     monkeypatch.setattr(pools, "_client", lambda _address: Cluster())
@@ -212,12 +176,6 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
     by_name = {found.recording: found for found in came}
     assert by_name["done"] == outcome
     assert (by_name["lost"].state, by_name["lost"].cause) == (FAILED, "dask: 3 workers died over it")  # fmt: skip
-
-
-def test_a_worker_begins_nothing_once_it_is_to_stop(tmp_path):
-    never = Recording("one", tmp_path / "one", "5f0c")
-    assert pools._tracked(never, pools.Work((), tmp_path, 1), lambda: True) is None
-    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_stopped_before_it_listens_was_interrupted_and_did_not_fail(tmp_path, quick):

@@ -1,9 +1,6 @@
 """A session of raw mosaics, 8 and 16 bits, from files to poses; and what is said where they do not fit."""
 
-from __future__ import annotations
-
 import shutil
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +8,7 @@ import pytest
 
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
-from tests.app.command_line import CommandLine, refused
+from tests.app.command_line import refused
 from tests.capture.demosaicing_quality import mosaic_of
 from tests.session.small_session import edit
 
@@ -21,7 +18,7 @@ SKIN = 'masks = { method = "skin_ycrcb", open_px = 0 }'
 
 
 @pytest.fixture(params=[8, 16], ids=["8 bits", "12 bits in 16"])
-def mosaics(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+def mosaics(request, tmp_path):
     """The bundled session's first frames as its cameras' sensors would have given them: raw, masks from colour."""
     folder = tmp_path / "raw"
     folder.mkdir()
@@ -44,10 +41,9 @@ def mosaics(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return folder
 
 
-def test_raw_mosaics_are_tracked_like_colour(handtrack: CommandLine, mosaics: Path) -> None:
+def test_raw_mosaics_are_tracked_like_colour(handtrack, mosaics):
     colour = cv2.VideoCapture(str(bundled_session("open_fist_open") / "cam1.mp4")).read()[1]
     image = Session.open(mosaics).image("cam1", 0)
-    assert image is not None
     assert np.abs(image.astype(int) - colour)[8:-8, 8:-8].mean() < 3.0
     ended = handtrack("track", mosaics)
     assert ended.code == 0
@@ -62,50 +58,27 @@ def test_raw_mosaics_are_tracked_like_colour(handtrack: CommandLine, mosaics: Pa
     assert error < 2.2  # 1.5 mm; 1.4 with masks by skin colour of the colour videos
 
 
-def test_the_doctor_says_when_the_pattern_is_wrong(handtrack: CommandLine, mosaics: Path) -> None:
+def test_the_doctor_says_when_the_pattern_is_wrong(handtrack, mosaics):
     edit(mosaics / "session.toml", 'bayer = "grbg"', 'bayer = "rggb"')
     ended = handtrack("doctor", mosaics)
     assert ended.code == 0
-    assert "warning: " in ended.out
-    assert "000000.png: the pattern RGGB looks wrong: the green pixels seem to lie as in GRBG" in (
-        ended.out
-    )
+    assert "RGGB" in ended.out and "GRBG" in ended.out
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        (
-            'bayer = "grbg"',
-            'bayer = "rgbg"',
-            ["camera 'cam0': bayer = \"rgbg\"", 'one of "rggb", "bggr", "grbg", "gbrg"'],
-        ),
-        (
-            '"cam0/*.png"',
-            '"cam0.mp4"',
-            [
-                "camera 'cam0', images",
-                "is a video",
-                'bayer = "grbg"',
-                "numbered files without loss",
-            ],
-        ),
-        (
-            'bayer = "grbg"',
-            'demosaic = "bilinear"',
-            ["camera 'cam0': demosaic is about raw mosaics", "`bayer` is missing"],
-        ),
-        ("white_level", "white_levels", ["unknown key 'white_levels'", "bayer", "white_level"]),
-    ],
-)
-def test_settings_that_do_not_fit(handtrack, mosaics: Path, old, new, expected) -> None:
+def test_settings_that_do_not_fit(handtrack, mosaics):
     shutil.copyfile(bundled_session("open_fist_open") / "cam0.mp4", mosaics / "cam0.mp4")
-    edit(mosaics / "session.toml", old, new)
-    refused(handtrack, mosaics.parent, ["track", mosaics], expected)
+    for old, new, word in (
+        ('bayer = "grbg"', 'bayer = "rgbg"', "rgbg"),
+        ('"cam0/*.png"', '"cam0.mp4"', "is a video"),
+        ('bayer = "grbg"', 'demosaic = "bilinear"', "`bayer`"),
+        ("white_level", "white_levels", "'white_levels'"),
+    ):
+        edit(mosaics / "session.toml", old, new)
+        refused(handtrack, mosaics.parent, ["track", mosaics], [word])
+        edit(mosaics / "session.toml", new, old)
 
 
-def test_colour_files_are_no_mosaics(handtrack, mosaics: Path) -> None:
+def test_colour_files_are_no_mosaics(handtrack, mosaics):
     picture = np.zeros((480, 640, 3), np.uint8)
     cv2.imwrite(str(mosaics / "cam1" / "000000.png"), picture)
-    expected = ["cam1/000000.png: a raw mosaic has one channel", "It is colour already"]
-    refused(handtrack, mosaics.parent, ["track", mosaics], expected)
+    refused(handtrack, mosaics.parent, ["track", mosaics], ["cam1/000000.png"])

@@ -1,17 +1,12 @@
 """docs/start/person.md: its commands, as they stand, on a small project that this test makes."""
 
-from __future__ import annotations
-
 import re
 import shlex
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
-from tests.app.command_line import CommandLine
 from tests.app.commands.test_new_project import project
 from tests.capture.joints.people import names, places
 from tests.conftest import REPOSITORY
@@ -20,9 +15,7 @@ PAGE = REPOSITORY / "docs" / "start" / "person.md"
 FRAMES = 3
 
 
-def test_the_page_s_commands_run(
-    handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_page_s_commands_run(handtrack, tmp_path, monkeypatch):
     project(tmp_path / "p").rename(tmp_path / "my_project")
     for path in (tmp_path / "my_project").glob("pose/*/*.json"):
         if int(path.stem.split("_")[-1]) >= FRAMES:

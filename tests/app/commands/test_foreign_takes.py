@@ -1,10 +1,7 @@
 """Tracks that were made from other input than the session has now are told as such, wherever they are used."""
 
-from __future__ import annotations
-
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,7 +13,7 @@ from tests.session.small_session import edit
 
 
 @pytest.fixture
-def session(tracked: Path, tmp_path: Path) -> Path:
+def session(tracked, tmp_path):
     """A tracked recording, copied without its times."""
     folder = Path(shutil.copytree(tracked, tmp_path / "session", copy_function=shutil.copyfile))
     for number, file in enumerate(sorted(folder.rglob("*.*"))):
@@ -70,24 +67,23 @@ def told(handtrack: CommandLine, session: Path) -> list[str]:
     "change", [lens_changed, masks_drawn_anew, rate_changed, of_another_recording],
     ids=lambda change: change.__name__,
 )  # fmt: skip
-def test_what_was_made_from_other_input_is_told_with_what_changed(
-    change: Callable[[Path], set[str]], handtrack: CommandLine, session: Path
-) -> None:
+def test_what_was_made_from_other_input_is_told_with_what_changed(change, handtrack, session):
     changed = change(session)
     for said in told(handtrack, session):
         assert {name for name in NAMED if name in said} == changed, said
 
 
-def test_a_copied_folder_and_other_settings_are_no_other_input(
-    handtrack: CommandLine, session: Path
-) -> None:
-    with (session / "session.toml").open("a") as file:
-        file.write("\n# seen on Monday\n[tracking]\nsolver.iterations = 9\n")
+def test_a_copied_folder_and_other_settings_are_no_other_input(handtrack, session):
+    edit(
+        session / "session.toml",
+        "[tracking]",
+        "# seen on Monday\n[tracking]\nsolver.iterations = 9",
+    )
     edit(session / "session.toml", 'name = "', 'name = "copy of ')
     assert told(handtrack, session) == ["", "", "", ""]
 
 
-def test_a_result_alone_that_was_copied_in_is_told(handtrack: CommandLine, session: Path) -> None:
+def test_a_result_alone_that_was_copied_in_is_told(handtrack, session):
     poses = (session / "tracks" / "poses.npz").read_bytes()
     shutil.rmtree(session / "tracks")
     (session / "tracks").mkdir()

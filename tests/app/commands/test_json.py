@@ -1,7 +1,5 @@
 """`--json` on every command: one object on stdout, whatever else is said."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -9,7 +7,6 @@ import subprocess
 import pytest
 
 from handtrack.session.formats.tables import write_npz
-from handtrack_app.cli import COMMANDS
 from tests.app.command_line import CommandLine, small_recording
 from tests.conftest import REPOSITORY
 from tests.sample_track import hand_track
@@ -17,11 +14,6 @@ from tests.sample_track import hand_track
 SERVERS = {"open", "start", "demo"}
 """they answer in the browser"""
 SLURM = REPOSITORY / "docs" / "cluster" / "slurm_array.sh"
-
-
-@pytest.mark.parametrize("name", sorted(COMMANDS.keys() - SERVERS))
-def test_it_has_the_option(name):
-    assert any("--json" in option.names for option in COMMANDS[name].options)
 
 
 def test_what_is_printed_is_one_object(tmp_path, capsys):

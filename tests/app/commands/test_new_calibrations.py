@@ -1,24 +1,19 @@
 """`handtrack new` with calibrations of others: taken in as our own, or refused in one sentence before anything is written."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import CameraRig
 from handtrack.session.session import Session
-from handtrack_app.commands.terminal import questions
-from tests.app.command_line import CommandLine, refused
+from tests.app.command_line import refused
 from tests.app.commands.test_new import video
 from tests.capture.calibration_forms.hostile import HOSTILE
 from tests.capture.calibration_forms.writers import WRITERS, rig_of_two
 
 
 @pytest.fixture(scope="module")
-def videos(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+def videos(tmp_path_factory):
     """Return options for two videos of three frames."""
     folder = tmp_path_factory.mktemp("videos")
     files = {name: video(folder / f"{name}.avi", 25, 3, (640, 480)) for name in ("cam0", "cam1")}
@@ -27,8 +22,8 @@ def videos(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 @pytest.mark.parametrize("form", [*WRITERS])
 def test_a_session_has_the_same_calibration_whatever_it_was_made_from(
-    form: str, handtrack: CommandLine, videos: list[str], tmp_path: Path
-) -> None:
+    form, handtrack, videos, tmp_path
+):
     made = []
     for name, given in (("a", "anipose"), ("b", form)):
         paths = WRITERS[given](tmp_path, rig_of_two())
@@ -42,28 +37,10 @@ def test_a_session_has_the_same_calibration_whatever_it_was_made_from(
     assert made[0] == made[1]
 
 
-def test_what_is_assumed_is_said(handtrack: CommandLine, videos: list[str], tmp_path: Path) -> None:
-    path = WRITERS["freemocap"](tmp_path, rig_of_two())
-    ended = handtrack("new", "--out", tmp_path / "out", *videos, "--calibration", path)
-    assert (
-        "unit: in its unit, the cameras are 283 apart, and look at a place 541 to 551 away: for hands that is millimetres."
-        in ended.err
-    )
-    path = WRITERS["opencv yaml"](tmp_path, rig_of_two())
-    left = [word.replace("cam0=", "left=").replace("cam1=", "right=") for word in videos]
-    ended = handtrack("new", "--out", tmp_path / "named", *left, "--calibration", path)
-    assert (
-        "the calibration names no cameras: left, right are taken to be its cameras in this order."
-        in ended.err
-    )
-    second = Session.open(tmp_path / "named").rig["right"]
-    assert np.allclose(second.translation, rig_of_two()["cam1"].translation, rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
-    kind: str, handtrack: CommandLine, videos: list[str], tmp_path: Path
-) -> None:
+    kind, handtrack, videos, tmp_path
+):
     write, expected = HOSTILE[kind]
     folder = tmp_path / "given"
     folder.mkdir()
@@ -73,9 +50,7 @@ def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
     refused(handtrack, tmp_path / "out", words, expected)
 
 
-def test_four_coefficients_are_taken_where_their_lens_is_said(
-    handtrack: CommandLine, videos: list[str], tmp_path: Path
-) -> None:
+def test_four_coefficients_are_taken_where_their_lens_is_said(handtrack, videos, tmp_path):
     rig = rig_of_two()
     path = WRITERS["json"](tmp_path, rig)
     tables = json.loads(path.read_text())
@@ -90,24 +65,3 @@ def test_four_coefficients_are_taken_where_their_lens_is_said(
     kept = Session.open(tmp_path / "out").rig
     for camera in rig:
         assert np.allclose(kept[camera.name].distortions, [*camera.distortions[:4], 0.0])
-
-
-def test_the_unit_is_asked_at_a_terminal(
-    handtrack: CommandLine, videos: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from handtrack_app.commands.new_session import given_calibration
-
-    asked: list[tuple[str, str]] = []
-
-    def answer(text: str, proposal: str = "") -> str:
-        asked.append((text, proposal))
-        return "0.5"
-
-    monkeypatch.setattr(given_calibration, "can_ask", lambda: True)
-    monkeypatch.setattr(given_calibration, "question", answer)
-    path = WRITERS["colmap text"](tmp_path, rig_of_two())
-    assert handtrack("new", "--out", tmp_path / "out", *videos, "--calibration", path).code == 0
-    assert asked == [("How many metres is one unit of it?", "1")]
-    rig: CameraRig = Session.open(tmp_path / "out").rig
-    assert np.allclose(rig["cam1"].translation, 0.5 * rig_of_two()["cam1"].translation)
-    assert not questions.can_ask()

@@ -1,15 +1,11 @@
 """`handtrack new` with fisheye lenses: images, masks and joints as pinhole views show them."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import cv2
 import numpy as np
 
 from handtrack.session.session import Session
-from tests.app.command_line import CommandLine
 from tests.capture.calibration_forms.test_calibration_forms import fisheyes
 from tests.capture.calibration_forms.writers import rig_of_two
 
@@ -24,8 +20,8 @@ def taken(table: dict, places: np.ndarray) -> np.ndarray:
 
 
 def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them(
-    handtrack: CommandLine, tmp_path: Path
-) -> None:
+    handtrack, tmp_path
+):
     tables = fisheyes(rig_of_two())
     (tmp_path / "rig.json").write_text(json.dumps(tables))
     options = []
@@ -48,7 +44,6 @@ def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them
     shown = set()
     for view in session.views:
         image = view.image(0)
-        assert image is not None
         assert image.shape[:2] == view.camera.size[::-1]
         for i, spot in enumerate(SPOTS):
             u, v = view.camera.project(spot)
@@ -64,7 +59,7 @@ def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them
     assert len(shown) == len(SPOTS)
 
 
-def test_joints_of_a_fisheye_choose_its_view(handtrack: CommandLine, tmp_path: Path) -> None:
+def test_joints_of_a_fisheye_choose_its_view(handtrack, tmp_path):
     tables = fisheyes(rig_of_two())
     (tmp_path / "rig.json").write_text(json.dumps(tables))
     hand = np.random.default_rng(0).uniform([-0.06, -0.06, 0.48], [0.1, 0.08, 0.56], (21, 3))

@@ -1,7 +1,5 @@
 """`handtrack new` with 2D joints of others: in a session as its own, or refused in one sentence before anything is written."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +13,7 @@ from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
-from tests.app.command_line import CommandLine, refused
+from tests.app.command_line import refused
 from tests.capture.calibration_forms.writers import WRITERS, rig_of_two
 from tests.capture.joints.hostile import HDF5, HOSTILE
 from tests.capture.joints.writers import WITH_CONFIDENCE, WITHOUT, hand
@@ -24,7 +22,7 @@ from tests.session.small_session import keypoints
 CALIBRATION = bundled_session() / "calibration.toml"
 
 
-def test_a_session_of_joints_alone(handtrack: CommandLine, tmp_path: Path) -> None:
+def test_a_session_of_joints_alone(handtrack, tmp_path):
     left, right = (
         WITH_CONFIDENCE[form](tmp_path, hand()) for form in ("openpose", "deeplabcut csv")
     )
@@ -42,9 +40,7 @@ def test_a_session_of_joints_alone(handtrack: CommandLine, tmp_path: Path) -> No
     assert first.pixels.shape == (21, 2)
 
 
-def test_masks_are_made_by_the_joints_of_most_images(
-    handtrack: CommandLine, tmp_path: Path
-) -> None:
+def test_masks_are_made_by_the_joints_of_most_images(handtrack, tmp_path):
     size = Session.open(bundled_session()).rig["cam0"].size
     joints = WITH_CONFIDENCE["openpose"](tmp_path, hand())
     words = ["new", "--calibration", CALIBRATION, "--fps", 30]
@@ -71,7 +67,7 @@ def _new(folder: Path) -> list[object]:
     return ["new", "--out", folder / "made", "--calibration", CALIBRATION, "--fps", 30]
 
 
-def test_shares_are_of_the_camera_s_image(handtrack: CommandLine, tmp_path: Path) -> None:
+def test_shares_are_of_the_camera_s_image(handtrack, tmp_path):
     points = hand()
     points[1, 7] = (50, 60, 1)
     path = WITHOUT["mediapipe"](tmp_path, points)
@@ -88,31 +84,10 @@ def test_shares_are_of_the_camera_s_image(handtrack: CommandLine, tmp_path: Path
     assert abs(seen.pixels - expected).max() < 1e-3
 
 
-def test_sides_that_differ_are_asked_about(handtrack: CommandLine, tmp_path: Path) -> None:
-    right = WITH_CONFIDENCE["openpose"](tmp_path, hand())
-    left = tmp_path / "left.csv"
-    left.write_text(
-        (WITH_CONFIDENCE["deeplabcut csv"](tmp_path, hand())).read_text().replace("right_", "left_")
-    )
-    words = ["new", "--out", tmp_path / "made", "--calibration", CALIBRATION, "--fps", 30]
-    refused(
-        handtrack,
-        tmp_path,
-        [*words, "--keypoints", f"cam0={right}", "--keypoints", f"cam1={left}"],
-        ["a left hand, but", "--side"],
-    )
-    refused(
-        handtrack,
-        tmp_path,
-        [*words, "--keypoints", f"cam0={right}", "--side", "left"],
-        ["no left hand; there is a right one"],
-    )
-
-
 @pytest.mark.parametrize("kind", [*HOSTILE, *HDF5])
 def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
-    kind: str, handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    kind, handtrack, tmp_path, monkeypatch
+):
     if kind in HDF5:
         for library in ("h5py", "pandas", "tables"):
             pytest.importorskip(library)
@@ -137,24 +112,11 @@ def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
     assert not (tmp_path / "harmed").exists()
 
 
-def test_hdf5_without_its_library_is_refused_in_a_sentence(
-    handtrack: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import sys
-
-    monkeypatch.setitem(sys.modules, "h5py", None)
-    (tmp_path / "a.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    words = [*_new(tmp_path), "--keypoints", f"cam0={tmp_path}/a.h5"]
-    refused(handtrack, tmp_path, words, ["needs h5py: pip install handtrack3d[joints]"])
-
-
 @pytest.mark.parametrize(("form", "factor", "said"), [
     ("json", 100.0, "unit: in its unit, the joints make a hand 1"),
     ("colmap text", 3.0, "unit: 0.4 m."),
 ])  # fmt: skip
-def test_joints_tell_the_unit(
-    form: str, factor: float, said: str, handtrack: CommandLine, tmp_path: Path
-) -> None:
+def test_joints_tell_the_unit(form, factor, said, handtrack, tmp_path):
     """Of a rig in centimetres, which cameras alone leave open; and of one that has no unit, a proposal that `--yes` takes."""
     rig = rig_of_two()
     hand_m = keypoints() - keypoints().mean(axis=0) + [0.0, 0.0, 0.5]
@@ -175,9 +137,7 @@ def test_joints_tell_the_unit(
     assert "expected 6 to 25 cm" in wrong.err
 
 
-def test_own_markers_are_refused_with_a_table_that_then_names_them(
-    handtrack: CommandLine, tmp_path: Path
-) -> None:
+def test_own_markers_are_refused_with_a_table_that_then_names_them(handtrack, tmp_path):
     path = tmp_path / "own.csv"
     path.write_text(
         "frame,palm_x,palm_y,D2_base_x,D2_base_y,D2_tip_x,D2_tip_y\n0,10,20,30,40,50,60\n"

@@ -1,7 +1,5 @@
 """`handtrack new --project`: Pose2Sim's folders as its versions lay them out."""
 
-from __future__ import annotations
-
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +11,7 @@ import pytest
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session import Session
-from tests.app.command_line import CommandLine, refused
+from tests.app.command_line import refused
 from tests.capture.joints.people import in_order, openpose, pixels, rig
 
 CALIBRATIONS = {
@@ -58,7 +56,7 @@ def project(
 
 
 @pytest.mark.parametrize("version", CALIBRATIONS)
-def test_everything_is_found(version: str, handtrack: CommandLine, tmp_path: Path) -> None:
+def test_everything_is_found(version, handtrack, tmp_path):
     ended = handtrack(
         "new", "--out", tmp_path / "made", "--project", project(tmp_path / "p", version)
     )
@@ -73,7 +71,7 @@ def test_everything_is_found(version: str, handtrack: CommandLine, tmp_path: Pat
     assert session.frame_count == len(pixels())
 
 
-def test_cameras_of_other_names_are_taken_in_order(handtrack: CommandLine, tmp_path: Path) -> None:
+def test_cameras_of_other_names_are_taken_in_order(handtrack, tmp_path):
     trial = project(tmp_path / "p", names=("int_a_img", "int_b_img"))
     ended = handtrack("new", "--out", tmp_path / "made", "--project", trial)
     assert ended.code == 0, ended.err
@@ -83,7 +81,7 @@ def test_cameras_of_other_names_are_taken_in_order(handtrack: CommandLine, tmp_p
     assert seen.pixels[seen.names.index("nose")] == pytest.approx(pixels(1)[5][4], abs=0.01)
 
 
-def test_what_pose2sim_synchronised_stays_so(handtrack: CommandLine, tmp_path: Path) -> None:
+def test_what_pose2sim_synchronised_stays_so(handtrack, tmp_path):
     """In `pose-sync` the second camera's files are renumbered: what is frame 5 there is 7 in its video and in `pose`."""
     trial = project(tmp_path / "p")
     shutil.copytree(trial / "pose" / "cam0_json", trial / "pose-sync" / "cam0_json")
@@ -102,68 +100,4 @@ def test_what_pose2sim_synchronised_stays_so(handtrack: CommandLine, tmp_path: P
     for path in later.iterdir():
         path.write_text(path.read_text().replace("0.8", "0.7"))
     words = ["new", "--out", tmp_path / "other", "--project", trial]
-    refused(
-        handtrack, tmp_path, words, ["holds other joints than", "Remove one of the two folders"]
-    )
-
-
-def test_settings_decide_what_joints_leave_open(handtrack: CommandLine, tmp_path: Path) -> None:
-    trial = project(tmp_path / "p", layout="body_25")
-    for path in trial.glob("pose/*/*.json"):  # a right arm alone
-        numbers = np.zeros((25, 3))
-        numbers[2:5] = (100.0, 100.0, 0.8)
-        openpose(path.parent / "x", {0: [numbers]})
-        path.write_text(next((path.parent / "x").iterdir()).read_text())
-        shutil.rmtree(path.parent / "x")
-    words = ["new", "--out", tmp_path / "made", "--project", trial, "--world-unit-m", 1]
-    refused(handtrack, tmp_path, words, ["may be body_25 or body_25b"])
-    (trial / "Config.toml").write_text('[pose]\npose_model = "BODY_25B"\n')
-    assert handtrack(*words).code == 0
-    assert Session.open(tmp_path / "made").file.cameras[0].keypoint_layout == "body_25b"
-
-
-def test_what_the_user_says_goes_before(handtrack: CommandLine, tmp_path: Path) -> None:
-    trial = project(tmp_path / "p")
-    other = tmp_path / "other.toml"
-    shutil.copyfile(trial / "calibration/Calib_scene.toml", other)
-    other_joints = openpose(tmp_path / "j", {0: [in_order("coco17", pixels()[3])]})
-    ended = handtrack(
-        "new", "--out", tmp_path / "made", "--project", trial, "--calibration", other, "--fps", 25, "--keypoints", f"cam0={other_joints}",
-    )  # fmt: skip
-    assert ended.code == 0, ended.err
-    file = Session.open(tmp_path / "made").file
-    assert (file.session.fps, file.cameras[0].keypoint_layout) == (25.0, "coco17")
-
-
-def test_what_lacks_is_told(handtrack: CommandLine, tmp_path: Path) -> None:
-    trial = project(tmp_path / "p")
-    words: list[object] = ["new", "--out", tmp_path / "made", "--project"]
-    refused(
-        handtrack,
-        tmp_path,
-        [*words, tmp_path / "none"],
-        ["no such folder; expected a Pose2Sim project"],
-    )
-    refused(handtrack, tmp_path, [*words, trial.parent], ["It holds trials", f"--project {trial}"])
-    refused(
-        handtrack,
-        tmp_path,
-        words[:-1],
-        ["--calibration FILE, or a Pose2Sim project with --project"],
-    )
-    calibration = trial / "calibration" / "Calib_scene.toml"
-    shutil.copyfile(calibration, calibration.with_name("Calib_board.toml"))
-    refused(
-        handtrack,
-        tmp_path,
-        [*words, trial],
-        ["several calibrations", "Calib_board.toml, Calib_scene.toml"],
-    )
-    calibration.with_name("Calib_board.toml").unlink()
-    write_rig(calibration, CameraRig(tuple(rig(3))))
-    shutil.move(trial / "pose/cam0_json", trial / "pose/left_json")
-    refused(
-        handtrack, tmp_path, [*words, trial], ["cameras cam0, cam1, cam2, but joints of cam1, left"]
-    )
-    calibration.unlink()
-    refused(handtrack, tmp_path, [*words, trial], ["no calibration in it", "--calibration"])
+    refused(handtrack, tmp_path, words, ["holds other joints than"])

@@ -1,7 +1,5 @@
 """A folder that cannot be written, and a program that may open no more files: one sentence each, and nothing lost."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os
@@ -16,7 +14,7 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
-from tests.app.command_line import PROGRAM, CommandLine, listing
+from tests.app.command_line import PROGRAM, listing
 from tests.session.test_bad_sessions import contains
 
 resource = pytest.importorskip("resource", reason="this system has no such limits")
@@ -36,7 +34,7 @@ def no_more_files() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
 
 
-def test_c61_no_more_files_is_no_missing_frame(recorded: Path) -> None:
+def test_c61_no_more_files_is_no_missing_frame(recorded):
     session = Session.open(recorded)
     with no_more_files(), pytest.raises(HandtrackError) as caught:
         session.observation(2)
@@ -45,9 +43,7 @@ def test_c61_no_more_files_is_no_missing_frame(recorded: Path) -> None:
     assert session.warnings == []
 
 
-def test_c61_track_says_so_and_goes_on_later(
-    handtrack: CommandLine, tracked: Path, tmp_path: Path
-) -> None:
+def test_c61_track_says_so_and_goes_on_later(handtrack, tracked, tmp_path):
     session = Path(
         shutil.copytree(tracked, tmp_path / "s", ignore=shutil.ignore_patterns("tracks"))
     )
@@ -83,7 +79,7 @@ def obey() -> None:
 
 
 @pytest.fixture
-def read_only(tracked: Path, tmp_path: Path) -> Iterator[Path]:
+def read_only(tracked, tmp_path):
     """A tracked session that cannot be written."""
     session = Path(shutil.copytree(tracked, tmp_path / "session"))
     everything = [session, *session.rglob("*")]
@@ -97,7 +93,7 @@ def read_only(tracked: Path, tmp_path: Path) -> Iterator[Path]:
         path.chmod(0o755)
 
 
-def test_c55_a_read_only_folder_is_told_in_one_sentence(read_only: Path, tmp_path: Path) -> None:
+def test_c55_a_read_only_folder_is_told_in_one_sentence(read_only, tmp_path):
     poses, out, before = read_only / "tracks/poses.npz", tmp_path / "poses.npz", listing(read_only)
     refused = (
         ["track", read_only],

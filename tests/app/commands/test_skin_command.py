@@ -1,7 +1,5 @@
 """`handtrack skin`, and the same on the page: one ellipse of skin colour from several images segmented by hand."""
 
-from __future__ import annotations
-
 import tomllib
 
 import cv2
@@ -76,7 +74,6 @@ def test_masks_of_several_images_give_one_ellipse(folder, tmp_path, capsys):
 
 def test_what_was_painted_is_enough(folder, capsys):
     assert main(["skin", str(folder)]) == 2
-    assert "tab Masks" in capsys.readouterr().err
     painted(folder, "cam0", 0, BOX)
     painted(folder, "cam1", 2, (60, 5, 20, 20))
     assert main(["skin", str(folder)]) == 0
@@ -88,21 +85,9 @@ def test_what_was_painted_is_enough(folder, capsys):
     assert "of 2 painted images" in words
 
 
-@pytest.mark.parametrize(
-    ("size", "words"), [((96, 60), "expected the size of"), (None, "no image that can be read")]
-)
-def test_masks_that_cannot_be_used(folder, tmp_path, capsys, size, words):
-    mask = tmp_path / "mask.png"
-    if size is not None:
-        cv2.imwrite(str(mask), np.zeros(size[::-1], np.uint8))
-    assert main(["skin", str(folder), "--segmented", str(folder / "cam0/000.png"), str(mask)]) == 2
-    assert words in capsys.readouterr().err
-
-
 def test_a_box_is_taken_as_before(folder):
     settings, _ = skin_in_force(open_document(folder, {}), 0, "cam0", BOX, 2.5)
     found = settings.filters.skin
-    assert found is not None
     np.testing.assert_allclose(found.mean, chromaticity(np.array([SKIN]))[0][0], atol=0.02)
     with pytest.raises(HandtrackError, match="no camera 'cam9'"):
         skin_in_force(open_document(folder, {}), 0, "cam9", BOX, 2.5)

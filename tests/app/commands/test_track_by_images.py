@@ -1,7 +1,5 @@
 """`handtrack track --use edges,intensity`: no masks needed, only images."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path
@@ -48,16 +46,3 @@ def test_a_recording_without_masks_is_tracked(handtrack, filmed):
     with np.load(filmed / "truth.npz") as truth:
         off = np.linalg.norm(track.keypoints21 - truth["keypoints21"][:3], axis=2)
     assert off.mean() < 0.012
-
-
-def test_without_being_asked_for_images_are_not_enough(handtrack, filmed):
-    ended = handtrack("track", filmed, "--frames", "0:1")
-    assert ended.code == 2
-    assert "nothing to track by: no camera has masks" in ended.err
-    assert "--use edges,intensity" in ended.err
-
-
-def test_usually_neither_edges_nor_intensity_count(handtrack, session):
-    assert handtrack("track", session, "--frames", "0:1").code == 0
-    settings = json.loads(read_npz(session / "tracks/poses.npz").settings)
-    assert settings["edges.weight"] == settings["intensity.weight"] == 0

@@ -1,15 +1,10 @@
 """`handtrack track` of a hand whose first frame says something else of its forearm than all others."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 from handtrack.session.formats.tables import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
-from tests.app.command_line import CommandLine
 
 
-def test_all_frames_decide_whether_there_is_an_arm(handtrack: CommandLine, tmp_path: Path) -> None:
+def test_all_frames_decide_whether_there_is_an_arm(handtrack, tmp_path):
     """The first frame's masks end at the wrist; those of the others show the arm."""
     folders = [
         simulate(tmp_path / name, Simulation(frames=40, size=(320, 240), forearm=arm, images=False))

@@ -1,7 +1,5 @@
 """The tutorial runs word for word, on its own material; here of fewer frames, unless HANDTRACK_TUTORIAL is set."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -36,7 +34,7 @@ def shortened(words: list[str]) -> list[str]:
 
 
 @pytest.fixture
-def short_material(tmp_path_factory, monkeypatch) -> None:
+def short_material(tmp_path_factory, monkeypatch):
     """The bundled recording is one of a few frames."""
     if WHOLE:
         return
@@ -64,10 +62,8 @@ def test_samples_are_files_of_ones_own(tmp_path, capsys):
     ended = handtrack("sample", "open_fist_open", "--to", tmp_path / "mine")
     assert ended.code == 0
     assert (tmp_path / "mine" / "masks" / "cam0" / "000000.png").is_file()
-    assert "handtrack open" in ended.out
     again = handtrack("sample", "open_fist_open", "--to", tmp_path / "mine")
     assert (again.code, "is not empty" in again.err) == (2, True)
     other = handtrack("sample", "three_videos", "--to", tmp_path / "other")
     assert other.code == 2
-    assert "known: another_hand, open_fist_open, two_videos" in other.err
     assert bundled.sample_names() == ("another_hand", "open_fist_open", "two_videos")

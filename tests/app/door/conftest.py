@@ -1,8 +1,5 @@
 """A small server behind the door, with one widget of each kind."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
@@ -33,7 +30,7 @@ class SmallPage:
 
 
 @pytest.fixture
-def small() -> Iterator[SmallPage]:
+def small():
     door = open_door()
     gui, heard = door.server.gui, []
     page = SmallPage(

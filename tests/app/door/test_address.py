@@ -1,7 +1,5 @@
 """Where the workbench listens."""
 
-from __future__ import annotations
-
 import socket
 
 import pytest
@@ -60,7 +58,6 @@ def test_a_port_that_is_asked_for_and_taken_is_an_error(taken):
     with pytest.raises(HandtrackError) as error:
         choose_port("127.0.0.1", taken)
     assert str(error.value).startswith(f"--port {taken}: this port of 127.0.0.1 cannot be used (")
-    assert "leave --port away" in str(error.value)
     with pytest.raises(HandtrackError, match="--port 70000: expected a number from 1 to 65535"):
         choose_port("127.0.0.1", 70000)
 

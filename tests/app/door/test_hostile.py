@@ -1,7 +1,5 @@
 """A hostile client that knows the token, against a whole workbench: what `handtrack bench hostile` does for five minutes, in seconds."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import time
@@ -34,9 +32,7 @@ def callbacks(bench: Workbench) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("name", list(attacks.ATTACKS))
-def test_a11_c49_a_hostile_client_harms_nobody(
-    bench: Workbench, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch, name: str
-) -> None:
+def test_a11_c49_a_hostile_client_harms_nobody(bench, tmp_path, capfd, monkeypatch, name):
     for constant, fewer in FEWER.items():
         monkeypatch.setattr(attacks, constant, fewer)
     slider, before = bench.layout.pose.sliders["index_mcp_flex"], callbacks(bench)
@@ -56,7 +52,7 @@ def test_a11_c49_a_hostile_client_harms_nobody(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_message_in_thousands_of_empty_pieces_is_not_gathered(bench: Workbench) -> None:
+def test_a_message_in_thousands_of_empty_pieces_is_not_gathered(bench):
     begin, piece = b"\x02\x80" + bytes(4), b"\x00\x80" + bytes(4)
     with attacks.websocket(bench.url) as wire:
         wire.sendall(begin + 20_000 * piece)

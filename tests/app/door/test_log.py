@@ -1,7 +1,5 @@
 """The log of a running workbench: in a file of its user, and nothing of it on the terminal."""
 
-from __future__ import annotations
-
 import asyncio
 import logging
 import os
@@ -10,17 +8,15 @@ import stat
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import pytest
 
 from handtrack_app.door.log import _A_MINUTE, logging_to
-from handtrack_app.protocol import snapshots
 from tests.app.waiting import eventually
 
 
 @pytest.fixture
-def log(tmp_path: Path):
+def log(tmp_path):
     path = tmp_path / "logs" / "workbench.log"
     with logging_to(path):
         yield path
@@ -62,7 +58,7 @@ def test_a17_the_log_is_rotated(tmp_path, monkeypatch):
 
 
 def test_a11_what_asyncio_viser_and_warnings_tell_goes_there(log, capfd):
-    async def forgotten() -> None:
+    async def forgotten():
         asyncio.get_running_loop().call_exception_handler({"message": "a task failed"})
 
     asyncio.run(forgotten())
@@ -81,20 +77,6 @@ def test_a11_a_flood_of_records_is_cut(log):
     assert lines[_A_MINUTE - 1].endswith("(more are not written in this minute)")
 
 
-def test_a_log_that_cannot_be_written_says_nothing(tmp_path, capfd):
-    (tmp_path / "logs").write_text("a file where the folder would be")
-    with logging_to(tmp_path / "logs" / "workbench.log"):
-        logging.getLogger("handtrack_app.test").warning("odd")
-    assert capfd.readouterr().err == ""
-
-
-def test_afterwards_the_terminal_is_as_it_was(tmp_path):
-    before = list(logging.getLogger().handlers)
-    with logging_to(tmp_path / "log"):
-        assert logging.getLogger().handlers != before
-    assert logging.getLogger().handlers == before
-
-
 def test_a_request_that_is_no_browsers_is_kept_there(log, small, capfd, monkeypatch):
     # once it has served a page, viser itself keeps such records from every log of the process
     monkeypatch.setattr(logging.getLogger("websockets.server"), "filters", [])
@@ -104,7 +86,3 @@ def test_a_request_that_is_no_browsers_is_kept_there(log, small, capfd, monkeypa
             pass
     eventually(lambda: log.is_file() and "unsupported HTTP method" in log.read_text(), "kept")
     assert "Traceback" not in capfd.readouterr().err
-
-
-def test_the_page_names_the_log():
-    assert str(snapshots.ENGINE_LOG) in snapshots.Notice.of_mistake(ValueError("x")).text

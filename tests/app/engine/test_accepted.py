@@ -1,27 +1,16 @@
 """Accepted frames: neither tracking nor refining changes them, nor bringing another take back; undone, kept, restored."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-
-import pytest
-
-from handtrack.store.spans import Span, beside_accepted
+from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import snapshots
+from tests.app.desk import pose_with
 from tests.app.engine.test_refine import _bends, _told, _tracked
-from tests.app.engine.test_worker import Listener, _desk, _pose
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened, tracked
 from tests.app.waiting import eventually
 
-
-@pytest.fixture
-def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
-    yield from _desk(tmp_path, step_s=0.0, refined_by=0.3)
+DESK = {"refined_by": 0.3}
 
 
 def _accept(worker: Worker, first: int, last: int, on: bool = True) -> None:
@@ -30,12 +19,11 @@ def _accept(worker: Worker, first: int, last: int, on: bool = True) -> None:
     eventually(lambda: wanted <= worker.document.accepted or not on, "accepted")
 
 
-def test_tracking_again_and_refining_leave_accepted_frames(desk: tuple[Worker, Listener]) -> None:
-    worker, listener = desk
+def test_tracking_again_and_refining_leave_accepted_frames(desk, worker, listener):
     _tracked(desk)
     before = _bends(worker)
     _accept(worker, 5, 6)
-    worker.engine.set_pose(9, _pose(listener, index_mcp_flex=0.3), 1)
+    worker.engine.set_pose(9, pose_with(listener, index_mcp_flex=0.3), 1)
     worker.engine.track(0, FRAMES, 9)
     eventually(lambda: len(_told(listener, "Tracking finished")) == 2, "tracked again")
     after = _bends(worker)
@@ -50,18 +38,17 @@ def test_tracking_again_and_refining_leave_accepted_frames(desk: tuple[Worker, L
     assert restored[5] == before[5] and restored[7] != last[7]
 
 
-def test_an_accepted_frame_is_not_fitted_until_it_is_let_go(desk: tuple[Worker, Listener]) -> None:
-    worker, listener = desk
+def test_an_accepted_frame_is_not_fitted_until_it_is_let_go(desk, worker, listener):
     _tracked(desk)
     _accept(worker, 4, 4)
     worker.engine.track(4, 5, 4)
-    listener.wait(snapshots.Notice, lambda n: "Frame 4 is accepted" in n.text)
+    listener.told("Frame 4 is accepted")
     _accept(worker, 4, 4, on=False)
     worker.engine.track(4, 5, 4)
     eventually(lambda: bool(_told(listener, "Frame 4 is fitted")), "fitted")
 
 
-def test_what_is_accepted_is_undone_and_comes_back(tmp_path: Path, left_open: None) -> None:
+def test_what_is_accepted_is_undone_and_comes_back(tmp_path, left_open):
     store = tracked(opened(tmp_path))
     document = store.document
     store.do("Accepted", edits.accepted(document, range(2, 5), on=True))
@@ -75,13 +62,13 @@ def test_what_is_accepted_is_undone_and_comes_back(tmp_path: Path, left_open: No
     assert again.document.accepted == {2, 4}
 
 
-def test_frames_without_a_pose_cannot_be_accepted(tmp_path: Path, left_open: None) -> None:
+def test_frames_without_a_pose_cannot_be_accepted(tmp_path, left_open):
     store = tracked(opened(tmp_path), range(3, 6))
     edit = edits.accepted(store.document, range(FRAMES), on=True)
     assert edit(store.document.state).accepted == ((3, 6),)
 
 
-def test_a_frame_accepted_while_tracking_runs_stays(tmp_path: Path, left_open: None) -> None:
+def test_a_frame_accepted_while_tracking_runs_stays(tmp_path, left_open):
     store = tracked(opened(tmp_path))
     document, before = store.document, store.document.results[6]
     params = document.start_params(3) + 0.01
@@ -94,7 +81,7 @@ def test_a_frame_accepted_while_tracking_runs_stays(tmp_path: Path, left_open: N
     assert document.results[7].parameters[0] != before.parameters[0]
 
 
-def test_the_command_line_leaves_accepted_frames(tmp_path: Path) -> None:
+def test_the_command_line_leaves_accepted_frames(tmp_path):
     store = tracked(opened(tmp_path))
     store.do("Accepted", edits.accepted(store.document, range(6, 8), on=True))
     tracked(store)
@@ -102,11 +89,3 @@ def test_the_command_line_leaves_accepted_frames(tmp_path: Path) -> None:
     with WritableStore(tmp_path / "tracks", "test") as writable:
         writable.make_current([Span(2, 0, FRAMES)])
         assert writable.current() == (Span(2, 0, 6), Span(1, 6, 8), Span(2, 8, FRAMES))
-
-
-def test_spans_lie_beside_accepted_frames() -> None:
-    now = (Span(1, 0, 10), Span(2, 10, 20))
-    assert beside_accepted([Span(3, 0, 20)], now, [(8, 12)]) == (
-        Span(3, 0, 8), Span(1, 8, 10), Span(2, 10, 12), Span(3, 12, 20),
-    )  # fmt: skip
-    assert beside_accepted([Span(3, 0, 20)], now, []) == (Span(3, 0, 20),)

@@ -1,18 +1,14 @@
 """Small pictures and the contact sheet."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 
 from handtrack.geometry.camera import Camera
 from handtrack.session.posed_frames import solver_params_of
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet, smaller
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, smaller
 from tests.app.fake_run import fake_document
 
 
-def test_a_smaller_camera_sees_the_same() -> None:
+def test_a_smaller_camera_sees_the_same():
     matrix = np.array([[600.0, 0, 321.5], [0, 610.0, 238.0], [0, 0, 1]])
     camera = Camera("c", (640, 480), matrix, np.zeros(5), np.eye(3), np.array([0.0, 0, 0.5]))
     point = np.array([0.03, -0.02, 0.1])
@@ -20,16 +16,7 @@ def test_a_smaller_camera_sees_the_same() -> None:
     np.testing.assert_allclose(half, (camera.project(point) + 0.5) / 2 - 0.5, atol=1e-9)
 
 
-def test_the_sheet_has_every_picture_side_by_side() -> None:
-    pictures = {f"cam{i}": np.full((48, 64, 3), 60 * i + 40, np.uint8) for i in range(3)}
-    sheet = contact_sheet(pictures, width=208)
-    assert sheet.shape == (2 * (75 + 8), 208, 3)
-    assert sheet[5, 50].tolist() == [40] * 3 and sheet[5, 150].tolist() == [100] * 3
-    assert sheet[90, 50].tolist() == [160] * 3
-    assert contact_sheet({}).shape[1] == 620
-
-
-def test_a_thumbnail_has_the_models_outline(tmp_path: Path) -> None:
+def test_a_thumbnail_has_the_models_outline(tmp_path):
     document = fake_document(tmp_path)
     maker = CameraPictures(document.run.session)
     bones = document.model.bones(solver_params_of(document.model, document.shown))

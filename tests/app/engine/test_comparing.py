@@ -1,14 +1,9 @@
 """Takes compared on the page: distance, ghost, curves; frames of a take brought back; frames between two that are kept."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack_app.page.time.takes import apart_words
 from handtrack_app.protocol.timeline import APART
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
@@ -24,40 +19,38 @@ def _bends(bench: Workbench) -> list[float]:
     return [float(document.results[f].parameters[at]) for f in range(FRAMES)]
 
 
-def test_a_take_is_compared_and_some_of_its_frames_come_back(bench: Workbench) -> None:
+def test_a_take_is_compared_and_some_of_its_frames_come_back(bench, wire):
     panel, document = bench.layout.takes, bench.worker.document
     track(bench, 0, 1, FRAMES)
     first = _bends(bench)
     bench.engine.set_pose(4, tuple(value + 0.05 for value in document.start), 100)
     track(bench, 4, 2, FRAMES - 5)  # the keyframe stays
     second = _bends(bench)
-    with WireClient(bench.url) as client:
-        client.set_value(panel.compare, "1")
-        eventually(lambda: "away in half" in panel.apart.content, "told")
-        bench.go_to(6)
-        eventually(lambda: bool(bench.layout.compared.view.bones.visible), "its hand is there")
-        strip = bench.layout.timeline.strip
-        assert strip is not None
-        apart = 1e3 * np.linalg.norm(
-            document.results[6].joint_positions - document.takes.get(1)[6].joint_positions, axis=1  # type: ignore[index]
-        ).max()  # fmt: skip
-        assert strip.lanes[APART][6] == pytest.approx(apart)
-        client.set_value(panel.span, [5, 7])
-        client.set_value(panel.chosen, "1")
-        client.set_value(panel.part, True)
-        eventually(lambda: _bends(bench) == [*second[:5], *first[5:8], *second[8:]], "of take 1")
-        client.set_value(panel.compare, "none")
-        eventually(lambda: not bench.layout.compared.view.bones.visible, "gone")
-        eventually(lambda: panel.apart.content == "", "and nothing is said")
+    wire.set_value(panel.compare, "1")
+    eventually(lambda: "away in half" in panel.apart.content, "told")
+    bench.go_to(6)
+    eventually(lambda: bool(bench.layout.compared.view.bones.visible), "its hand is there")
+    strip = bench.layout.timeline.strip
+    apart = 1e3 * np.linalg.norm(
+        document.results[6].joint_positions - document.takes.get(1)[6].joint_positions, axis=1  # type: ignore[index]
+    ).max()  # fmt: skip
+    assert strip.lanes[APART][6] == pytest.approx(apart)
+    wire.set_value(panel.span, [5, 7])
+    wire.set_value(panel.chosen, "1")
+    wire.set_value(panel.part, True)
+    eventually(lambda: _bends(bench) == [*second[:5], *first[5:8], *second[8:]], "of take 1")
+    wire.set_value(panel.compare, "none")
+    eventually(lambda: not bench.layout.compared.view.bones.visible, "gone")
+    eventually(lambda: panel.apart.content == "", "and nothing is said")
 
 
-def test_frames_that_a_take_lacks_are_told(tmp_path: Path, left_open: None) -> None:
+def test_frames_that_a_take_lacks_are_told(tmp_path, left_open):
     store = tracked(opened(tmp_path), range(3, 6))
     with pytest.raises(HandtrackError, match="has the frames 3 to 5, none of 8 to 9"):
         store.restore_take(1, range(8, 10))
 
 
-def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench: Workbench) -> None:
+def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench):
     document, tracking = bench.worker.document, bench.layout.tracking
     assert not tracking.between.visible
     for frame, by in ((2, 0.05), (9, 0.4)):
@@ -75,8 +68,3 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench: Workben
     left, right = (float(document.by_hand[f][at]) for f in (2, 9))
     assert bends[:3] == pytest.approx([left + 0.02 * n for n in range(3)])
     assert bends[3:] == pytest.approx([right - 0.02 * n for n in (2, 1, 0)])
-
-
-def test_nothing_is_said_where_none_is_compared(bench: Workbench) -> None:
-    strip = bench.layout.timeline.strip
-    assert strip is not None and apart_words(strip) == ""

@@ -1,7 +1,5 @@
 """The workbench opens by what a video announces, and goes by its true frames as soon as they are counted."""
 
-from __future__ import annotations
-
 import threading
 from pathlib import Path
 
@@ -10,8 +8,8 @@ import pytest
 import handtrack.session.sources.video_audits as video_audits
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from tests.app.engine.test_worker import Listener
-from tests.session.small_session import edit, make_session, write_init
+from tests.app.desk import Listener
+from tests.session.small_session import edit, make_session
 from tests.session.test_video_audits import FRAMES, cut, write_video
 
 
@@ -26,37 +24,22 @@ def opened(
     may_count, audited = threading.Event(), video_audits.VideoFile.audited
 
     def waiting(video):
-        may_count.wait(30.0)
+        may_count.wait(600.0)
         return audited(video)
 
     monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
     return Worker(folder, (listener := Listener()).publish), listener, may_count
 
 
-def test_the_true_frames_follow_and_damage_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
     worker, listener, may_count = opened(tmp_path, monkeypatch)
     worker.start()
     assert listener.wait(snapshots.SessionSnapshot, timeout=60.0).stop == FRAMES
     may_count.set()
-    told = listener.wait(snapshots.Notice, lambda n: "can be decoded" in n.text)
+    told = listener.told("can be decoded")
     assert f"announces {FRAMES} frames" in told.text
     counted = listener.wait(snapshots.SessionSnapshot, lambda s: s.stop < FRAMES)
     strip = listener.wait(snapshots.TimelineSnapshot, lambda s: len(s.status) == counted.stop)
     assert strip.start == 0
     worker.stop()
     assert (tmp_path / "tracks" / "videos.json").is_file()
-
-
-def test_a_first_pose_behind_the_end_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    worker, listener, may_count = opened(tmp_path, monkeypatch)
-    write_init(tmp_path, frame=FRAMES - 1)
-    worker.start()
-    listener.wait(snapshots.SessionSnapshot, timeout=60.0)
-    may_count.set()
-    told = listener.wait(snapshots.Notice, lambda n: "first-frame pose is of" in n.text)
-    assert f"frame {FRAMES - 1}, but the videos have the frames 0 to" in told.text
-    worker.stop()

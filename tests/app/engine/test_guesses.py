@@ -1,26 +1,17 @@
 """Poses a frame may have: the hand found without a first pose, hypotheses as ghosts, one of them taken and undone."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
 from handtrack_app.engine.guesses import Guesses
-from handtrack_app.page.panels import guesses as guesses_panel
-from handtrack_app.page.scene.ghosts import update_ghosts
-from handtrack_app.protocol.snapshots import Guess, GuessesSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened, show_results
@@ -42,11 +33,11 @@ def candidates(run: Any, frame: int) -> list[FirstPoseCandidate]:
 
 
 @pytest.fixture
-def search(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
+def search(monkeypatch):
     """The search finds two poses once the event is set; it tells how far it is, and stops when asked."""
     go = threading.Event()
 
-    def find(run: Any, frame: Any, should_stop: Any, on_progress: Any) -> list[Any]:
+    def find(run, frame, should_stop, on_progress):
         on_progress(0.4, "40 of 100 starts")
         while not go.wait(0.01):
             if should_stop():
@@ -59,15 +50,13 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Iterator[threading.Event]:
 
 
 @pytest.fixture
-def client(bench: Workbench) -> Iterator[WireClient]:
+def client(bench):
     """One page for a whole test: a second one may only look on until the server has seen the first one go."""
     with WireClient(bench.url) as one:
         yield one
 
 
-def test_the_hand_is_found_taken_and_can_be_undone(
-    bench: Workbench, client: WireClient, search: threading.Event
-) -> None:
+def test_the_hand_is_found_taken_and_can_be_undone(bench, client, search):
     panel, state = bench.layout.guesses, bench.state
     before = state.values
     client.set_value(panel.find, "best frame")
@@ -100,27 +89,7 @@ def test_the_hand_is_found_taken_and_can_be_undone(
     eventually(lambda: bool(bench.stage.ghosts.bones.visible), "there again")
 
 
-def test_a_found_pose_is_set_by_hand_once_it_is_edited(
-    bench: Workbench, client: WireClient, search: threading.Event
-) -> None:
-    card, timeline = bench.layout.pose.card, bench.layout.timeline.picture
-    search.set()
-    client.set_value(bench.layout.guesses.find, "best frame")
-    eventually(lambda: ">found<" in card.content, "found")
-    panel = bench.layout.guesses
-    eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")
-    client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 40.0)
-    eventually(lambda: ">set by hand<" in card.content, "edited")
-    eventually(lambda: "set by hand</span>" in timeline.content, "marked as such")
-    client.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: ">found<" in card.content, "as it was found")
-    bench.engine.set_setting("model.name", "ball6")
-    eventually(lambda: len(bench.state.values) == 6, "a simpler model")
-    bench.engine.set_setting("model.name", "")
-    eventually(lambda: len(bench.state.values) == 26 and ">found<" in card.content, "still found")
-
-
-def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> None:
+def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path):
     store = opened(tmp_path, size_pending=True)
     document = store.document
     small = document.run.with_scale(HandScale(0.8))
@@ -140,9 +109,7 @@ def test_a_found_pose_brings_the_size_that_it_was_found_with(tmp_path: Path) -> 
     assert others.take(5, 0)(known.state).size is None
 
 
-def test_a_search_can_be_cancelled_and_may_find_nothing(
-    bench: Workbench, search: threading.Event
-) -> None:
+def test_a_search_can_be_cancelled_and_may_find_nothing(bench, search):
     panel = bench.layout.guesses
     bench.engine.find_hand(9)
     eventually(lambda: bool(panel.cancel.visible), "it runs")
@@ -154,24 +121,7 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(
     assert panel.guesses is None
 
 
-def thickest(bench: Workbench, model: Any) -> float:
-    """Return how thick the thickest bone of a model's ghost is drawn [m]."""
-    length = model.skeleton.length
-    none, turn = np.zeros((len(length), 3)), np.tile(np.eye(3), (len(length), 1, 1))
-    owner = np.zeros(len(length), np.int64)
-    guesses = GuessesSnapshot(5, "found", (Guess(1.0, ""),), owner, none, turn, length)
-    update_ghosts(bench.stage.ghosts, guesses)
-    return float(np.max(np.array(bench.stage.ghosts.bones.batched_scales)[:, [0, 2]]))
-
-
-def test_a_forearm_makes_the_fingers_of_a_ghost_no_thicker(bench: Workbench) -> None:
-    hand = thickest(bench, load_model("hand26"))
-    assert hand == pytest.approx(thickest(bench, load_model("hand26", forearm=True)))
-    assert hand < 0.006
-    assert thickest(bench, load_model("body34")) > 3 * hand
-
-
-def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
+def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path):
     document = fake_document(tmp_path)
     bench = Workbench(tmp_path, port=0, opener=lambda f, o: document).start()
     assert bench.wait_ready()
@@ -186,7 +136,6 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
     bench.go_to(4)
     panel, ghosts = bench.layout.guesses, bench.stage.ghosts
     eventually(lambda: panel.guesses is not None and bool(ghosts.bones.visible), "ghosts")
-    assert panel.guesses is not None
     assert [g.words for g in panel.guesses.guesses] == [
         "followed, cost 3.0", "index jumped, cost 4.0",
     ]  # fmt: skip
@@ -200,31 +149,3 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path: Path) -> None:
     bench.layout.page.draw("ghosts", False)
     assert not ghosts.bones.visible
     bench.stop()
-
-
-def test_the_detector_is_offered_where_it_is_not_installed(
-    bench: Workbench, client: WireClient, search: threading.Event, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    search.set()
-    panel = bench.layout.guesses
-    installed, asked, why = threading.Event(), list[int](), "no network: install FILE"
-    monkeypatch.setattr(guesses_panel, "has_weights", installed.is_set)
-
-    def fetch(_stop: Any) -> None:
-        asked.append(1)
-        if len(asked) == 1:
-            raise HandtrackError(why)
-        installed.set()
-
-    monkeypatch.setattr(jobs, "fetch_weights", fetch)
-    bench.go_to(5)
-    panel.helps = True  # as in a recording whose images two cameras or more give
-    bench.engine.find_hand(9)
-    eventually(lambda: bool(panel.fetch.visible), "offered")
-    client.set_value(panel.fetch, True)
-    eventually(lambda: any(why in str(m) for _, m in list(client.messages)), "what to do then")
-    eventually(lambda: bool(panel.fetch.visible), "offered again")
-    client.set_value(panel.fetch, True)
-    eventually(lambda: ">found<" in bench.layout.pose.card.content, "found with it")
-    eventually(lambda: panel.find.visible and not panel.fetch.visible, "there is no more to fetch")
-    assert len(asked) == 2

@@ -4,8 +4,6 @@ A program edits, undoes, tracks, pauses, saves, is looked at by a second one, an
 there is the history itself. `HANDTRACK_KILLS=300 pytest tests/app/engine/test_kills.py` is the nightly measure.
 """
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -121,7 +119,6 @@ class Session:
         params = document.start_params(first)
         frames = range(first, FRAMES)
         store.begin_take(frames, first, params)
-        assert store._take is not None
         number, done = store._take.number, 0
         stop = rng.randrange(1, FRAMES)
         try:
@@ -165,8 +162,8 @@ def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
 @forked
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a1_a3_a4_a5_a6_a7_killed_at_any_moment_no_acknowledged_action_is_lost(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     rng, known, actions = random.Random(7), Known(), 0
     for _ in range(KILLS):
         before = known.last_id
@@ -189,13 +186,11 @@ def strays(folder: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("for_good", [False, True], ids=["one write fails", "the disk is full"])
-def test_a6_a7_a_write_that_fails_at_any_call_loses_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, for_good: bool
-) -> None:
+def test_a6_a7_a_write_that_fails_at_any_call_loses_nothing(tmp_path, monkeypatch, for_good):
     monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)
     really_write, count, fails_at = os.write, [0], [0]
 
-    def write(handle: int, data: bytes) -> int:
+    def write(handle, data):
         count[0] += 1
         if count[0] == fails_at[0] or (for_good and count[0] > fails_at[0] > 0):
             really_write(handle, bytes(data)[: len(data) // 2])

@@ -1,8 +1,5 @@
 """Running cameras in the workbench's engine: watched, tracked, recorded; nothing is written into the session's own folder."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +10,8 @@ from handtrack.session.session import Session
 from handtrack_app.engine.live.live_control import open_live_document
 from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.engine.worker import Worker
-from handtrack_app.page.panels.live import live_table
 from handtrack_app.protocol import snapshots
-from tests.app.engine.test_worker import Listener
+from tests.app.desk import Listener
 from tests.app.waiting import eventually
 from tests.live_cameras import ScriptedDevice
 from tests.session.small_session import make_session
@@ -59,14 +55,14 @@ class Studio:
 
 
 @pytest.fixture
-def studio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Studio]:
+def studio(tmp_path, monkeypatch):
     (tmp_path / "desk").mkdir()
     made = Studio(make_session(tmp_path / "desk"), monkeypatch)
     yield made
     made.stop()
 
 
-def test_the_newest_images_are_watched_until_the_hand_is_posed(studio: Studio) -> None:
+def test_the_newest_images_are_watched_until_the_hand_is_posed(studio):
     assert studio.listener.wait(snapshots.SessionSnapshot).live
     studio.show()
     pose = studio.wait_for_pose(lambda p: p.frame >= 1)
@@ -81,7 +77,7 @@ def test_the_newest_images_are_watched_until_the_hand_is_posed(studio: Studio) -
     studio.wait_for_pose(lambda p: p.frame > posed.frame)
 
 
-def test_tracked_live_recorded_and_opened_again(studio: Studio, tmp_path: Path) -> None:
+def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     new = tmp_path / "new"
     before = sorted(path.name for path in studio.folder.iterdir())
     studio.worker.engine.record(True, str(new))
@@ -89,18 +85,17 @@ def test_tracked_live_recorded_and_opened_again(studio: Studio, tmp_path: Path) 
     studio.worker.engine.track_live()
     eventually(lambda: studio.worker.busy, "tracking began")
     feed = studio.worker.document.run.session.live
-    assert feed is not None
     for count in range(1, 4):
         studio.show()
         eventually(lambda count=count: feed.counts["cam0"].used >= count, "the images are used")
     eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked", 60.0)
     studio.worker.engine.cancel()
-    ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended", 30.0)
-    assert "cam0: " in ended.text and "images tracked" in ended.text
+    ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended", 60.0)
+    assert "cam0: " in ended.text
     results = studio.worker.document.results
     assert sorted(results) == list(range(min(results), max(results) + 1))
     studio.worker.engine.record(False)
-    told = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Recorded")
+    told = studio.listener.told("Recorded")
     assert f"are in {new}" in told.text
     again = Session.open(new)
     assert again.frame_count >= 3
@@ -111,28 +106,15 @@ def test_tracked_live_recorded_and_opened_again(studio: Studio, tmp_path: Path) 
     assert [text.partition(":")[0] for text in words] == ["cam0", "cam1"]
 
 
-def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio: Studio) -> None:
+def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio):
     studio.devices[0].fail(3)
-    gone = studio.listener.wait(snapshots.Notice, lambda n: n.title == "A camera is gone")
-    assert gone.text.endswith("or a file is at its end. The others go on.")
+    studio.listener.told("A camera is gone")
     studio.worker.engine.track_live()
     studio.devices[1].fail(3)
-    stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped", 30.0)
+    stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped", 60.0)
     assert "camera 'cam0'" in stopped.text and "camera 'cam1'" in stopped.text
 
 
-def test_nothing_is_saved_into_the_folder_of_a_live_session(studio: Studio) -> None:
+def test_nothing_is_saved_into_the_folder_of_a_live_session(studio):
     studio.worker.engine.save_pose()
-    told = studio.listener.wait(snapshots.Notice, lambda n: n.level == "error")
-    assert told.text.startswith("A live source keeps no files of its own: press 'Record'")
-
-
-def test_the_page_shows_what_became_of_images() -> None:
-    cards = (
-        snapshots.LiveCameraCard("left", 30, 4, 1, ""),
-        snapshots.LiveCameraCard("<b>", 3, 0, 0, "it is gone"),
-    )
-    text = live_table(snapshots.LiveSnapshot(cards, "/some/folder", 12))
-    assert "<td>left</td>" in text and ">30<" in text and ">4<" in text
-    assert "&lt;b&gt;" in text and "it is gone" in text
-    assert "12 frames in" in text and "/some/folder" in text
+    studio.listener.refused()

@@ -1,9 +1,6 @@
 """The mask desk: methods tried live and saved, boxes, strokes that become files, undone, carried on, never lost."""
 
-from __future__ import annotations
-
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -16,13 +13,12 @@ from handtrack.files.versions import versions
 from handtrack.session.session import Session
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine.opening import open_document
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import masks, snapshots
 from handtrack_app.protocol.calls import Call
 from tests.app.calls import call
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
-from tests.app.engine.test_worker import Listener
+from tests.app.desk import Listener
 from tests.app.waiting import eventually
 
 Desk = tuple[Worker, Listener, Path]
@@ -32,7 +28,7 @@ X, Y = BOX[0] + BOX[2] // 2, BOX[1] + BOX[3] // 2
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[Desk]:
+def desk(tmp_path):
     """A worker with a recording of three frames open, whose cameras have images and no masks."""
     with_worker = begun(cloudy_session(tmp_path))
     yield with_worker
@@ -63,14 +59,7 @@ def file_of(folder: Path, frame: int = 0) -> Path:
     return folder / "masks_corrected" / "cam0" / f"{frame:06d}.png"
 
 
-def test_nothing_is_made_that_nobody_wants(desk: Desk) -> None:
-    worker, listener, _ = desk
-    worker.send(SKIN)
-    listener.wait(masks.MaskCard, lambda c: method(c) == "skin_ycrcb")
-    assert not any(isinstance(s, masks.MaskPicture) for s in listener.seen)
-
-
-def test_a_method_is_tried_over_all_cameras_at_once(desk: Desk) -> None:
+def test_a_method_is_tried_over_all_cameras_at_once(desk):
     worker, listener, folder = desk
     first = listener.wait(masks.MaskCard)
     assert [method(first, c.name) for c in first.cameras] == ["none", "none"]
@@ -82,7 +71,7 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk: Desk) -> None:
     assert card.unsaved == ("cam0", "cam1")
     assert card.cameras[0].values["cr"] == (138, 175)
 
-    def is_dark(picture: masks.MaskPicture) -> bool:
+    def is_dark(picture):
         corner, middle = picture.small["cam0"][5, 5], picture.small["cam0"][Y, X]
         return len(picture.small) == 2 and middle.mean() > 100 and corner.mean() < 20
 
@@ -98,7 +87,7 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk: Desk) -> None:
     assert (folder / "session.toml").read_text() == SETTINGS
 
 
-def test_what_is_tried_is_saved_and_taken_back(desk: Desk) -> None:
+def test_what_is_tried_is_saved_and_taken_back(desk):
     worker, listener, folder = desk
     worker.send(SKIN)
     worker.engine.set_masks(
@@ -150,54 +139,7 @@ def test_what_is_tried_is_saved_and_taken_back(desk: Desk) -> None:
     assert len(versions(folder / "session.toml")) == 2
 
 
-def test_what_cannot_be_is_told_and_changes_nothing(desk: Desk) -> None:
-    worker, listener, _ = desk
-    worker.engine.set_masks(
-        "cam0",
-        {
-            "method": "seeded",
-        },
-    )
-    told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
-    assert "cannot be made by 'seeded'" in told.text
-    worker.send(SKIN)
-    worker.engine.set_masks(
-        "cam0",
-        {
-            "cr": (200, 100),
-        },
-    )
-    listener.wait(snapshots.Notice, lambda n: "least and most" in n.text)
-    worker.engine.set_masks(
-        "cam0",
-        {
-            "roi": (0, 0, 960, 72),
-        },
-    )
-    listener.wait(snapshots.Notice, lambda n: "reaches outside the image" in n.text)
-    assert worker.document.masks["cam0"] == (SkinYCrCb(), None)
-
-
-def test_boxes_are_dragged(desk: Desk) -> None:
-    worker, _, _ = desk
-    worker.engine.set_masks(
-        "cam0",
-        {
-            "method": "skin_adaptive",
-        },
-    )
-    worker.engine.mark_mask_box("cam0", "sample", BOX, 2)
-    worker.engine.mark_mask_box("cam0", "roi", (5, 6, 70, 60), 2)
-    document = worker.document
-    eventually(lambda: document.masks["cam0"][1] == (5, 6, 70, 60), "the box")
-    learned = document.masks["cam0"][0]
-    assert (learned.sample, learned.reference) == (BOX, 2)  # type: ignore[union-attr]
-    mask = document.run.session.view("cam0").silhouette(0)
-    assert mask is not None
-    assert mask.mask[Y, X] == 1
-
-
-def test_a_stroke_becomes_a_file_and_is_undone(desk: Desk) -> None:
+def test_a_stroke_becomes_a_file_and_is_undone(desk):
     worker, listener, folder = desk
     worker.send(SKIN)
     worker.engine.save_masks()
@@ -221,28 +163,7 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk: Desk) -> None:
     assert not versions(file_of(folder))  # all ours
 
 
-def test_a_slow_stroke_is_one_step_and_the_next_another(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("handtrack_app.engine.store.persistence._MERGE_S", 0.0)
-    worker, _, _ = begun(cloudy_session(tmp_path))
-    for x, tag in ((10.0, "1"), (20.0, "1"), (30.0, "1"), (60.0, "2")):
-        worker.engine.paint_mask(0, "cam0", "hand", ((x, 40.0),), 3.0, tag)
-    corrections = worker.document.run.session.view("cam0").corrections
-
-    def painted_at() -> list[bool]:
-        layer = corrections.layer(0)
-        return [] if layer is None else (layer[40, [10, 30, 60]] == HAND).tolist()
-
-    eventually(lambda: painted_at() == [True] * 3, "two strokes")
-    worker.engine.undo(1)
-    eventually(lambda: painted_at() == [True, True, False], "the second is undone")
-    worker.engine.undo(2)
-    eventually(lambda: painted_at() == [], "and the first as a whole")
-    worker.stop()
-
-
-def test_what_was_painted_comes_back(tmp_path: Path) -> None:
+def test_what_was_painted_comes_back(tmp_path):
     folder = cloudy_session(tmp_path)
     worker, _, _ = begun(folder)
     worker.send(stroke())
@@ -256,7 +177,7 @@ def test_what_was_painted_comes_back(tmp_path: Path) -> None:
     again.stop()
 
 
-def test_a_file_from_elsewhere_counts_and_is_kept(tmp_path: Path) -> None:
+def test_a_file_from_elsewhere_counts_and_is_kept(tmp_path):
     folder = cloudy_session(tmp_path)
     worker, _, _ = begun(folder)
     worker.send(stroke())
@@ -273,26 +194,25 @@ def test_a_file_from_elsewhere_counts_and_is_kept(tmp_path: Path) -> None:
     eventually(lambda: len(versions(file_of(folder, 1))) == 1, "theirs is kept")
     eventually(lambda: len(versions(file_of(folder, 0))) == 1, "this one, too")
     layer = again.document.run.session.view("cam0").corrections.layer(1)
-    assert layer is not None
     assert layer[8, 80] == layer[60, 15] == HAND  # painted over theirs
     again.engine.undo(1)
     eventually(lambda: file_of(folder, 1).read_bytes() == theirs, "undo brings theirs back")
     again.stop()
 
 
-def test_who_may_not_write_may_not_paint(tmp_path: Path) -> None:
+def test_who_may_not_write_may_not_paint(tmp_path):
     folder = cloudy_session(tmp_path)
     writes, _, _ = begun(folder)
     looks, listener, _ = begun(folder)
     looks.send(stroke())
-    listener.wait(snapshots.Notice, lambda n: n.level == "error")
+    listener.refused()
     assert looks.document.run.session.view("cam0").corrections.frames == []
     looks.stop()
     writes.stop()
     assert not file_of(folder).exists()
 
 
-def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path: Path) -> None:
+def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path):
     folder = cloudy_session(tmp_path)
     rng = np.random.default_rng(3)
     scene = cv2.resize(rng.integers(0, 255, (18, 30, 3), dtype=np.uint8), (120, 72))
@@ -311,18 +231,17 @@ def test_a_correction_is_carried_on_but_not_over_painted_frames(tmp_path: Path) 
     assert own is not None
     assert ((layer == 0) == np.roll(own == 0, -4, axis=1)).mean() > 0.98
     painted_there = corrections.layer(5)
-    assert painted_there is not None
     assert painted_there[5, 5] == HAND
     assert not (painted_there == 0).any()
-    listener.wait(snapshots.Notice, lambda n: "4 frames" in n.text)
+    listener.told("4 frames")
     worker.engine.undo(1)
     eventually(lambda: corrections.frames == [2, 5], "undone as one")
     worker.engine.carry_masks(0, "cam1", 1, 1)
-    listener.wait(snapshots.Notice, lambda n: "nothing to carry" in n.text)
+    listener.told("nothing to carry")
     worker.stop()
 
 
-def test_files_are_said_to_be_files_and_stay(tmp_path: Path) -> None:
+def test_files_are_said_to_be_files_and_stay(tmp_path):
     folder = cloudy_session(tmp_path)
     (folder / "masks").mkdir()
     for frame in range(3):
@@ -345,29 +264,3 @@ def test_files_are_said_to_be_files_and_stay(tmp_path: Path) -> None:
     assert "mask_unknown" not in (folder / "session.toml").read_text()
     Session.open(folder)
     worker.stop()
-
-
-def test_a_recording_without_images_says_so(tmp_path: Path) -> None:
-    folder = cloudy_session(tmp_path)
-    (folder / "session.toml").write_text(
-        SETTINGS.replace('images = "cam0/*.png"', "").replace('images = "cam1/*.png"', "")
-    )
-    worker, listener, _ = begun(folder)
-    card = listener.wait(masks.MaskCard)
-    assert card.words.startswith("No camera of this recording has images")
-    worker.stop()
-
-
-def test_a_state_about_a_camera_that_has_gone_is_passed_over(tmp_path: Path) -> None:
-    folder = cloudy_session(tmp_path)
-    worker, _, _ = begun(folder)
-    worker.send(SKIN)
-    worker.send(stroke())
-    eventually(lambda: file_of(folder).is_file(), "painted")
-    worker.stop()
-    text = SETTINGS.replace('[[camera]]\nname = "cam0"\nimages = "cam0/*.png"\n\n', "")
-    (folder / "session.toml").write_text(text)
-    store = Persistence.open(open_document(folder, {}))
-    store.restore()
-    assert store.document.masks == {"cam1": (SkinYCrCb(), None)}
-    store.close()

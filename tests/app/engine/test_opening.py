@@ -1,16 +1,10 @@
 """Opening in two steps: what can be shown at once comes before anything is searched or fitted."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from handtrack.tracking.search import initialize
-from handtrack_app.engine.document import Document
 from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
@@ -18,25 +12,25 @@ from tests.app.fake_run import fake_document
 from tests.session.small_session import keypoints, make_session
 
 
-def test_pictures_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
+def test_pictures_are_shown_before_anything_is_fitted(tmp_path):
     seen: list[snapshots.Snapshot] = []
     before: list[list[type]] = []
     held = threading.Event()
 
-    def opener(folder: Path, overrides: Mapping[str, object]) -> Document:
+    def opener(folder, overrides):
         before.append([type(one) for one in seen])
-        assert held.wait(20.0)
+        assert held.wait(60.0)
         return fake_document(folder, overrides)
 
     worker = Worker(tmp_path, seen.append, opener, previewer=fake_document)
     worker.start()
-    assert worker.wait_shown(20.0) is None
+    assert worker.wait_shown(60.0) is None
     worker.engine.show_frame(5)
     values = fake_document(tmp_path).start
     values[0] += 0.01
     worker.engine.set_pose(5, tuple(values.tolist()), 1)  # it waits, and is not lost
     held.set()
-    assert worker.wait_opened(20.0) is None
+    assert worker.wait_opened(60.0) is None
     worker.stop()
     (known,) = before
     assert known.index(snapshots.SessionSnapshot) < known.index(snapshots.PoseSnapshot)
@@ -46,24 +40,22 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path: Path) -> None:
     np.testing.assert_allclose(worker.document.by_hand[5], values, atol=1e-9)
 
 
-def test_a_failure_after_the_preview_is_told(tmp_path: Path) -> None:
+def test_a_failure_after_the_preview_is_told(tmp_path):
     seen: list[snapshots.Snapshot] = []
 
-    def opener(folder: Path, overrides: Mapping[str, object]) -> Document:
+    def opener(folder, overrides):
         raise ValueError("no such thing")
 
     worker = Worker(tmp_path, seen.append, opener, previewer=fake_document)
     worker.start()
-    assert isinstance(worker.wait_opened(20.0), ValueError)
+    assert isinstance(worker.wait_opened(60.0), ValueError)
     worker.stop()
     states = [one.state for one in seen if isinstance(one, snapshots.ProgressSnapshot)]
     assert states[-1] == "failed"
 
 
-def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fit(*_: object, **__: object) -> None:
+def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, monkeypatch):
+    def fit(*_, **__):
         raise AssertionError("a fit")
 
     monkeypatch.setattr(initialize, "solve", fit)

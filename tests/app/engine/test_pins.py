@@ -1,13 +1,8 @@
 """Pins in the workbench: a joint is pulled to a pixel, the hand follows, it is undone, dropped, copied, kept, and tracked by."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
-import pytest
 
 from handtrack.observation.pins import Pin
 from handtrack_app.engine.posing.pin_service import begun_pull, pins_copied, with_pin
@@ -15,16 +10,13 @@ from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.calls import call
+from tests.app.desk import Listener
 from tests.app.engine.test_refine import _bends, _told
-from tests.app.engine.test_worker import Listener, _desk
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened, tracked
 from tests.app.waiting import eventually
 
-
-@pytest.fixture
-def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
-    yield from _desk(tmp_path, step_s=0.0, refined_by=0.3)
+DESK = {"refined_by": 0.3}
 
 
 def _tip(pose: snapshots.PoseSnapshot, document) -> np.ndarray:
@@ -47,11 +39,11 @@ def _pull(worker: Worker, listener: Listener, version: int, by=(0.0, -0.02, 0.01
 
 
 def test_a_joint_that_is_pulled_in_two_pictures_comes_to_the_point(
-    desk: tuple[Worker, Listener],
-) -> None:
-    worker, listener = desk
+    worker,
+    listener,
+):
     target = _pull(worker, listener, 1)
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
+    pose = listener.pose(2)
     assert pose.origin == "pinned"
     assert np.linalg.norm(_tip(pose, worker.document) - target) < 1e-3
     assert [(pin.camera, pin.words) for pin in pose.pins] == [
@@ -59,29 +51,28 @@ def test_a_joint_that_is_pulled_in_two_pictures_comes_to_the_point(
     ]  # fmt: skip
     assert max(pin.off_px for pin in pose.pins) < 0.3
     worker.engine.undo(3)
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 3)
+    pose = listener.pose(3)
     assert not pose.pins, "one drag is one step"
 
 
 def test_a_pin_replaces_the_one_of_its_place_and_camera_and_is_dropped(
-    desk: tuple[Worker, Listener],
-) -> None:
-    worker, listener = desk
+    worker,
+    listener,
+):
     _pull(worker, listener, 1)
-    listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2)
+    listener.pose(2)
     _pull(worker, listener, 3, by=(0.0, 0.0, 0.01))
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 4)
+    pose = listener.pose(4)
     assert len(pose.pins) == 2
     worker.engine.drop_pins(3, 0, 5)
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
+    pose = listener.pose(5)
     assert [pin.camera for pin in pose.pins] == ["side"]
     worker.engine.drop_pins(3, None, 6)
-    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 6)
+    pose = listener.pose(6)
     assert (pose.pins, pose.origin) == ((), "carried")
 
 
-def test_what_is_no_pin_is_refused_in_words(desk: tuple[Worker, Listener]) -> None:
-    worker, listener = desk
+def test_what_is_no_pin_is_refused_in_words(worker, listener):
     for version, pin in enumerate((
         call("set_pin", 3, "front", (float("nan"), 1.0), 1, "index_tip"),
         call("set_pin", 3, "front", (1e9, 1.0), 2, "index_tip"),
@@ -100,9 +91,9 @@ def _errors(listener: Listener) -> list[str]:
 
 
 def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
-    desk: tuple[Worker, Listener],
-) -> None:
-    worker, listener = desk
+    worker,
+    listener,
+):
     worker.engine.track(0, FRAMES, 3, anew=True)
     eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked")
     worker.engine.show_frame(8)
@@ -129,7 +120,7 @@ def _with_pin(store: Persistence, frame: int) -> Pin:
     return pin
 
 
-def test_pins_are_written_and_come_back_with_the_session(tmp_path: Path, left_open: None) -> None:
+def test_pins_are_written_and_come_back_with_the_session(tmp_path, left_open):
     store = tracked(opened(tmp_path))
     pin = _with_pin(store, 5)
     (row,) = json.loads((tmp_path / "pins.json").read_text())["pins"]
@@ -142,7 +133,7 @@ def test_pins_are_written_and_come_back_with_the_session(tmp_path: Path, left_op
     assert not (tmp_path / "pins.json").exists()
 
 
-def test_who_changed_the_file_elsewhere_is_right(tmp_path: Path, left_open: None) -> None:
+def test_who_changed_the_file_elsewhere_is_right(tmp_path, left_open):
     _with_pin(tracked(opened(tmp_path)), 5)
     other = {"frame": 6, "camera": "side", "joint": "wrist", "pixel": [40.0, 30.0]}
     (tmp_path / "pins.json").write_text(json.dumps({"format": 1, "pins": [other]}))
@@ -151,7 +142,7 @@ def test_who_changed_the_file_elsewhere_is_right(tmp_path: Path, left_open: None
     assert 5 not in again.document.state.pins
 
 
-def test_copied_pins_move_as_what_was_tracked_moves(tmp_path: Path, left_open: None) -> None:
+def test_copied_pins_move_as_what_was_tracked_moves(tmp_path, left_open):
     store = tracked(opened(tmp_path))
     document = store.document
     pin = _with_pin(store, 5)

@@ -1,33 +1,23 @@
 """Refining: a take of its own over what was tracked, keyframes alone where nothing else has changed, told in the end."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 
-import numpy as np
 import pytest
 
 from handtrack.model.articulated import HandScale
-from handtrack.observation.pins import Pin
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.job_control import Moved, RefinedWith
 from handtrack_app.engine.store.tracks import whole_track
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from tests.app.engine.test_worker import Listener, _desk, _pose
+from tests.app.desk import Listener, a_desk, pose_with
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 
 BY = 0.3
 
 
-@pytest.fixture
-def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
-    yield from _desk(tmp_path, step_s=0.0, refined_by=BY)
+DESK = {"refined_by": BY}
 
 
 def _told(listener: Listener, title: str) -> list[str]:
@@ -46,8 +36,7 @@ def _tracked(desk: tuple[Worker, Listener]) -> None:
     eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked and refined")
 
 
-def test_what_was_tracked_is_refined_as_a_take_of_its_own(desk: tuple[Worker, Listener]) -> None:
-    worker, listener = desk
+def test_what_was_tracked_is_refined_as_a_take_of_its_own(desk, worker, listener):
     _tracked(desk)
     refined = _bends(worker)
     (text,) = _told(listener, "Tracking finished")
@@ -62,9 +51,9 @@ def test_what_was_tracked_is_refined_as_a_take_of_its_own(desk: tuple[Worker, Li
 
 
 def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
-    tmp_path: Path,
-) -> None:
-    for desk in _desk(tmp_path, step_s=0.0, refined_by=BY, refined_size=1.07):
+    tmp_path,
+):
+    for desk in a_desk(tmp_path, step_s=0.0, refined_by=BY, refined_size=1.07):
         worker, _ = desk
         live = worker.document.run.scale
         _tracked(desk)
@@ -81,11 +70,10 @@ def test_a_size_that_was_found_with_the_frames_comes_and_goes_with_their_take(
         eventually(lambda: whole_track(worker.document).refinement is None, "undone")  # noqa: B023
 
 
-def test_only_what_a_new_keyframe_touches_is_refined_again(desk: tuple[Worker, Listener]) -> None:
-    worker, listener = desk
+def test_only_what_a_new_keyframe_touches_is_refined_again(desk, worker, listener):
     _tracked(desk)
     before = _bends(worker)
-    worker.engine.set_pose(8, _pose(listener, index_mcp_flex=0.3), 1)
+    worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
     worker.engine.refine()
     eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
     after = _bends(worker)
@@ -95,34 +83,3 @@ def test_only_what_a_new_keyframe_touches_is_refined_again(desk: tuple[Worker, L
     eventually(lambda: len(_told(listener, "Refined")) == 2, "refined again")
     last = _bends(worker)
     assert {f for f in before if last[f] != after[f]} == set(before) - {8}, "another setting"
-
-
-def test_without_tracked_frames_there_is_nothing_to_refine(desk: tuple[Worker, Listener]) -> None:
-    worker, listener = desk
-    worker.engine.refine()
-    listener.wait(snapshots.Notice, lambda n: "There is nothing to refine" in n.text)
-
-
-def test_which_keyframes_changed() -> None:
-    run, held = object(), {3: np.zeros(2), 5: np.ones(2)}
-    pin = Pin("front", (1.0, 2.0), "index_tip")
-    known = RefinedWith(run, {"takes": 1}, held, {7: (pin,)})  # type: ignore[arg-type]
-    now = {3: np.zeros(2), 5: np.zeros(2), 9: np.ones(2)}
-    assert known.changed(replace(known, keyframes=now)) == [5, 9]
-    assert known.changed(replace(known, keyframes={3: np.zeros(2)})) is None
-    assert known.changed(replace(known, keyframes=dict(held))) is None
-    assert known.changed(replace(known, keyframes=now, spans={"takes": 2})) is None
-    assert known.changed(replace(known, keyframes=now, run=object())) is None  # type: ignore[arg-type]
-    assert known.changed(replace(known, pins={})) is None
-    assert known.changed(replace(known, pins={7: (pin, pin), 8: (pin,)})) == [7, 8]
-
-
-def test_what_moved_is_told() -> None:
-    moved = Moved()
-    assert moved.words == ""
-    moved.frames = 3
-    assert moved.words == "Refined together; no joint moved by more than 5 mm."
-    moved.most_mm = {4: 7.0}
-    assert "1 frame has a joint that moved by more than 5 mm, frame 4 (7 mm)" in moved.words
-    moved.most_mm = {4: 7.0, 6: 12.0}
-    assert "2 frames have a joint that moved by more than 5 mm, most frame 6 (12 mm)" in moved.words

@@ -1,9 +1,5 @@
 """Settings changed on the page are saved to session.toml: they alone, with the file before kept; or told why not."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
@@ -14,11 +10,9 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
-from handtrack_app.engine.document import Document
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened
@@ -30,7 +24,7 @@ TEXT = "[session]\nformat = 1  # of the file\n"
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Persistence:
+def store(tmp_path):
     """Two settings are changed, one of them twice."""
     (tmp_path / "session.toml").write_text(TEXT, encoding="utf-8")
     store = opened(tmp_path)
@@ -39,7 +33,7 @@ def store(tmp_path: Path) -> Persistence:
     return store
 
 
-def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
+def test_a_changed_setting_is_saved_by_its_button(bench):
     panel, path = bench.layout.settings, bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
     control = panel.controls["cloud.weight"][1]
@@ -55,21 +49,7 @@ def test_a_changed_setting_is_saved_by_its_button(bench: Workbench) -> None:
     eventually(lambda: control.label == "Cloud •", "now the usual value is a change")
 
 
-def test_a_setting_without_effect_is_told_at_once(bench: Workbench) -> None:
-    """The fake session has masks and no clouds."""
-    bench.engine.set_setting("silhouettes.outline_sigma_mm", 2.0)
-    bench.engine.set_setting("cloud.balance", 0.2)
-    bench.engine.set_setting("solver.iterations", 20)
-
-    def told() -> list[str]:
-        return [n.text for n in bench._unread if n.title == "About the settings"]
-
-    eventually(lambda: bool(told()), "it has no effect here")
-    eventually(lambda: bench.worker.document.run.settings.solver.iterations == 20, "all are in")
-    assert told() == ["cloud.balance has no effect: there are no [clouds]."]
-
-
-def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
+def test_while_tracking_runs_nothing_is_saved(bench):
     path = bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
     bench.engine.set_setting("cloud.weight", 2.0)
@@ -81,7 +61,7 @@ def test_while_tracking_runs_nothing_is_saved(bench: Workbench) -> None:
     assert path.read_text(encoding="utf-8") == TEXT
 
 
-def test_the_file_before_is_kept_and_the_journal_gives_way(store: Persistence) -> None:
+def test_the_file_before_is_kept_and_the_journal_gives_way(store):
     path = store.folder / "session.toml"
     said = saving.save_settings(store)
     (kept,) = versions(path)
@@ -96,18 +76,7 @@ def test_the_file_before_is_kept_and_the_journal_gives_way(store: Persistence) -
     assert again.document.run.settings.solver.iterations == 30
 
 
-def test_settings_brought_back_to_the_file_are_left_to_it(store: Persistence) -> None:
-    document = store.document
-    for name in ("cloud.weight", "solver.iterations"):
-        did(store, edits.setting(name, document.own_settings[name]))
-    plain = fake_document(store.folder)
-    run = plain.run.with_values({"solver.iterations": 12})  # as session.toml has it now
-    later = Document(run, 3, run.model.rest_params())
-    Persistence.open(later).restore()
-    assert later.run.settings.solver.iterations == 12
-
-
-def test_a_session_opens_with_what_was_saved(tmp_path: Path) -> None:
+def test_a_session_opens_with_what_was_saved(tmp_path):
     folder = cloudy_session(tmp_path)
     text = (folder / "session.toml").read_text(encoding="utf-8")
     store = Persistence.open(open_document(folder, {}))
@@ -119,10 +88,8 @@ def test_a_session_opens_with_what_was_saved(tmp_path: Path) -> None:
     assert again.own_settings == again.run.settings.flat()
 
 
-def test_a_file_that_cannot_be_written_loses_nothing(
-    store: Persistence, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def locked(path: Path, text: str) -> None:
+def test_a_file_that_cannot_be_written_loses_nothing(store, monkeypatch):
+    def locked(path, text):
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(toml_edit, "replace_text", locked)
@@ -143,9 +110,7 @@ def test_a_file_that_cannot_be_written_loses_nothing(
         (None, "no such file; expected a session's settings"),
     ],
 )
-def test_a_file_that_is_odd_by_now_is_left_alone(
-    store: Persistence, text: str | None, words: str
-) -> None:
+def test_a_file_that_is_odd_by_now_is_left_alone(store, text, words):
     path = store.folder / "session.toml"
     path.unlink()
     if text is not None:
@@ -165,7 +130,7 @@ def test_a_file_that_is_odd_by_now_is_left_alone(
         '[hand]\n"scale" = "fit"  # mine\n',
     ],
 )
-def test_the_fitted_size_is_kept_however_session_toml_is_written(hand: str, tmp_path: Path) -> None:
+def test_the_fitted_size_is_kept_however_session_toml_is_written(hand, tmp_path):
     path = tmp_path / "session.toml"
     text = f'{hand}[session]\nformat = 1\nfps = 25.0\n\n[[camera]]\nname = "front"\n'
     path.write_text(text, encoding="utf-8")
@@ -182,7 +147,7 @@ def test_the_fitted_size_is_kept_however_session_toml_is_written(hand: str, tmp_
     assert not saving.save_first_pose(store).endswith("hand.json."), "only once"
 
 
-def test_a_size_that_was_given_stays_as_it_is_written(tmp_path: Path) -> None:
+def test_a_size_that_was_given_stays_as_it_is_written(tmp_path):
     path = tmp_path / "session.toml"
     path.write_text("[hand]\nscale = 1.05\n", encoding="utf-8")
     store = opened(tmp_path)
@@ -192,7 +157,7 @@ def test_a_size_that_was_given_stays_as_it_is_written(tmp_path: Path) -> None:
     assert not (tmp_path / "hand.json").exists()
 
 
-def test_clouds_are_saved_key_by_key(tmp_path: Path) -> None:
+def test_clouds_are_saved_key_by_key(tmp_path):
     """A usual value that stands there stays; what became usual goes; what somebody added meanwhile is his."""
     folder = cloudy_session(tmp_path)
     path = folder / "session.toml"

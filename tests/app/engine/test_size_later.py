@@ -1,24 +1,17 @@
 """Track now, fit the size later: tracking begins at once, and what was fitted afterwards is offered, not forced."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
-
 import pytest
 
 from handtrack.model.articulated import HandScale
-from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from tests.app.engine.test_worker import Listener, _desk, _pose
-from tests.app.fake_run import FRAMES, FakeRun
+from tests.app.desk import Listener, a_desk, pose_with
+from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
-    for worker, listener in _desk(tmp_path, size_pending=True, step_s=0.0):
+def desk(tmp_path):
+    for worker, listener in a_desk(tmp_path, size_pending=True, step_s=0.0):
         worker.engine.set_setting("model.fit_size", "later")
         yield worker, listener
 
@@ -32,15 +25,15 @@ def _finished(listener: Listener) -> int:
     return sum(s.title == "Tracking finished" for s in told)
 
 
-def test_the_size_is_fitted_after_tracking_and_offered(desk: tuple[Worker, Listener]) -> None:
+def test_the_size_is_fitted_after_tracking_and_offered(desk):
     worker, listener = desk
-    worker.engine.set_pose(8, _pose(listener, index_mcp_flex=0.3), 1)
+    worker.engine.set_pose(8, pose_with(listener, index_mcp_flex=0.3), 1)
     worker.engine.track(0, FRAMES, 3, anew=True)
     offer = _offered(listener)
     assert (offer.size, offer.offered_size, offer.size_pending) == (1.0, 1.1, True)
     titles = [s.title for s in listener.seen if isinstance(s, snapshots.Notice)]
     assert titles[0] == "Tracking finished"
-    listener.wait(snapshots.Notice, lambda n: "it was tracked with 1.00" in n.text)
+    listener.told("it was tracked with 1.00")
     assert worker.document.run.scale == HandScale(1.0), "what was tracked keeps its size"
 
     worker.engine.take_size(8)
@@ -54,24 +47,10 @@ def test_the_size_is_fitted_after_tracking_and_offered(desk: tuple[Worker, Liste
     assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
 
 
-def test_the_forearm_that_was_found_with_the_size_is_taken_with_it(
-    desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    worker, listener = desk
-    found = replace(worker.document.run, forearm=True).with_scale(HandScale(1.1))
-    monkeypatch.setattr(FakeRun, "fit_size", lambda *_, **__: found)
-    worker.engine.track(0, FRAMES, 3)
-    _offered(listener)
-    assert not worker.document.run.forearm
-    worker.engine.take_size(3)
-    listener.wait(snapshots.SessionSnapshot, lambda s: "wrist_flex" in s.parameter_names)
-    assert worker.document.run.scale == HandScale(1.1)
-
-
-def test_a_single_frame_fits_nothing(desk: tuple[Worker, Listener]) -> None:
+def test_a_single_frame_fits_nothing(desk):
     worker, listener = desk
     worker.engine.take_size(3)
-    listener.wait(snapshots.Notice, lambda n: "No size was fitted" in n.text)
+    listener.told("No size was fitted")
     worker.engine.track(0, 1, 0)  # a single frame tells no size
-    listener.wait(snapshots.Notice, lambda n: n.title == "Frame 0 is fitted")
+    listener.told("Frame 0 is fitted")
     assert worker.document.offered_scale is None

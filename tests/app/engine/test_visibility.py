@@ -1,16 +1,10 @@
 """A session of images alone: it is said what is missing, before anything is tried."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
 from handtrack_app.engine.opening import nothing_seen, open_document
-from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import snapshots
-from tests.app.calls import call
 from tests.app.cloudy_session import cloudy_session
-from tests.app.engine.test_worker import Listener
 
 
 def _images_only(folder: Path) -> Path:
@@ -21,21 +15,7 @@ def _images_only(folder: Path) -> Path:
     return folder
 
 
-def test_images_alone_are_told_and_neither_searched_nor_tracked(tmp_path: Path) -> None:
-    listener = Listener()
-    worker = Worker(_images_only(tmp_path), listener.publish, open_document)
-    worker.start()
-    told = listener.wait(snapshots.Notice, lambda n: n.title == "Nothing to track by yet", 30.0)
-    assert "neither masks nor clouds" in told.text
-    for command in (call("find_hand", 0), call("track", 0, 2, 0)):
-        listener.seen.clear()
-        worker.send(command)
-        refused = listener.wait(snapshots.Notice, lambda n: n.level == "error")
-        assert refused.text == told.text
-    worker.stop()
-
-
-def test_clouds_masks_or_edges_are_something(tmp_path: Path) -> None:
+def test_clouds_masks_or_edges_are_something(tmp_path):
     (tmp_path / "a").mkdir()
     clouds = open_document(cloudy_session(tmp_path / "a"), {}).run
     assert nothing_seen(clouds) == ""

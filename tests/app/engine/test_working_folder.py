@@ -1,9 +1,5 @@
 """Whoever opens a bundled recording works on a copy; and the demo tracks that by itself."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from handtrack.session import bundled
@@ -14,7 +10,7 @@ from tests.app.waiting import eventually
 
 
 @pytest.fixture
-def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def shelf(tmp_path, monkeypatch):
     folder = tmp_path / "checkout"
     (folder / "fist" / "tracks").mkdir(parents=True)
     (folder / "fist" / "session.toml").write_text("[session]")
@@ -24,9 +20,7 @@ def shelf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(
-    shelf: Path, tmp_path: Path
-) -> None:
+def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(shelf, tmp_path):
     copy = working_folder(shelf / "fist")
     assert copy.parent == tmp_path / "home" / "sessions" and copy.name.startswith("fist-")
     assert [p.name for p in copy.iterdir()] == ["session.toml"]
@@ -34,17 +28,17 @@ def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(
     assert working_folder(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
 
 
-def test_a_changed_recording_gets_a_new_copy(shelf: Path) -> None:
+def test_a_changed_recording_gets_a_new_copy(shelf):
     before = working_folder(shelf / "fist")
     (shelf / "fist" / "session.toml").write_text("[session] # changed")
     assert working_folder(shelf / "fist") != before
 
 
-def test_any_other_folder_is_used_as_it_is(shelf: Path, tmp_path: Path) -> None:
+def test_any_other_folder_is_used_as_it_is(shelf, tmp_path):
     assert working_folder(tmp_path / "mine") == tmp_path / "mine"
 
 
-def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path: Path) -> None:
+def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path):
     bench = Workbench(
         tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.01), demo=True
     ).start()
@@ -62,7 +56,7 @@ def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_p
         bench.stop()
 
 
-def test_fitting_one_frame_is_told_and_can_be_undone(bench: Workbench) -> None:
+def test_fitting_one_frame_is_told_and_can_be_undone(bench):
     before = bench.state.values
     bench.layout.pose._fit()
     eventually(lambda: any("fitted" in notice.title for notice in bench._unread), "told")

@@ -1,7 +1,5 @@
 """The workbench in a real browser: pose, drag, track, cancel, download."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import re
@@ -81,7 +79,7 @@ def stands(bench: Workbench) -> bool:
 
 
 @pytest.fixture
-def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest, threading.Event]]:
+def opened(tmp_path):
     goes_on = threading.Event()
     stuck = lambda frame: frame == 8 and not goes_on.is_set()  # noqa: E731
     bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, stuck=stuck))
@@ -90,9 +88,7 @@ def opened(tmp_path: Path) -> Iterator[tuple[Workbench, PageUnderTest, threading
 
 
 @pytest.mark.browser
-def test_a_user_poses_tracks_cancels_and_exports(
-    opened: tuple[Workbench, PageUnderTest, threading.Event], tmp_path: Path
-) -> None:
+def test_a_user_poses_tracks_cancels_and_exports(opened, tmp_path):
     bench, view, goes_on = opened
     _moves_a_slider(bench, view)
     _drags_the_hand(bench, view)

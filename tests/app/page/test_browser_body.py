@@ -1,9 +1,5 @@
 """A body in a real browser, by mouse and keys alone: tracked, a limb pulled in a camera's picture, accepted, exported."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,7 +14,7 @@ _FRAMES = 3
 
 
 @pytest.mark.browser
-def test_a_body_is_tracked_corrected_accepted_and_exported_by_mouse(tmp_path: Path) -> None:
+def test_a_body_is_tracked_corrected_accepted_and_exported_by_mouse(tmp_path):
     what = Simulation(
         cameras=2, frames=_FRAMES, size=(160, 120), motion="greet", model="body34", distance_m=3.5, images=False
     )  # fmt: skip
@@ -38,12 +34,10 @@ def test_a_body_is_tracked_corrected_accepted_and_exported_by_mouse(tmp_path: Pa
         page.keyboard.press("1")
         eventually(lambda: stands(bench), "it looks through the first camera")
         pose, session = stage.pose, stage.session
-        assert pose is not None
-        assert session is not None
         ends = [session.joint_names.index(f"{side}_{end}") for side in ("left", "right") for end in ("wrist", "ankle")]  # fmt: skip
         page.wait_for_timeout(1000)  # the picture comes to rest
 
-        def at(place: np.ndarray) -> np.ndarray:
+        def at(place):
             return np.array(page.evaluate(PROJECT, ["/hand", place.tolist()]))
 
         # nothing stands before the end that is farthest from the trunk
@@ -56,7 +50,6 @@ def test_a_body_is_tracked_corrected_accepted_and_exported_by_mouse(tmp_path: Pa
             if stage.pose is not None and stage.pose.origin == "pinned":
                 break
         eventually(lambda: stage.pose is not None and stage.pose.origin == "pinned", "it is pinned")
-        assert stage.pose is not None
         pin = stage.pose.pins[0]
         assert session.joint_names[held].split("_")[0] in pin.words
         assert pin.camera == "cam0"

@@ -1,9 +1,5 @@
 """Clouds in a real browser: a filter's slider, and a box dragged over skin in an image."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,7 +11,7 @@ from tests.experiments.workbench.chromium import PROJECT
 
 
 @pytest.mark.browser
-def test_a_user_filters_a_cloud(tmp_path: Path) -> None:
+def test_a_user_filters_a_cloud(tmp_path):
     bench = Workbench(cloudy_session(tmp_path), port=0)
     with browsing(bench) as view:
         view.show_tab("Cloud")

@@ -1,9 +1,5 @@
 """The lanes in a real browser: a click on them goes to the frame that stands there, also when zoomed in."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from handtrack_app.workbench import Workbench
@@ -14,7 +10,7 @@ from tests.app.waiting import eventually
 
 
 @pytest.mark.browser
-def test_a_click_on_the_lanes_goes_there(tmp_path: Path) -> None:
+def test_a_click_on_the_lanes_goes_there(tmp_path):
     bench = Workbench(tmp_path, port=0, opener=fake_document)
     with browsing(bench) as view:
         _tracked(bench)

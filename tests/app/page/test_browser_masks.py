@@ -1,9 +1,5 @@
 """Masks in a real browser: a method chosen, a stroke painted over a camera's image, carried and undone; where a ray meets the image."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -21,7 +17,7 @@ from tests.experiments.workbench.chromium import PROJECT
 BRUSH = "() => document.getElementById('handtrack-brush').getBoundingClientRect().width"
 
 
-def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng: np.random.Generator) -> None:
+def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng):
     matrix = np.array([[150.0, 0, 47.5], [0, 140.0, 35.5], [0, 0, 1.0]])
     turn = rotation_matrix(np.array([0.4, -0.3, 0.2]))
     card = CameraCard("cam0", (96, 72), matrix, turn, np.array([0.1, 0.2, -0.3]))
@@ -35,7 +31,7 @@ def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng: np.random.Generat
 
 
 @pytest.mark.browser
-def test_a_user_tries_a_method_and_paints(tmp_path: Path) -> None:
+def test_a_user_tries_a_method_and_paints(tmp_path):
     folder = cloudy_session(tmp_path)
     bench = Workbench(folder, port=0)
     with browsing(bench) as view:

@@ -1,9 +1,5 @@
 """What is said to the user in a real browser: read whole, and there as long as it is needed."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from handtrack_app.workbench import Workbench
@@ -18,7 +14,7 @@ CUT = """() => [...document.querySelectorAll('.mantine-Notification-root')].filt
 
 
 @pytest.mark.browser
-def test_what_matters_is_read_whole_and_stays(tmp_path: Path) -> None:
+def test_what_matters_is_read_whole_and_stays(tmp_path):
     bench = Workbench(tmp_path, port=0, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
         page = view.page
@@ -31,7 +27,7 @@ def test_what_matters_is_read_whole_and_stays(tmp_path: Path) -> None:
             notices.first.click()
             page.wait_for_timeout(500)
 
-        def read(text: str) -> bool:
+        def read(text):
             return page.locator(".handtrack-note:visible", has_text=text).count() == 1
 
         assert read("Word11"), "gone from the scene, not from the page"

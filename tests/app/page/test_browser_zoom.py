@@ -1,9 +1,5 @@
 """Model and picture in a real browser: where a ball of the scene is drawn, and where the picture has that pixel, from screenshots."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -16,7 +12,7 @@ from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing
 from tests.app.waiting import eventually
 
-WINDOWS = [(1280, 800), (900, 1000), (1920, 1080)]
+WINDOWS = [(1280, 800), (900, 1000)]
 SQUARE = 6  # [px] of the image, 96 × 72
 CANVAS = """() => {
   const r = window.__viserMutable.canvas.getBoundingClientRect();
@@ -44,9 +40,7 @@ def picture(view: PageUnderTest) -> np.ndarray:
 
 
 @pytest.mark.browser
-def test_picture_and_model_are_drawn_as_one_at_any_enlargement_in_any_window(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_picture_and_model_are_drawn_as_one_at_any_enlargement_in_any_window(tmp_path, monkeypatch):
     monkeypatch.setattr(
         fake_run.FakeView, "image", lambda self, frame: checkerboard() if self.name == "front" else None
     )  # fmt: skip
@@ -70,7 +64,7 @@ def test_picture_and_model_are_drawn_as_one_at_any_enlargement_in_any_window(
         worst = 0.0
         for window in WINDOWS:
             view.page.set_viewport_size({"width": window[0], "height": window[1]})
-            for times in (12.0,) if window != WINDOWS[0] else (1.0, 4.0, 12.0):
+            for times in (12.0,) if window != WINDOWS[0] else (1.0, 12.0):
                 # a corner of four squares, its ball at the hand's distance, a screen behind it
                 pixel = np.array([7 * SQUARE - 0.5, 5 * SQUARE - 0.5])
                 zoom = Zoom((pixel[0] + 3 / times, pixel[1] - 2 / times), times)

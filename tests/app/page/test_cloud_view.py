@@ -1,13 +1,9 @@
 """The cloud in the scene, to which frames and display options come on threads of their own."""
 
-from __future__ import annotations
-
 import threading
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
-import pytest
 
 from handtrack_app.page.scene import cloud_view
 from handtrack_app.page.scene.cloud_view import CloudView
@@ -16,7 +12,7 @@ from handtrack_app.page.state import Display
 from handtrack_app.protocol.snapshots import CloudSnapshot
 
 
-def test_a_colour_that_is_chosen_while_a_frame_comes_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_colour_that_is_chosen_while_a_frame_comes_stays(monkeypatch):
     """The frame's colours were worked out by the old choice, and are set after the new one was."""
     points = np.zeros((2, 3))
     cloud = CloudSnapshot(0, points, None, np.array([0.0, 9.0]), np.zeros((0, 3)), 2, 2)
@@ -27,7 +23,7 @@ def test_a_colour_that_is_chosen_while_a_frame_comes_stays(monkeypatch: pytest.M
     display.cloud_colour = "residual"
     worked_out, go_on, colours = threading.Event(), threading.Event(), cloud_view.cloud_colours
 
-    def slow(*given: Any) -> Any:
+    def slow(*given):
         found = colours(*given)
         if given[1] == "residual":
             worked_out.set()

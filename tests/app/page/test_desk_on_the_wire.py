@@ -1,31 +1,18 @@
 """Correcting a pose on the wire: the palm dragged and turned, a joint pulled freely, flipped, copied, tuned; what is told of it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from handtrack_app.engine import tuning_service
-from handtrack_app.engine.review_service import LiveScore
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.workbench import Workbench
-from tests.app.page.test_through import Browser
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 
 @pytest.fixture(autouse=True)
-def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def home(tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-
-
-@pytest.fixture
-def unscored(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The engine scores nothing: the test does."""
-    monkeypatch.setattr(LiveScore, "is_due", property(lambda _: False))
 
 
 def _pose(bench: Workbench) -> snapshots.PoseSnapshot:
@@ -44,136 +31,98 @@ def _drag(bench: Workbench, wire: WireClient, node: str, modifier: str | None, s
         wire.send(said | {"phase": phase, "end_position": [float(v) for v in at]})
 
 
-def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench: Workbench) -> None:
-    with WireClient(bench.url) as wire:
-        page = Browser(bench, wire)
-        page.press("Look through front")
-        eventually(lambda: page.number in bench.stage.grips._grips, "it can be taken hold of")
-        before, session = _pose(bench), bench.stage.session
-        assert session is not None and page.view is not None
-        card = page.view.card
-        bone = session.bone_names.index("ring_metacarpal")
-        palm = before.centre[list(session.ellipsoid_bone).index(bone)]
-        aim = palm + 0.02 * card.rotation[:, 0]
-        _drag(bench, wire, "/grips/flesh", None, palm, aim)
-        eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], aim - palm, atol=1e-6), "moved")  # fmt: skip
-        np.testing.assert_allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9)
-        assert not _pose(bench).pins
-        middle, tip = (
-            _pose(bench).middle,
-            _pose(bench).joints[session.joint_names.index("index_tip")],
-        )
-        axis = (middle - card.centre) / np.linalg.norm(middle - card.centre)
-        _drag(bench, wire, "/grips/flesh", "shift", tip, tip + 0.03 * np.cross(axis, tip - middle) / 0.1)  # fmt: skip
-        eventually(lambda: np.abs(_pose(bench).values[3:6] - before.values[3:6]).max() > 0.1, "turned")  # fmt: skip
-        np.testing.assert_allclose(_pose(bench).values[6:], before.values[6:], atol=1e-9)
-        page.press("Undo")
-        eventually(lambda: np.allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9), "a drag is a step")  # fmt: skip
-        assert not np.allclose(_pose(bench).values[:3], before.values[:3])
+def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, wire, page):
+    page.press("Look through front")
+    eventually(lambda: page.number in bench.stage.grips._grips, "it can be taken hold of")
+    before, session = _pose(bench), bench.stage.session
+    card = page.view.card
+    bone = session.bone_names.index("ring_metacarpal")
+    palm = before.centre[list(session.ellipsoid_bone).index(bone)]
+    aim = palm + 0.02 * card.rotation[:, 0]
+    _drag(bench, wire, "/grips/flesh", None, palm, aim)
+    eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], aim - palm, atol=1e-6), "moved")  # fmt: skip
+    np.testing.assert_allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9)
+    assert not _pose(bench).pins
+    middle, tip = (
+        _pose(bench).middle,
+        _pose(bench).joints[session.joint_names.index("index_tip")],
+    )
+    axis = (middle - card.centre) / np.linalg.norm(middle - card.centre)
+    _drag(bench, wire, "/grips/flesh", "shift", tip, tip + 0.03 * np.cross(axis, tip - middle) / 0.1)  # fmt: skip
+    eventually(lambda: np.abs(_pose(bench).values[3:6] - before.values[3:6]).max() > 0.1, "turned")  # fmt: skip
+    np.testing.assert_allclose(_pose(bench).values[6:], before.values[6:], atol=1e-9)
+    page.press("Undo")
+    eventually(lambda: np.allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9), "a drag is a step")  # fmt: skip
+    assert not np.allclose(_pose(bench).values[:3], before.values[:3])
 
 
-def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench: Workbench) -> None:
-    with WireClient(bench.url) as wire:
-        Browser(bench, wire)
-        before, session = _pose(bench), bench.stage.session
-        assert session is not None
-        bench.layout.page.draw("handle", False)  # it stands before the hand, and takes the pointer
-        bench.stage.apply()
-        pip = before.joints[session.joint_names.index("index_pip")]
-        aim = pip + (0.0, -0.006, -0.012)
-        _drag(bench, wire, "/hand/flesh", "shift", pip, aim)
+def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, wire, page):
+    before, session = _pose(bench), bench.stage.session
+    bench.layout.page.draw("handle", False)  # it stands before the hand, and takes the pointer
+    bench.stage.apply()
+    pip = before.joints[session.joint_names.index("index_pip")]
+    aim = pip + (0.0, -0.006, -0.012)
+    _drag(bench, wire, "/hand/flesh", "shift", pip, aim)
 
-        def reached() -> bool:
-            there = _pose(bench).joints[session.joint_names.index("index_pip")]
-            return bool(np.linalg.norm(there - aim) < 0.008)
+    def reached():
+        there = _pose(bench).joints[session.joint_names.index("index_pip")]
+        return bool(np.linalg.norm(there - aim) < 0.008)
 
-        eventually(reached, "the joint comes along")
-        assert _pose(bench).origin == "set" and not _pose(bench).pins
-        others = [i for i, n in enumerate(session.parameter_names) if not n.startswith("index")]
-        np.testing.assert_allclose(_pose(bench).values[others], before.values[others], atol=1e-9)
+    eventually(reached, "the joint comes along")
+    assert _pose(bench).origin == "set" and not _pose(bench).pins
+    others = [i for i, n in enumerate(session.parameter_names) if not n.startswith("index")]
+    np.testing.assert_allclose(_pose(bench).values[others], before.values[others], atol=1e-9)
 
 
-def test_space_flips_and_all_of_the_page_says_so(bench: Workbench) -> None:
-    with WireClient(bench.url) as wire:
-        page = Browser(bench, wire)
-        before, panel = _pose(bench), bench.layout.pose
-        bench.engine.take_pose(3, "fist", bench.state.begin_edit())
-        eventually(lambda: _pose(bench).origin == "set" and panel.sliders["index_pip_flex"].value > 90, "a fist")  # fmt: skip
-        fist = _pose(bench)
-        page.press("Before/after: the pose before the last step")
-        eventually(lambda: bench.layout.aside.visible, "told")
-        assert _pose(bench).origin == snapshots.BEFORE
-        np.testing.assert_allclose(_pose(bench).values, before.values, atol=1e-9)
-        assert "before the last step" in panel.card.content
-        assert panel.sliders["index_pip_flex"].value < 30
-        assert not bench.stage.root.control.visible  # type: ignore[union-attr]
-        assert bench.state.values == tuple(fist.values.tolist()), "edits go on from what is"
-        page.press("Before/after: the pose before the last step")
-        eventually(lambda: not bench.layout.aside.visible, "back")
-        np.testing.assert_array_equal(_pose(bench).values, fist.values)
-        assert bench.stage.root.control.visible  # type: ignore[union-attr]
+def test_space_flips_and_all_of_the_page_says_so(bench, page):
+    before, panel = _pose(bench), bench.layout.pose
+    bench.engine.take_pose(3, "fist", bench.state.begin_edit())
+    eventually(lambda: _pose(bench).origin == "set" and panel.sliders["index_pip_flex"].value > 90, "a fist")  # fmt: skip
+    fist = _pose(bench)
+    page.press("Before/after: the pose before the last step")
+    eventually(lambda: bench.layout.aside.visible, "told")
+    assert _pose(bench).origin == snapshots.BEFORE
+    np.testing.assert_allclose(_pose(bench).values, before.values, atol=1e-9)
+    assert "before the last step" in panel.card.content
+    assert panel.sliders["index_pip_flex"].value < 30
+    assert not bench.stage.root.control.visible  # type: ignore[union-attr]
+    assert bench.state.values == tuple(fist.values.tolist()), "edits go on from what is"
+    page.press("Before/after: the pose before the last step")
+    eventually(lambda: not bench.layout.aside.visible, "back")
+    np.testing.assert_array_equal(_pose(bench).values, fist.values)
+    assert bench.stage.root.control.visible  # type: ignore[union-attr]
 
 
-def test_a_pose_is_copied_pasted_and_mirrored_by_keys(bench: Workbench) -> None:
-    with WireClient(bench.url) as wire:
-        page = Browser(bench, wire)
-        bench.engine.take_pose(3, "point", bench.state.begin_edit())
-        panel = bench.layout.pose  # what it shows is copied
-        eventually(lambda: panel.pose is not None and panel.pose.origin == "set", "pointing")
-        point = _pose(bench)
-        page.press("Copy the pose")
-        eventually(lambda: "frame 3" in panel.copies.line.content, "told")
-        bench.go_to(9)
-        eventually(lambda: _pose(bench).frame == 9, "another frame")
-        bench.engine.take_pose(9, "fist", bench.state.begin_edit())
-        eventually(lambda: _pose(bench).frame == 9 and _pose(bench).origin == "set", "a fist there")
-        page.press("Paste the pose that was copied")
-        eventually(lambda: np.allclose(_pose(bench).values, point.values, atol=1e-9), "pasted")
-        assert _pose(bench).frame == 9
-        root = _pose(bench).values[:6]
-        page.press("Look through front")
-        page.press("Mirror the pose: left and right change places")
-        eventually(lambda: not np.allclose(_pose(bench).values[:6], root, atol=1e-9), "mirrored")
-        np.testing.assert_allclose(_pose(bench).values[6:], point.values[6:], atol=1e-9)
-        page.press("Undo")
-        eventually(lambda: np.allclose(_pose(bench).values[:6], root, atol=1e-9), "undone")
+def test_a_pose_is_copied_pasted_and_mirrored_by_keys(bench, page):
+    bench.engine.take_pose(3, "point", bench.state.begin_edit())
+    panel = bench.layout.pose  # what it shows is copied
+    eventually(lambda: panel.pose is not None and panel.pose.origin == "set", "pointing")
+    point = _pose(bench)
+    page.press("Copy the pose")
+    eventually(lambda: "frame 3" in panel.copies.line.content, "told")
+    bench.go_to(9)
+    eventually(lambda: _pose(bench).frame == 9, "another frame")
+    bench.engine.take_pose(9, "fist", bench.state.begin_edit())
+    eventually(lambda: _pose(bench).frame == 9 and _pose(bench).origin == "set", "a fist there")
+    page.press("Paste the pose that was copied")
+    eventually(lambda: np.allclose(_pose(bench).values, point.values, atol=1e-9), "pasted")
+    assert _pose(bench).frame == 9
+    root = _pose(bench).values[:6]
+    page.press("Look through front")
+    page.press("Mirror the pose: left and right change places")
+    eventually(lambda: not np.allclose(_pose(bench).values[:6], root, atol=1e-9), "mirrored")
+    np.testing.assert_allclose(_pose(bench).values[6:], point.values[6:], atol=1e-9)
+    page.press("Undo")
+    eventually(lambda: np.allclose(_pose(bench).values[:6], root, atol=1e-9), "undone")
 
 
-def test_the_switch_refits_the_frame_that_is_shown(
-    bench: Workbench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_switch_refits_the_frame_that_is_shown(bench, monkeypatch, page):
     monkeypatch.setattr(
         tuning_service, "fitted_again", lambda _m, _s, _seen, params, _stop: params + 0.01
     )
-    with WireClient(bench.url) as wire:
-        page = Browser(bench, wire)
-        page.press("Refit while tuning: on, off")
-        boxes = bench.layout.settings.refits.boxes
-        eventually(lambda: [box.value for box in boxes] == [True, True], "both tabs show it")
-        bench.engine.set_setting("cloud.balance", 0.8)
-        eventually(lambda: _pose(bench).origin == "refitted", "refitted")
-        eventually(lambda: "refitted" in bench.layout.pose.card.content, "and the card says so")
-
-
-def test_overlap_stands_beside_a_camera_of_the_pose_shown_alone(
-    unscored: None, bench: Workbench
-) -> None:
-    pose = _pose(bench)
-    score = ScoreSnapshot(pose.frame, tuple(pose.values.tolist()), {"front": 0.873}, {})
-    bench.stage.show_score(score)
-    assert bench.stage.cameras is not None
-    labels = bench.stage.cameras.labels
-    assert (labels["front"].text, labels["side"].text) == ("front  0.87", "side")
-    bench.layout.show_score(score)
-    assert "front  0.87" in bench.layout.session.overlaps.content
-    with WireClient(bench.url) as wire:
-        page = Browser(bench, wire)
-        page.press("See the hand in all cameras")
-
-        def named() -> bool:
-            wall = bench.stage.looking.walls._walls.get(page.number)
-            return wall is not None and wall.labels["front"].text == "front  0.87"
-
-        eventually(named, "there, too")
-        bench.engine.take_pose(3, "fist", bench.state.begin_edit())
-        eventually(lambda: labels["front"].text == "front", "of another pose nothing is told")
+    page.press("Refit while tuning: on, off")
+    boxes = bench.layout.settings.refits.boxes
+    eventually(lambda: [box.value for box in boxes] == [True, True], "both tabs show it")
+    bench.engine.set_setting("cloud.balance", 0.8)
+    eventually(lambda: _pose(bench).origin == "refitted", "refitted")
+    eventually(lambda: "refitted" in bench.layout.pose.card.content, "and the card says so")

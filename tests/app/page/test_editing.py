@@ -1,7 +1,5 @@
 """Two pages on one workbench: one edits, the other looks on and can take over."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
@@ -35,7 +33,7 @@ def value_of(client: WireClient, handle: Any) -> object:
     return told[-1].get("value") if told else None
 
 
-def test_c42_the_second_page_looks_on(bench: Workbench) -> None:
+def test_c42_the_second_page_looks_on(bench):
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     before, frame = slider.value, bench.state.frame
     with WireClient(bench.url) as first, first_and_second(bench, first) as second:
@@ -56,7 +54,7 @@ def test_c42_the_second_page_looks_on(bench: Workbench) -> None:
     assert bench.door.messages.refused == 0
 
 
-def test_c42_the_second_page_takes_over(bench: Workbench) -> None:
+def test_c42_the_second_page_takes_over(bench):
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     with WireClient(bench.url) as first, first_and_second(bench, first) as second:
         second.set_value(take_over_button(second), True)
@@ -72,7 +70,7 @@ def test_c42_the_second_page_takes_over(bench: Workbench) -> None:
         eventually(lambda: slider.value == 30.0, "the first edits again")
 
 
-def test_c42_editing_is_passed_on_when_its_page_goes(bench: Workbench) -> None:
+def test_c42_editing_is_passed_on_when_its_page_goes(bench):
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     with WireClient(bench.url) as first:
         second = first_and_second(bench, first)
@@ -86,17 +84,7 @@ def test_c42_editing_is_passed_on_when_its_page_goes(bench: Workbench) -> None:
         assert take_over_button(third) is None
 
 
-def test_c42_no_other_page_can_press_its_button(bench: Workbench) -> None:
-    with WireClient(bench.url) as first, first_and_second(bench, first) as second:
-        editor = bench.state.editor
-        with WireClient(bench.url) as third:
-            eventually(lambda: take_over_button(third) is not None, "came")
-            third.set_value(take_over_button(second), True)
-            time.sleep(0.2)
-            assert bench.state.editor == editor
-
-
-def test_each_page_looks_through_a_camera_of_its_own(bench: Workbench) -> None:
+def test_each_page_looks_through_a_camera_of_its_own(bench):
     view = bench.layout.session
     with WireClient(bench.url) as editor, WireClient(bench.url) as other:
         eventually(lambda: other.button("Take over editing"), "it looks on")

@@ -1,21 +1,13 @@
 """What a pointer takes hold of in a camera's picture, and the hand that follows it: pure, and on the wire."""
 
-from __future__ import annotations
-
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.page.pins.pin_panel import pin_list
 from handtrack_app.page.pins.taking_hold import Hold, hold_at
-from handtrack_app.protocol.snapshots import CameraCard, PinCard
-from handtrack_app.workbench import Workbench
+from handtrack_app.protocol.snapshots import CameraCard
 from tests.app.fake_run import fake_document
-from tests.app.page.test_through import Browser
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 
 @pytest.fixture
@@ -29,7 +21,7 @@ def _ellipsoid(session, bone: str) -> int:
     return int(np.flatnonzero(session.ellipsoid_bone == session.bone_names.index(bone))[0])
 
 
-def test_near_a_joint_it_is_the_joint(shown) -> None:
+def test_near_a_joint_it_is_the_joint(shown):
     session, pose, card = shown
     tip = pose.joints[session.joint_names.index("middle_tip")]
     held = hold_at(
@@ -38,13 +30,13 @@ def test_near_a_joint_it_is_the_joint(shown) -> None:
     assert held == Hold(joint="middle_tip")
 
 
-def test_away_from_joints_it_is_the_point_of_the_segment_under_the_pointer(shown) -> None:
+def test_away_from_joints_it_is_the_point_of_the_segment_under_the_pointer(shown):
     session, pose, card = shown
     ends = [pose.joints[session.joint_names.index(f"middle_{part}")] for part in ("mcp", "pip")]
     middle = 0.5 * (ends[0] + ends[1])
     ellipsoid = _ellipsoid(session, "middle_proximal")
     held = hold_at(session, pose, card, ellipsoid, middle)
-    assert held is not None and held.bone == "middle_proximal"
+    assert held.bone == "middle_proximal"
     bone = session.bone_names.index(held.bone)
     point = pose.bone_position[bone] + pose.bone_rotation[bone] @ held.point
     way, at = middle - card.centre, point - card.centre
@@ -52,7 +44,7 @@ def test_away_from_joints_it_is_the_point_of_the_segment_under_the_pointer(shown
     assert np.linalg.norm(point - middle) < 0.015, "on the skin"
 
 
-def test_what_is_not_of_this_hand_is_not_held(shown) -> None:
+def test_what_is_not_of_this_hand_is_not_held(shown):
     session, pose, card = shown
     assert hold_at(session, pose, card, 10_000, pose.middle) is None
     assert hold_at(session, pose, card, 0, np.full(3, np.nan)) is None
@@ -60,48 +52,37 @@ def test_what_is_not_of_this_hand_is_not_held(shown) -> None:
 
 
 def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(
-    bench: Workbench,
-) -> None:
-    with WireClient(bench.url) as wire:
-        page = Browser(bench, wire)
-        page.press("Look through front")
-        grips = bench.stage.grips
-        eventually(lambda: page.number in grips._grips, "the hand can be taken hold of")
-        pose, session = bench.stage.pose, bench.stage.session
-        assert pose is not None and session is not None and page.view is not None
-        tip = pose.joints[session.joint_names.index("index_tip")]
-        aim = tip + 0.02 * page.view.card.rotation[:, 0]
-        drag = {
-            "type": "SceneNodeDragMessage", "name": "/grips/flesh", "owner": str(page.number), "modifier": None,
-            "instance_index": _ellipsoid(session, "index_distal"), "button": "left", "start_position": tip.tolist(),
-            "start_screen_pos": [0.5, 0.5], "end_screen_pos": [0.6, 0.5],
-        }  # fmt: skip
-        for phase, share in (("start", 0.3), ("update", 0.7), ("end", 1.0)):
-            wire.send(drag | {"phase": phase, "end_position": (tip + share * (aim - tip)).tolist()})
-        eventually(lambda: bool(bench.stage.pose and bench.stage.pose.pins), "pinned")
+    bench,
+    wire,
+    page,
+):
+    page.press("Look through front")
+    grips = bench.stage.grips
+    eventually(lambda: page.number in grips._grips, "the hand can be taken hold of")
+    pose, session = bench.stage.pose, bench.stage.session
+    tip = pose.joints[session.joint_names.index("index_tip")]
+    aim = tip + 0.02 * page.view.card.rotation[:, 0]
+    drag = {
+        "type": "SceneNodeDragMessage", "name": "/grips/flesh", "owner": str(page.number), "modifier": None,
+        "instance_index": _ellipsoid(session, "index_distal"), "button": "left", "start_position": tip.tolist(),
+        "start_screen_pos": [0.5, 0.5], "end_screen_pos": [0.6, 0.5],
+    }  # fmt: skip
+    for phase, share in (("start", 0.3), ("update", 0.7), ("end", 1.0)):
+        wire.send(drag | {"phase": phase, "end_position": (tip + share * (aim - tip)).tolist()})
+    eventually(lambda: bool(bench.stage.pose and bench.stage.pose.pins), "pinned")
 
-        def follows() -> bool:
-            now = bench.stage.pose
-            if now is None or not now.pins or now.pins[0].off_px >= 0.5:
-                return False
-            moved = now.joints[session.joint_names.index("index_tip")] - tip
-            return bool(np.linalg.norm(moved) > 0.015)
+    def follows():
+        now = bench.stage.pose
+        if now is None or not now.pins or now.pins[0].off_px >= 0.5:
+            return False
+        moved = now.joints[session.joint_names.index("index_tip")] - tip
+        return bool(np.linalg.norm(moved) > 0.015)
 
-        eventually(follows, "the tip is there")
-        assert bench.stage.pose is not None
-        eventually(lambda: bench.layout.pose.pins.pins == bench.stage.pose.pins, "listed")
-        (pin,) = bench.stage.pose.pins
-        assert (pin.camera, pin.words) == ("front", "index tip")
-        page.press("Drop the last pin")
-        eventually(lambda: bench.stage.pose is not None and not bench.stage.pose.pins, "dropped")
-        page.press("Orbit view")
-        eventually(lambda: page.number not in grips._grips, "free views turn by a drag")
-
-
-def test_pins_are_listed_with_what_the_pose_misses_them_by() -> None:
-    pin = PinCard("<cam>", "ring pip", (1.0, 2.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.26)
-    text = pin_list((pin,), 0.007, gain=-12.4)
-    assert "ring pip" in text and "1.3 px" in text and "−12" in text
-    assert "&lt;cam&gt;" in text and "handtrack-error" not in text
-    missed = replace(pin, meant=(0.0, 0.008, 0.0))
-    assert "handtrack-error" in pin_list((pin, missed), 0.007)
+    eventually(follows, "the tip is there")
+    eventually(lambda: bench.layout.pose.pins.pins == bench.stage.pose.pins, "listed")
+    (pin,) = bench.stage.pose.pins
+    assert (pin.camera, pin.words) == ("front", "index tip")
+    page.press("Drop the last pin")
+    eventually(lambda: bench.stage.pose is not None and not bench.stage.pose.pins, "dropped")
+    page.press("Orbit view")
+    eventually(lambda: page.number not in grips._grips, "free views turn by a drag")

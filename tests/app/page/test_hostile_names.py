@@ -1,7 +1,5 @@
 """Names from a session's files are shown as text: what they hold of HTML is no part of the page (fault C53)."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Iterator
@@ -24,7 +22,7 @@ def written_in(server: viser.ViserServer) -> Iterator[str]:
                 yield handle.content
 
 
-def test_c53_names_in_a_sessions_files_are_text(recorded: Path, tmp_path: Path) -> None:
+def test_c53_names_in_a_sessions_files_are_text(recorded, tmp_path):
     folder = Path(shutil.copytree(recorded, tmp_path / "session"))
     old = next(x for x in (folder / "session.toml").read_text().splitlines() if "name = " in x)
     edit(folder / "session.toml", old, f"name = {json.dumps(TAG)}")

@@ -1,9 +1,5 @@
 """The button over the timeline leads a newcomer from the first pose to the end, and goes on after a cancelled tracking."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 
 from handtrack_app.workbench import Workbench
@@ -14,27 +10,25 @@ from tests.app.wire import WireClient
 
 def _status(bench: Workbench) -> np.ndarray:
     strip = bench.layout.timeline.strip
-    assert strip is not None
     return strip.status
 
 
-def test_it_leads_from_the_pose_over_tracking_to_the_review(bench: Workbench) -> None:
+def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
     layout = bench.layout
-    with WireClient(bench.url) as client:
-        eventually(lambda: layout.next.button.visible, "a step is offered")
-        client.set_value(layout.next.button, True)
-        eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible, "tracked")
-        client.set_value(layout.next.button, True)
-        eventually(lambda: bench.state.frame == 7, "the doubtful frame")
-        eventually(lambda: not layout.next.button.visible, "it has done its work")
-        client.set_value(layout.review.accept_next, True)
-        eventually(lambda: layout.review.done == 1, "accepted")
-        eventually(lambda: layout.next.button.visible, "and what comes after")
-        client.set_value(layout.pose.edit_buttons, "Undo")
-        eventually(lambda: layout.review.done == 0, "it is to be looked at again")
+    eventually(lambda: layout.next.button.visible, "a step is offered")
+    wire.set_value(layout.next.button, True)
+    eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible, "tracked")
+    wire.set_value(layout.next.button, True)
+    eventually(lambda: bench.state.frame == 7, "the doubtful frame")
+    eventually(lambda: not layout.next.button.visible, "it has done its work")
+    wire.set_value(layout.review.accept_next, True)
+    eventually(lambda: layout.review.done == 1, "accepted")
+    eventually(lambda: layout.next.button.visible, "and what comes after")
+    wire.set_value(layout.pose.edit_buttons, "Undo")
+    eventually(lambda: layout.review.done == 0, "it is to be looked at again")
 
 
-def test_a_cancelled_tracking_is_gone_on_with(tmp_path: Path) -> None:
+def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
     bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.05))
     bench.start()
     assert bench.wait_ready()
@@ -56,21 +50,20 @@ def test_a_cancelled_tracking_is_gone_on_with(tmp_path: Path) -> None:
         bench.stop()
 
 
-def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench: Workbench) -> None:
+def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
     state, history = bench.state, bench.layout.pose.history
-    with WireClient(bench.url) as client:
-        for name, angle in (
-            ("index_mcp_flex", 20.0),
-            ("ring_mcp_flex", 30.0),
-            ("thumb_ip_flex", 15.0),
-        ):
-            client.set_value(bench.layout.pose.sliders[name], angle)
-            eventually(lambda name=name: abs(np.rad2deg(state.value_of(name)) - angle) < 0.1, name)  # noqa: B023
-        eventually(lambda: len(history.options) == 4, "three steps, and now")
-        second = next(one for one in history.options if "Ring" in one)
-        client.set_value(history, second)
-        eventually(lambda: abs(np.rad2deg(state.value_of("ring_mcp_flex")) - 30.0) > 1, "before it")
-        assert abs(np.rad2deg(state.value_of("index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
-        eventually(lambda: len(history.options) == 4 and history.options[2] == "now", "two undone")
-        client.set_value(history, history.options[0])
-        eventually(lambda: abs(np.rad2deg(state.value_of("thumb_ip_flex")) - 15.0) < 0.1, "again")
+    for name, angle in (
+        ("index_mcp_flex", 20.0),
+        ("ring_mcp_flex", 30.0),
+        ("thumb_ip_flex", 15.0),
+    ):
+        wire.set_value(bench.layout.pose.sliders[name], angle)
+        eventually(lambda name=name: abs(np.rad2deg(state.value_of(name)) - angle) < 0.1, name)  # noqa: B023
+    eventually(lambda: len(history.options) == 4, "three steps, and now")
+    second = next(one for one in history.options if "Ring" in one)
+    wire.set_value(history, second)
+    eventually(lambda: abs(np.rad2deg(state.value_of("ring_mcp_flex")) - 30.0) > 1, "before it")
+    assert abs(np.rad2deg(state.value_of("index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
+    eventually(lambda: len(history.options) == 4 and history.options[2] == "now", "two undone")
+    wire.set_value(history, history.options[0])
+    eventually(lambda: abs(np.rad2deg(state.value_of("thumb_ip_flex")) - 15.0) < 0.1, "again")

@@ -1,11 +1,7 @@
 """All that the page shows is of one pose, whatever comes late: played, edited and tracked at the same time, with delays put in."""
 
-from __future__ import annotations
-
 import re
 import time
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
@@ -21,9 +17,8 @@ from handtrack_app.page.time.lanes import cursor_picture
 from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
-from tests.app.page.test_through import Browser
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
+from tests.app.wire import Browser, WireClient
 
 CARD = re.compile(r">Frame (\d+)</b>")
 
@@ -62,7 +57,7 @@ class Witness:
             self.read = len(found)
             return self.shown.get("witness") == last.request_uuid
 
-        eventually(came, "the last message", 10.0)
+        eventually(came, "the last message")
         self._judge()
 
     def _take(self, message: dict[str, Any]) -> None:
@@ -109,13 +104,12 @@ class Witness:
         """Sliders, gizmo, numbers beside the lanes, and what is said of the frame are those of the pose on the card."""
         bench, panel = self.bench, self.bench.layout.pose
         pose = bench.stage.pose
-        assert pose is not None and pose is self.poses[-1]
+        assert pose is self.poses[-1]
         for name, value in zip(panel.names, pose.values, strict=True):
             shown = float(value) / unit_of(name)
             slider = panel.sliders[name]
             if slider.min <= shown <= slider.max:
                 assert slider.value == pytest.approx(shown, abs=0.11), name
-        assert bench.stage.root is not None
         np.testing.assert_allclose(bench.stage.root.control.position, pose.values[:3], atol=1e-6)
         timeline = bench.layout.timeline
         assert timeline.slider is not None and timeline.slider.value == pose.frame
@@ -124,13 +118,11 @@ class Witness:
 
 
 @pytest.fixture
-def witness(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[tuple[Workbench, Witness, Browser]]:
+def witness(tmp_path, monkeypatch):
     monkeypatch.setattr(moments, "_MOMENT_S", 0.0)  # nothing of another frame, not for a moment
     painted = CameraPictures.screen
 
-    def late(self: CameraPictures, *given: Any) -> Any:
+    def late(self, *given):
         time.sleep(0.05)
         return painted(self, *given)
 
@@ -148,8 +140,8 @@ def witness(
 
 
 def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
-    witness: tuple[Workbench, Witness, Browser],
-) -> None:
+    witness,
+):
     bench, sees, page = witness
     bench.stage.looking.set_paint(page.number, "plain")
     page.press("Look through front")
@@ -171,7 +163,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
     bench.page.go_to(4)
     eventually(lambda: bench.stage.pose is not None and bench.stage.pose.frame == 4, "frame 4")
 
-    def pictured() -> bool:
+    def pictured():
         screen = bench.stage.looking._screens.get(page.number)
         return screen is not None and bool(screen.image.visible) and screen.frame == 4
 
@@ -182,13 +174,13 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
 
 
 def test_a_picture_of_a_frame_that_was_left_goes_and_comes_again(
-    witness: tuple[Workbench, Witness, Browser],
-) -> None:
+    witness,
+):
     bench, _, page = witness
     page.press("Look through front")
     stage = bench.stage
 
-    def screen() -> Any:
+    def screen():
         return stage.looking._screens.get(page.number)
 
     eventually(lambda: screen() is not None and screen().image.visible, "a picture")
@@ -201,7 +193,7 @@ def test_a_picture_of_a_frame_that_was_left_goes_and_comes_again(
     assert not screen().image.visible, "what comes too late is not shown"
 
 
-def test_a_moment_lets_the_last_frames_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_moment_lets_the_last_frames_stay(monkeypatch):
     known = Moments()
     assert not known.fits(None) and not known.fits(3)
     known.show(3)

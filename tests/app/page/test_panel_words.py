@@ -1,17 +1,12 @@
 """What the panels say: counts in singular and plural, given frames, the energy's parts of a poor cloud."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handtrack_app.engine.document_snapshots import session_snapshot, timeline_snapshot
-from handtrack_app.engine.job_control import summary
+from handtrack_app.engine.document_snapshots import timeline_snapshot
 from handtrack_app.engine.store import edits
-from handtrack_app.page.panels.session import head
 from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture
 from handtrack_app.page.time.window import whole
@@ -19,18 +14,10 @@ from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
 from tests.app.fake_run import fake_document
 
-IDLE = snapshots.ProgressSnapshot("idle", "Ready")
-
 
 def _strip(**changed: object) -> snapshots.TimelineSnapshot:
     none = np.full(4, np.nan)
     return replace(snapshots.TimelineSnapshot(10, np.full(4, -1), none, none, ()), **changed)
-
-
-def test_one_camera_is_no_cameras(tmp_path: Path) -> None:
-    session = session_snapshot(fake_document(tmp_path))
-    assert "12 frames, 2 cameras," in head(session, IDLE)
-    assert "12 frames, 1 camera," in head(replace(session, cameras=session.cameras[:1]), IDLE)
 
 
 def timeline_picture(strip: snapshots.TimelineSnapshot) -> str:
@@ -43,29 +30,7 @@ def cursor(strip: snapshots.TimelineSnapshot, frame: int) -> str:
     return cursor_picture(lanes_of(strip, frames), frame)
 
 
-@pytest.mark.parametrize(
-    ("by_hand", "found", "words"),
-    [((), (), ()), ((11,), (), ("set by hand",)), ((11,), (11,), ("found",)), ((11, 12), (12,), ("set by hand", "found"))],
-)  # fmt: skip
-def test_given_frames_are_named_below_the_timeline(by_hand, found, words) -> None:
-    picture = timeline_picture(_strip(by_hand=by_hand, found=found))
-    assert picture.count("l5 7 l-5 7") == len(by_hand)
-    for word in ("set by hand", "found"):
-        assert (f"{word}</span>" in picture) == (word in words)
-
-
-def test_a_poor_clouds_lines_of_sight_have_their_lane() -> None:
-    parts = {"lines of sight": np.array([2.0, 3.0, 4.0, 5.0]), "priors": np.ones(4)}
-    clouded = _strip(status=np.zeros(4, int), terms=parts)
-    assert "lines of sight</span>" in timeline_picture(clouded)
-    assert "<div>3.0</div>" in cursor(clouded, 11)
-    alone = {"silhouettes": parts["lines of sight"], "priors": np.ones(4)}
-    assert "silhouettes</span>" not in timeline_picture(
-        _strip(status=np.zeros(4, int), terms=alone)
-    )
-
-
-def test_what_is_sent_of_the_timeline_does_not_grow_with_the_recording() -> None:
+def test_what_is_sent_of_the_timeline_does_not_grow_with_the_recording():
     rng = np.random.default_rng(0)
     sizes = []
     for count in (1000, 20_000):
@@ -77,14 +42,14 @@ def test_what_is_sent_of_the_timeline_does_not_grow_with_the_recording() -> None
     assert sizes[1] < 1.1 * sizes[0]
 
 
-def test_of_frames_drawn_in_one_place_the_worst_is_seen() -> None:
+def test_of_frames_drawn_in_one_place_the_worst_is_seen():
     status = np.zeros(20_000, int)
     status[1234] = 2
     strip = _strip(start=0, status=status, energy=np.where(status == 2, 7.0, 1.0))
     assert STATUS[2][1] in timeline_picture(strip).partition("<svg")[2]
 
 
-def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:
+def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path):
     document = fake_document(tmp_path)
     moved = document.start + np.eye(26)[0] * 0.01
     document.apply(edits.pose(document, 5, moved.tolist()))
@@ -93,18 +58,7 @@ def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path: Path) -> None:
     assert np.isnan(error[6])
 
 
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [(0, ""), (1, " One, set by hand or detected, is unchanged."), (3, " 3 set by hand or detected are unchanged.")],
-)  # fmt: skip
-def test_frames_that_were_given_are_told_after_tracking(given: int, words: str) -> None:
-    assert (
-        summary([], 0, given, 0.0)
-        == f"0 of 0 frames in 0.0 s (0 ms a frame); none with low confidence.{words}"
-    )
-
-
-def test_a_range_is_tracked_from_the_nearest_pose_of_its_own() -> None:
+def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
     strip = snapshots.TimelineSnapshot(
         10, np.full(20, -1), np.full(20, np.nan), np.full(20, np.nan), (15,)
     )

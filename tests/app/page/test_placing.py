@@ -1,7 +1,5 @@
 """Nudges along the view: right is right in the picture, and turning leaves the hand's middle where it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -23,7 +21,7 @@ def applied(name: str, root: np.ndarray, pivot: np.ndarray) -> np.ndarray:
     [("left", (-1, 0, 0)), ("right", (1, 0, 0)), ("up", (0, -1, 0)), ("down", (0, 1, 0)),
      ("nearer", (0, 0, -1)), ("farther", (0, 0, 1))],
 )  # fmt: skip
-def test_a_move_goes_along_the_view(name: str, way: tuple[int, int, int], rng) -> None:
+def test_a_move_goes_along_the_view(name, way, rng):
     root = rng.normal(size=6)
     after = applied(name, root, rng.normal(size=3))
     np.testing.assert_allclose(VIEW.T @ (after[:3] - root[:3]), STEP_M * np.array(way), atol=1e-12)
@@ -31,7 +29,7 @@ def test_a_move_goes_along_the_view(name: str, way: tuple[int, int, int], rng) -
 
 
 @pytest.mark.parametrize("name", [name for name in NUDGES if any(NUDGES[name].turn)])
-def test_a_turn_leaves_the_middle_and_its_opposite_undoes_it(name: str, rng) -> None:
+def test_a_turn_leaves_the_middle_and_its_opposite_undoes_it(name, rng):
     root, pivot = rng.normal(size=6), rng.normal(size=3)
     after = applied(name, root, pivot)
     inside = rotation_matrix(root[3:]).T @ (pivot - root[:3])  # the middle, as the hand carries it
@@ -43,9 +41,7 @@ def test_a_turn_leaves_the_middle_and_its_opposite_undoes_it(name: str, rng) -> 
 @pytest.mark.parametrize(
     ("name", "axis", "sign"), [("tilt up", 1, -1), ("turn left", 0, -1), ("turn right", 0, 1)]
 )
-def test_the_side_that_faces_the_viewer_goes_where_the_name_says(
-    name: str, axis: int, sign: int
-) -> None:
+def test_the_side_that_faces_the_viewer_goes_where_the_name_says(name, axis, sign):
     edit = nudged(np.zeros(6), NUDGES[name], np.eye(3), np.zeros(3), STEP_M, STEP_RAD)
     front = rotation_matrix(np.array([edit[key] for key in ROOT[3:]])) @ (0.0, 0.0, -0.1)
     assert sign * front[axis] > 0.004

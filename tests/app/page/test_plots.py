@@ -1,28 +1,15 @@
 """Plots: names of parameters, speed and range, what is plotted, the tab."""
 
-from __future__ import annotations
-
 import numpy as np
-import pytest
 
-from handtrack.model.model_file import load_model
-from handtrack_app.page.panels.pose_words import title_of
 from handtrack_app.page.time.plots import plot_data, range_and_speed, speed_of
 from handtrack_app.page.time.window import Window
 from handtrack_app.protocol.comparing import Curve, CurvesSnapshot
-from handtrack_app.workbench import Workbench
 from tests.app.page.test_review_panel import _tracked
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 
-@pytest.mark.parametrize("model", ["hand26", "body34"])
-def test_each_parameter_has_a_title_of_its_own(model: str) -> None:
-    names = load_model(model).parameter_names
-    assert len({title_of(name) for name in names}) == len(names)
-
-
-def test_range_of_motion_and_speed() -> None:
+def test_range_of_motion_and_speed():
     values = np.array([0.0, 10.0, np.nan, 5.0, 5.0, 8.0])
     assert range_and_speed(values, 10.0) == (0.0, 10.0, 100.0, 30.0)
     np.testing.assert_allclose(speed_of(values, 10.0), [100, 100, np.nan, 0, 15, 30])
@@ -35,7 +22,7 @@ def _snapshot(count: int = 300) -> CurvesSnapshot:
     return CurvesSnapshot(0, 30.0, (curve,), 3)
 
 
-def test_a_plot_has_track_band_other_take_and_truth_in_the_window_alone() -> None:
+def test_a_plot_has_track_band_other_take_and_truth_in_the_window_alone():
     data = plot_data(snapshot := _snapshot(), snapshot.curves[0], Window(100, 199), False)
     assert (data["frame"][0], data["frame"][-1]) == (100, 199)
     np.testing.assert_allclose(data["track"], np.rad2deg(np.linspace(0, 1, 300)[100:200]))
@@ -44,23 +31,14 @@ def test_a_plot_has_track_band_other_take_and_truth_in_the_window_alone() -> Non
     np.testing.assert_allclose(data["take 3"] - data["truth"], np.rad2deg(0.2))
 
 
-def test_what_is_plotted_does_not_grow_with_the_recording() -> None:
-    sizes = []
-    for count in (2_000, 18_000):
-        data = plot_data(s := _snapshot(count), s.curves[0], Window(0, count - 1), True)
-        sizes.append(sum(len(line) for line in data.values()))
-    assert sizes[0] == sizes[1]
-
-
-def test_the_tab_plots_the_angles_of_a_finger(bench: Workbench) -> None:
+def test_the_tab_plots_the_angles_of_a_finger(bench, wire):
     panel = bench.layout.plots
     _tracked(bench)
-    with WireClient(bench.url) as client:
-        client.set_value(panel.group, "Index")
-        eventually(lambda: len(panel.plots) == 4, "plotted")
-        assert np.isfinite(panel.plots[0].data[1]).any()
-        before = panel.plots[0].data
-        bench.layout.timeline.look_closer("+")
-        eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]), "the timeline's window")
-        client.set_value(panel.group, "Thumb")
-        eventually(lambda: "humb" in (panel.plots[0].title or ""), "another finger")
+    wire.set_value(panel.group, "Index")
+    eventually(lambda: len(panel.plots) == 4, "plotted")
+    assert np.isfinite(panel.plots[0].data[1]).any()
+    before = panel.plots[0].data
+    bench.layout.timeline.look_closer("+")
+    eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]), "the timeline's window")
+    wire.set_value(panel.group, "Thumb")
+    eventually(lambda: "humb" in (panel.plots[0].title or ""), "another finger")

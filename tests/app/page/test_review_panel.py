@@ -1,16 +1,12 @@
 """The review queue on the page: next, previous, accept by button and key; frames accepted are said to be."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from handtrack_app.page.panels.pose_card import pose_card
-from handtrack_app.page.time.review import here_words, row_words, undoubted
+from handtrack_app.page.time.review import undoubted
 from handtrack_app.protocol.timeline import StretchCard, TimelineSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 
 def _tracked(bench: Workbench) -> None:
@@ -19,36 +15,34 @@ def _tracked(bench: Workbench) -> None:
     eventually(lambda: bench.layout.progress.state == "idle", "all are tracked")
 
 
-def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench: Workbench) -> None:
+def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
     review, state, document = bench.layout.review, bench.state, bench.worker.document
     assert "Track some frames" in review.head.content
     _tracked(bench)
     assert review.rows[0].visible and review.rows[0].label == "7, low confidence"
-    with WireClient(bench.url) as client:
-        client.set_value(review.go, "Next")
-        eventually(lambda: state.frame == 7, "gone to")
-        client.set_value(review.accept, "Interval")
-        eventually(lambda: document.accepted == {7}, "accepted")
-        eventually(lambda: not review.stretches and "No frames" in review.head.content, "done")  # fmt: skip
-        eventually(lambda: "and locked" in review.here.content, "said so")
-        assert "Accepted" in bench.layout.pose.card.content
-        client.set_value(review.accept, "All confident")
-        eventually(lambda: len(document.accepted) == FRAMES, "all")
-        client.set_value(review.release, "Frame")
-        eventually(lambda: 7 not in document.accepted and len(review.stretches) == 1, "let go")
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: len(document.accepted) == FRAMES, "undone")
+    wire.set_value(review.go, "Next")
+    eventually(lambda: state.frame == 7, "gone to")
+    wire.set_value(review.accept, "Interval")
+    eventually(lambda: document.accepted == {7}, "accepted")
+    eventually(lambda: not review.stretches and "No frames" in review.head.content, "done")  # fmt: skip
+    eventually(lambda: "and locked" in review.here.content, "said so")
+    assert "Accepted" in bench.layout.pose.card.content
+    wire.set_value(review.accept, "All confident")
+    eventually(lambda: len(document.accepted) == FRAMES, "all")
+    wire.set_value(review.release, "Frame")
+    eventually(lambda: 7 not in document.accepted and len(review.stretches) == 1, "let go")
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: len(document.accepted) == FRAMES, "undone")
 
 
 def _card(first: int, last: int, brief: str = "thumb") -> StretchCard:
     return StretchCard(first, last, first, 1.0, brief, "the thumb may be off <b>")
 
 
-def test_the_queue_goes_on_and_around(bench: Workbench) -> None:
+def test_the_queue_goes_on_and_around(bench):
     _tracked(bench)
     review, state = bench.layout.review, bench.state
     strip = review.strip
-    assert strip is not None
     cards = (_card(5, 6), _card(1, 3), _card(9, 9))
     review.show_timeline(TimelineSnapshot(0, strip.status, strip.energy, strip.error_mm, (), stretches=cards))  # fmt: skip
     seen = []
@@ -62,19 +56,8 @@ def test_the_queue_goes_on_and_around(bench: Workbench) -> None:
     assert review.current is None, "that frame is in no stretch"
 
 
-def test_words_of_a_stretch() -> None:
-    assert row_words(_card(212, 219, "ring finger, P 0.61 off")) == "212–219, ring finger, P 0.61 off"  # fmt: skip
-    assert "&lt;b&gt;" in here_words(5, False, _card(5, 5))
-    assert "accepted" in here_words(5, True, None)
-
-
-def test_what_is_not_doubted() -> None:
+def test_what_is_not_doubted():
     none = np.full(8, np.nan)
     strip = TimelineSnapshot(10, np.array([0, 0, 1, 0, 2, -1, 0, 1]), none, none, (17,))
     assert undoubted(strip) == [(10, 11), (13, 13), (16, 17)]
     assert undoubted(None) == []
-
-
-def test_a_card_says_that_a_frame_is_accepted(bench: Workbench) -> None:
-    pose = bench.stage.pose
-    assert pose is not None and "Accepted" not in pose_card(pose)

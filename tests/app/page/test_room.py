@@ -1,7 +1,5 @@
 """A page's own room: folded panels, colours and text are its own, and its browser remembers them."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 
@@ -9,9 +7,8 @@ import pytest
 
 from handtrack_app.page.views.room import LARGE, LIGHT, Taste
 from handtrack_app.workbench import Workbench
-from tests.app.page.test_through import Browser
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
+from tests.app.wire import Browser, WireClient
 
 
 def said(wire: WireClient, kind: str) -> list[dict[str, Any]]:
@@ -30,19 +27,14 @@ def folds(bench: Workbench, wire: WireClient) -> list[bool]:
     return [m["collapsed"] for m in told if m["uuid"] == uuid and m["counter"] > 1]
 
 
-def test_a_page_gets_what_its_browser_remembers(bench: Workbench) -> None:
-    with WireClient(bench.url) as wire:
-        answer(wire, json.dumps({"folded": True, "colours": LIGHT, "text": LARGE}))
-        eventually(lambda: folds(bench, wire) == [True], "folded")
-        eventually(
-            lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False, "light"
-        )
-        eventually(
-            lambda: "--mantine-scale" in str(said(wire, "RunJavascriptMessage")[1:]), "large"
-        )
+def test_a_page_gets_what_its_browser_remembers(bench, wire):
+    answer(wire, json.dumps({"folded": True, "colours": LIGHT, "text": LARGE}))
+    eventually(lambda: folds(bench, wire) == [True], "folded")
+    eventually(lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False, "light")
+    eventually(lambda: "--mantine-scale" in str(said(wire, "RunJavascriptMessage")[1:]), "large")
 
 
-def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench: Workbench) -> None:
+def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench):
     with WireClient(bench.url) as one, WireClient(bench.url) as other:
         answer(one, None)
         answer(other, None)
@@ -61,20 +53,10 @@ def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench: Wo
 
 
 @pytest.mark.parametrize("kept", [None, "", "{", "[]", "7", '{"folded": 3}', '{"folded": true}'])
-def test_what_is_none_of_ours_is_forgotten(kept: str | None) -> None:
+def test_what_is_none_of_ours_is_forgotten(kept):
     assert Taste.read(kept) is None
 
 
-def test_unknown_words_are_the_usual_ones() -> None:
+def test_unknown_words_are_the_usual_ones():
     text = '{"folded": true, "colours": "<b>", "text": 5}'
     assert Taste.read(text) == Taste(True)
-
-
-def test_one_group_of_sliders_is_shown_at_a_time(bench: Workbench) -> None:
-    pose = bench.layout.pose
-    shown = [name for name, folder in pose.folders.items() if folder.visible]
-    assert shown == ["Index"]
-    pose.open("Ring")
-    assert [name for name, folder in pose.folders.items() if folder.visible] == ["Ring"]
-    pose.open("none of them")
-    assert [name for name, folder in pose.folders.items() if folder.visible] == ["Ring"]

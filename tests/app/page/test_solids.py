@@ -1,7 +1,5 @@
 """The scene's solids: closed, seen from outside, and as large as they say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -21,7 +19,7 @@ def _volume(solid: Solid) -> float:
         (capsule(0.5, 0.25, 8, 32), np.pi / 8 + np.pi / 12, (-0.5, 0, -0.5), (0.5, 1, 0.5)),
     ],
 )
-def test_a_solid_is_closed_and_of_its_size(solid: Solid, volume: float, low: tuple, high: tuple):
+def test_a_solid_is_closed_and_of_its_size(solid, volume, low, high):
     edges = np.sort(solid.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
     assert _volume(solid) == pytest.approx(

@@ -1,16 +1,12 @@
 """The user's state: edits, and values that no widget should send."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
-from handtrack_app.page.player import Demo, Player
+from handtrack_app.page.player import Player
 from handtrack_app.page.state import PoseEdit, UserState
-from handtrack_app.protocol.snapshots import ProgressSnapshot, TimelineSnapshot
 from tests.app.waiting import eventually
 
 
@@ -18,7 +14,7 @@ def _state() -> UserState:
     return UserState(names=("a", "b"), values=(0.0, 1.0), start=0, stop=10)
 
 
-def test_an_edit_changes_one_value_and_is_a_new_version() -> None:
+def test_an_edit_changes_one_value_and_is_a_new_version():
     state = _state()
     assert state.edit({"a": 0.5}) == PoseEdit(0, (0.5, 1.0), 1)
     assert state.edit({"b": 2.0}) == PoseEdit(0, (0.5, 2.0), 2)
@@ -26,27 +22,20 @@ def test_an_edit_changes_one_value_and_is_a_new_version() -> None:
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
-def test_values_that_are_no_numbers_change_nothing(value: float) -> None:
+def test_values_that_are_no_numbers_change_nothing(value):
     state = _state()
     assert state.edit({"a": value}) is None
     assert state.values == (0.0, 1.0)
 
 
-def test_unknown_parameters_and_equal_values_change_nothing() -> None:
-    state = _state()
-    assert state.edit({"c": 1.0}) is None
-    assert state.edit({"b": 1.0}) is None
-    assert state.version == 0
-
-
 @pytest.mark.parametrize(
     ("given", "frame"), [(3.4, 3), (-5, 0), (1e9, 9), (math.nan, None), (math.inf, None)]
 )
-def test_frames_from_clients_stay_inside_the_session(given: float, frame: int | None) -> None:
+def test_frames_from_clients_stay_inside_the_session(given, frame):
     assert _state().clamp_frame(given) == frame
 
 
-def test_no_frame_is_played_over_who_edits() -> None:
+def test_no_frame_is_played_over_who_edits():
     """The frame asked for next is not the one whose pose is edited; and none comes after."""
     state = UserState(
         names=("a",), values=(0.5,), values_at=7, frame=8, start=0, stop=99, playing=True
@@ -64,16 +53,3 @@ def test_no_frame_is_played_over_who_edits() -> None:
         assert not asked and state.frame == 7 and not state.playing
     finally:
         player.stop()
-
-
-def test_the_demo_plays_once() -> None:
-    told = ProgressSnapshot("tracking", ""), ProgressSnapshot("idle", "")
-    engine = SimpleNamespace(track=lambda *_, **__: None)
-    page, demo = SimpleNamespace(state=UserState(), engine=engine), Demo()
-    session = SimpleNamespace(start=0, stop=3, first_frame=0)
-    demo.begin(TimelineSnapshot(0, np.full(3, -1), *2 * [np.zeros(3)], ()), page, session)  # type: ignore[arg-type]
-    for again in (True, False):
-        page.state.playing, page.state.follow = False, True
-        for progress in told:
-            demo.follow(progress, page)  # type: ignore[arg-type]
-        assert page.state.playing is again

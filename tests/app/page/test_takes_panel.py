@@ -1,19 +1,12 @@
 """The list of takes on the page, bringing one back, and whether all is saved."""
 
-from __future__ import annotations
-
 from typing import Any
 
-import pytest
-
-from handtrack_app.engine.store import persistence
-from handtrack_app.page.panels.session import head
 from handtrack_app.page.time.takes import takes_table
-from handtrack_app.protocol.snapshots import ProgressSnapshot, TakeCard, WorkSnapshot
+from handtrack_app.protocol.snapshots import TakeCard, WorkSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 
 def track(bench: Workbench, first: int, number: int, count: int) -> Any:
@@ -35,7 +28,7 @@ def six(bench: Workbench) -> Any:
     return bench.worker.document.results[6].parameters.tolist()
 
 
-def test_an_earlier_take_is_brought_back_on_the_page_and_that_is_undone(bench: Workbench) -> None:
+def test_an_earlier_take_is_brought_back_on_the_page_and_that_is_undone(bench, wire):
     panel, document = bench.layout.takes, bench.worker.document
     assert panel.folder is None, "nothing was tracked"
     first = track(bench, 0, 1, FRAMES)
@@ -43,38 +36,15 @@ def test_an_earlier_take_is_brought_back_on_the_page_and_that_is_undone(bench: W
     bench.engine.set_pose(4, posed, 100)
     second = track(bench, 4, 2, FRAMES - 5)  # the keyframe stays
     assert first != second
-    with WireClient(bench.url) as client:
-        client.set_value(panel.chosen, "1")
-        client.set_value(panel.back, True)
-        eventually(lambda: six(bench) == first, "brought back")
-        eventually(lambda: f"{FRAMES} frames shown" in panel.list.content, "told")
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: six(bench) == second, "undone")
+    wire.set_value(panel.chosen, "1")
+    wire.set_value(panel.back, True)
+    eventually(lambda: six(bench) == first, "brought back")
+    eventually(lambda: f"{FRAMES} frames shown" in panel.list.content, "told")
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: six(bench) == second, "undone")
 
 
-@pytest.mark.parametrize(
-    ("saved", "words"),
-    [("saved", "All changes saved"), ("saving", "Saving"), ("unsaved", "not saved yet"), ("kept nowhere", "nothing is saved")],
-)  # fmt: skip
-def test_whether_all_is_saved_stands_at_the_top(bench: Workbench, saved: str, words: str) -> None:
-    session = bench.layout.snapshot
-    assert words in head(session, ProgressSnapshot("idle", "Ready"), saved)
-    assert words not in head(session, ProgressSnapshot("idle", "Ready"))
-
-
-def test_what_is_edited_is_said_to_be_saved(
-    bench: Workbench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    eventually(lambda: bench.layout.saved == "saved", "from the beginning")
-    with monkeypatch.context() as patch:
-        for wait in ("_QUIET_S", "_LONGEST_S"):
-            patch.setattr(persistence, wait, float("inf"))
-        bench.page.edit_pose({"index_pip_flex": 0.5}, "slider")
-        eventually(lambda: bench.layout.saved == "saving", "it waits")
-    eventually(lambda: bench.layout.saved == "saved", "on disk")
-
-
-def test_names_of_takes_are_text() -> None:
+def test_names_of_takes_are_text():
     cards = (TakeCard(2, "<b>x</b>", 0), TakeCard(1, "first", 1))
     table = takes_table(WorkSnapshot("saved", cards))
     assert "&lt;b&gt;x" in table and "1 frame shown" in table

@@ -1,86 +1,76 @@
 """Undo takes back settings, limits and filters, in one history with poses; what is changed is marked."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from handtrack_app.page.page import Keys
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 
-def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench: Workbench) -> None:
+def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench, wire):
     panel, undo = bench.layout.settings, bench.layout.pose.edit_buttons
     control = panel.controls["cloud.weight"][1]
     iterations = panel.controls["solver.iterations"][1]
     usual = iterations.value
-    with WireClient(bench.url) as client:
-        client.set_value(control, 2.0)
-        eventually(lambda: "--set cloud.weight=2" in panel.words.content, "what is changed is told")
-        eventually(lambda: control.label == "Cloud •" and bool(panel.back.visible), "marked")
-        client.set_value(iterations, 7)
-        eventually(lambda: iterations.label == "Iterations •", "marked")
-        client.set_value(undo, "Undo")
-        eventually(lambda: iterations.value == usual, "the last change is taken back")
-        assert control.value == 2.0
-        client.set_value(panel.back, True)
-        eventually(lambda: control.value == 1.0 and not panel.back.visible, "as session.toml")
-        eventually(lambda: control.label == "Cloud", "no longer marked")
-        client.set_value(undo, "Undo")
-        eventually(lambda: control.value == 2.0, "that can be undone, too")
+    wire.set_value(control, 2.0)
+    eventually(lambda: "--set cloud.weight=2" in panel.words.content, "what is changed is told")
+    eventually(lambda: control.label == "Cloud •" and bool(panel.back.visible), "marked")
+    wire.set_value(iterations, 7)
+    eventually(lambda: iterations.label == "Iterations •", "marked")
+    wire.set_value(undo, "Undo")
+    eventually(lambda: iterations.value == usual, "the last change is taken back")
+    assert control.value == 2.0
+    wire.set_value(panel.back, True)
+    eventually(lambda: control.value == 1.0 and not panel.back.visible, "as session.toml")
+    eventually(lambda: control.label == "Cloud", "no longer marked")
+    wire.set_value(undo, "Undo")
+    eventually(lambda: control.value == 2.0, "that can be undone, too")
 
 
-def test_limits_are_marked_and_undone(bench: Workbench) -> None:
+def test_limits_are_marked_and_undone(bench, wire):
     panel = bench.layout.limits
     slider = panel.ranges["index_pip_flex"]
     before = tuple(slider.value)
     assert not panel.back.visible
-    with WireClient(bench.url) as client:
-        client.set_value(slider, [0, 60])
-        eventually(lambda: slider.label.endswith("•") and bool(panel.back.visible), "marked")
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: tuple(slider.value) == before, "undone")
-        eventually(lambda: not slider.label.endswith("•"), "no longer marked")
+    wire.set_value(slider, [0, 60])
+    eventually(lambda: slider.label.endswith("•") and bool(panel.back.visible), "marked")
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: tuple(slider.value) == before, "undone")
+    eventually(lambda: not slider.label.endswith("•"), "no longer marked")
 
 
-def test_a_number_of_the_shape_is_set_shown_and_undone(bench: Workbench) -> None:
+def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):
     panel = bench.layout.settings.shape
     before = panel.list.content
-    with WireClient(bench.url) as client:
-        usual = panel.slider.max
-        client.set_value(panel.chosen, "palm breadth")
-        eventually(lambda: panel.slider.max != usual, "its range")
-        client.set_value(panel.slider, 6.0)
-        eventually(lambda: "+6.0 %" in panel.list.content, "shown")
-        client.set_value(panel.chosen, "thumb base along")
-        eventually(lambda: panel.slider.label == "mm", "another number")
-        assert panel.slider.value == 0.0
-        client.set_value(panel.slider, -3.0)
-        eventually(lambda: "−3.0 mm" in panel.list.content, "shown")
-        assert "+6.0 %" in panel.list.content
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(
-            lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0, "back"
-        )
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: panel.list.content == before, "the first is undone, too")
+    usual = panel.slider.max
+    wire.set_value(panel.chosen, "palm breadth")
+    eventually(lambda: panel.slider.max != usual, "its range")
+    wire.set_value(panel.slider, 6.0)
+    eventually(lambda: "+6.0 %" in panel.list.content, "shown")
+    wire.set_value(panel.chosen, "thumb base along")
+    eventually(lambda: panel.slider.label == "mm", "another number")
+    assert panel.slider.value == 0.0
+    wire.set_value(panel.slider, -3.0)
+    eventually(lambda: "−3.0 mm" in panel.list.content, "shown")
+    assert "+6.0 %" in panel.list.content
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0, "back")
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: panel.list.content == before, "the first is undone, too")
 
 
 @pytest.fixture
-def cloudy(tmp_path: Path) -> Iterator[Workbench]:
+def cloudy(tmp_path):
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()
     assert workbench.wait_ready()
     yield workbench
     workbench.stop()
 
 
-def test_a_filter_is_undone_and_made_again(cloudy: Workbench) -> None:
+def test_a_filter_is_undone_and_made_again(cloudy):
     slider: Any = cloudy.layout.cloud.filters.sliders.known["voxel_m"][1]
     undo = cloudy.layout.pose.edit_buttons
     assert slider.value == 3.0
@@ -100,12 +90,3 @@ def test_a_filter_is_undone_and_made_again(cloudy: Workbench) -> None:
 def _clouds(bench: Workbench) -> Any:
     document = bench.worker.document
     return None if document is None else document.clouds
-
-
-def test_no_key_does_two_things(bench: Workbench) -> None:
-    keys = [key for key, _ in bench.layout.keys.known]
-    assert len(keys) == len(set(keys))
-    assert {"Ctrl Z", "F", "N", "Shift N", "1", "2", "0"} <= set(keys)
-    table = bench.layout.help.table()
-    assert "Look through side" in table and "Ctrl K" in table
-    assert isinstance(bench.layout.keys, Keys)

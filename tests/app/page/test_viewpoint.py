@@ -1,20 +1,15 @@
 """First views: everything in the free part of the picture, the hand not behind a camera."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.page.scene import viewpoint as vp
-from handtrack_app.protocol.snapshots import SessionSnapshot
 from tests.app.fake_run import fake_document
 
 
 @pytest.fixture
-def session(tmp_path: Path) -> SessionSnapshot:
+def session(tmp_path):
     return session_snapshot(fake_document(tmp_path))
 
 
@@ -31,18 +26,18 @@ def in_picture(view: vp.Viewpoint, points: np.ndarray) -> np.ndarray:
     return flat / depth[:, None] / np.tan(view.fov / 2)
 
 
-def test_cameras_look_at_the_hand(session: SessionSnapshot) -> None:
+def test_cameras_look_at_the_hand(session):
     np.testing.assert_allclose(session.scene_centre, (0.0, 0.09, 0.0), atol=0.002)
 
 
-def test_the_hand_is_large_in_a_view_of_it_alone(session: SessionSnapshot) -> None:
+def test_the_hand_is_large_in_a_view_of_it_alone(session):
     hand = np.array([0.0, 0.09, 0.0])
     place = in_picture(vp.hand_view(session, hand), hand + 0.09 * np.eye(3))
     assert (np.abs(place) <= 1.0).all()
     assert np.ptp(place, axis=0).max() > 0.4
 
 
-def test_all_cameras_are_in_an_overview(session: SessionSnapshot) -> None:
+def test_all_cameras_are_in_an_overview(session):
     hand = np.array([0.0, 0.09, 0.0])
     view = vp.overview(session, hand)
     for card in session.cameras:
@@ -51,7 +46,7 @@ def test_all_cameras_are_in_an_overview(session: SessionSnapshot) -> None:
         assert (place[:, 1] >= -1.0).all()
 
 
-def test_a_session_whose_cameras_look_down_has_a_view(session: SessionSnapshot) -> None:
+def test_a_session_whose_cameras_look_down_has_a_view(session):
     from dataclasses import replace
 
     down = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])

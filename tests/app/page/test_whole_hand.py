@@ -1,7 +1,5 @@
 """The whole hand dragged in a camera's picture: parallel to the image under the pointer, or turned about the line of sight."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -28,13 +26,12 @@ def _drag(turns: bool) -> WholeDrag:
 def _moved(drag: WholeDrag, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return how the drag moves any point of the hand: rotation and shift."""
     edit = drag.to(end)
-    assert edit is not None
     root = np.array([edit[name] for name in ROOT])
     rotation = rotation_matrix(root[3:]) @ rotation_matrix(drag.root[3:]).T
     return rotation, root[:3] - rotation @ drag.root[:3]
 
 
-def test_what_is_held_comes_under_the_pointer_as_deep_as_it_was() -> None:
+def test_what_is_held_comes_under_the_pointer_as_deep_as_it_was():
     drag, end = _drag(turns=False), _seen(0.03, -0.04, 0.47)
     rotation, shift = _moved(drag, end)
     np.testing.assert_allclose(rotation, np.eye(3), atol=1e-12)
@@ -45,7 +42,7 @@ def test_what_is_held_comes_under_the_pointer_as_deep_as_it_was() -> None:
     assert (shift @ TURN[:, 2]) == pytest.approx(0.0, abs=1e-12), "parallel to the image"
 
 
-def test_a_turn_leaves_the_middle_and_follows_the_pointer_round() -> None:
+def test_a_turn_leaves_the_middle_and_follows_the_pointer_round():
     drag = _drag(turns=True)
     axis = (drag.middle - CARD.centre) / np.linalg.norm(drag.middle - CARD.centre)
     quarter = rotation_matrix(axis * np.pi / 2)
@@ -56,7 +53,7 @@ def test_a_turn_leaves_the_middle_and_follows_the_pointer_round() -> None:
     assert np.trace(rotation) == pytest.approx(1.0, abs=0.02), "by a quarter"
 
 
-def test_what_tells_nothing_changes_nothing() -> None:
+def test_what_tells_nothing_changes_nothing():
     assert _drag(turns=True).to(_drag(turns=True).middle) is None, "on the axis itself"
     for turns in (False, True):
         assert _drag(turns).to(CARD.centre - TURN[:, 2]) is None, "behind the camera"

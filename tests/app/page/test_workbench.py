@@ -1,12 +1,8 @@
 """The workbench on loopback: handles follow the worker, clients' values are checked, and the hand moves at once."""
 
-from __future__ import annotations
-
 import math
-import threading
 import time
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,31 +15,22 @@ from handtrack_app.page.panels.tracking import Order
 from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.page.state import Display
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.snapshots import RerunPage
-from handtrack_app.rerun.recorder import LiveRecorder
 from handtrack_app.workbench import Workbench, run_workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 
-def test_it_listens_on_loopback_only(bench: Workbench) -> None:
-    assert bench.server.get_host() == "127.0.0.1"
-    assert bench.server.request_share_url() is None
-
-
-def test_the_hand_stands_where_the_model_says(bench: Workbench) -> None:
+def test_the_hand_stands_where_the_model_says(bench):
     document = bench.worker.document
-    assert document is not None and bench.stage.hand is not None
     bones = document.model.bones(document.model.transform.solver_params(document.start))
     posed = document.model.flesh["fine"].posed(bones)
     np.testing.assert_allclose(bench.stage.hand.flesh.batched_positions, posed.centre, atol=1e-6)
     np.testing.assert_allclose(bench.stage.hand.flesh.batched_scales, posed.radii, atol=1e-6)
 
 
-def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench: Workbench) -> None:
+def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench):
     document, stage = bench.worker.document, bench.stage
-    assert document is not None and stage.hand is not None and stage.cameras is not None
     bones = document.model.bones(document.model.transform.solver_params(document.start))
     posed = document.model.flesh["fine"].posed(bones)
     turned = matrix_from_quaternion(np.array(stage.hand.flesh.batched_wxyzs, float))
@@ -62,54 +49,36 @@ def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench:
     np.testing.assert_allclose(ends[knuckle], bones.position[next_one], atol=1e-6)
 
 
-def test_every_parameter_has_a_slider_with_its_limits(bench: Workbench) -> None:
-    document = bench.worker.document
-    assert document is not None
-    sliders = bench.layout.pose.sliders
-    assert tuple(sliders) == document.model.parameter_names
-    low, high = np.rad2deg(
-        document.model.limits.interval[document.model.parameter_names.index("index_pip_flex")]
-    )
-    assert (sliders["index_pip_flex"].min, sliders["index_pip_flex"].max) == (
-        math.floor(low),
-        math.ceil(high),
-    )
-
-
-def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench: Workbench) -> None:
+def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench, wire):
     slider, hand = bench.layout.pose.sliders["index_mcp_flex"], bench.stage.hand
-    assert hand is not None
     before, value = np.array(hand.flesh.batched_positions), slider.value
-    with WireClient(bench.url) as client:
-        client.set_value(slider, 60.0)
-        eventually(
-            lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
-            "the hand moved",
-        )
-        bent = bench.state.value_of("index_mcp_flex")
-        assert bent == pytest.approx(np.deg2rad(60.0), abs=1e-3)
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(
-            lambda: np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
-            "the hand moved back",
-        )
-        eventually(lambda: abs(slider.value - value) < 0.06, "the slider moved back")
+    wire.set_value(slider, 60.0)
+    eventually(
+        lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
+        "the hand moved",
+    )
+    bent = bench.state.value_of("index_mcp_flex")
+    assert bent == pytest.approx(np.deg2rad(60.0), abs=1e-3)
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(
+        lambda: np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
+        "the hand moved back",
+    )
+    eventually(lambda: abs(slider.value - value) < 0.06, "the slider moved back")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "abc", None, [1, 2]])
-def test_a_slider_value_that_is_no_number_does_nothing(bench: Workbench, value: object) -> None:
+def test_a_slider_value_that_is_no_number_does_nothing(bench, value, wire):
     slider = bench.layout.pose.sliders["index_mcp_flex"]
-    with WireClient(bench.url) as client:
-        client.set_value(slider, value)
-        time.sleep(0.15)
-        assert bench.state.version == 0
-        client.set_value(bench.layout.pose.sliders["ring_mcp_flex"], 30.0)
-        eventually(lambda: bench.state.version == 1, "the page lives on")
-    assert bench.stage.hand is not None
+    wire.set_value(slider, value)
+    time.sleep(0.15)
+    assert bench.state.version == 0
+    wire.set_value(bench.layout.pose.sliders["ring_mcp_flex"], 30.0)
+    eventually(lambda: bench.state.version == 1, "the page lives on")
     assert np.isfinite(bench.stage.hand.flesh.batched_positions).all()
 
 
-def test_a_slider_value_out_of_range_is_clamped(bench: Workbench) -> None:
+def test_a_slider_value_out_of_range_is_clamped(bench):
     slider = bench.layout.pose.sliders["index_mcp_flex"]
     with WireClient(bench.url) as client:
         client.set_value(slider, 1e12)
@@ -118,9 +87,7 @@ def test_a_slider_value_out_of_range_is_clamped(bench: Workbench) -> None:
     assert bench.state.values[index] <= math.radians(slider.max) + 1e-9
 
 
-def test_frames_and_ranges_from_clients_are_checked(
-    bench: Workbench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_frames_and_ranges_from_clients_are_checked(bench, monkeypatch, wire):
     timeline, tracking = bench.layout.timeline, bench.layout.tracking
     shown, show = [], bench.layout.show_pose
 
@@ -129,82 +96,50 @@ def test_frames_and_ranges_from_clients_are_checked(
         shown.append(pose.frame)
 
     monkeypatch.setattr(bench.layout, "show_pose", noted)
-    with WireClient(bench.url) as client:
-        client.set_value(timeline.slider, 1e9)
-        eventually(lambda: bench.state.frame == FRAMES - 1, "the last frame")
-        eventually(lambda: FRAMES - 1 in shown, "its pose")  # moves the slider once more
-        client.set_value(timeline.slider, math.nan)
-        client.set_value(tracking.range, [math.nan, 5])
-        client.set_value(bench.layout.limits.ranges["index_mcp_flex"], [5])
-        client.set_value(timeline.slider, 2)
-        eventually(lambda: bench.state.frame == 2, "the page lives on")
+    wire.set_value(timeline.slider, 1e9)
+    eventually(lambda: bench.state.frame == FRAMES - 1, "the last frame")
+    eventually(lambda: FRAMES - 1 in shown, "its pose")  # moves the slider once more
+    wire.set_value(timeline.slider, math.nan)
+    wire.set_value(tracking.range, [math.nan, 5])
+    wire.set_value(bench.layout.limits.ranges["index_mcp_flex"], [5])
+    wire.set_value(timeline.slider, 2)
+    eventually(lambda: bench.state.frame == 2, "the page lives on")
     assert tracking.order("range") == Order(0, FRAMES, 2)
 
 
-def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench: Workbench) -> None:
+def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench, wire):
     """A pose that comes late writes its frame into the slider between the user's move and its callback."""
     state = bench.layout.timeline.slider._impl
     before = state.value
 
-    async def late(_: object) -> None:
+    async def late(_):
         state.value = before
 
     state.update_cb.insert(0, late)
-    with WireClient(bench.url) as client:
-        client.set_value(bench.layout.timeline.slider, before + 2)
-        eventually(lambda: bench.state.frame == before + 2, "the frame that the user chose")
+    wire.set_value(bench.layout.timeline.slider, before + 2)
+    eventually(lambda: bench.state.frame == before + 2, "the frame that the user chose")
 
 
-def test_a_root_pose_that_is_none_does_nothing(bench: Workbench) -> None:
-    with WireClient(bench.url) as client:
-        for position, wxyz in (
-            ((math.nan, 0, 0), (1, 0, 0, 0)),
-            ((0, 0, 0), (0, 0, 0, 0)),
-            ((1e9, 0, 0), (1, 0, 0, 0)),
-        ):
-            client.send({
-                "type": "TransformControlsUpdateMessage", "name": "/root",
-                "wxyz": list(wxyz), "position": list(position),
-            })  # fmt: skip
-        time.sleep(0.2)
-        assert bench.state.version == 0
-        client.send({
+def test_a_root_pose_that_is_none_does_nothing(bench, wire):
+    for position, wxyz in (
+        ((math.nan, 0, 0), (1, 0, 0, 0)),
+        ((0, 0, 0), (0, 0, 0, 0)),
+        ((1e9, 0, 0), (1, 0, 0, 0)),
+    ):
+        wire.send({
             "type": "TransformControlsUpdateMessage", "name": "/root",
-            "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.05, 0.0, 0.0],
+            "wxyz": list(wxyz), "position": list(position),
         })  # fmt: skip
-        eventually(lambda: bench.state.version == 1, "a good one moves the hand")
-        eventually(
-            lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "and its slider"
-        )
-
-
-def test_tracking_shows_progress_and_the_timeline(tmp_path: Path) -> None:
-    seen = threading.Event()
-    opener = lambda f, o: fake_document(f, o, stuck=lambda _: not seen.is_set())  # noqa: E731
-    bench = Workbench(tmp_path, port=0, opener=opener).start()
-    assert bench.wait_ready()
-    tracking = bench.layout.tracking
-    with WireClient(bench.url) as client:
-        client.send({
-            "type": "GuiUpdateMessage", "uuid": tracking.starters[0]._impl.uuid, "updates": {"value": True},
-        })  # fmt: skip
-        eventually(lambda: bool(tracking.cancel.visible), "cancel can be pressed")
-        seen.set()
-        eventually(
-            lambda: tracking.progress.state == "idle" and not tracking.cancel.visible, "finished"
-        )
-    timeline = bench.layout.timeline
+    time.sleep(0.2)
+    assert bench.state.version == 0
+    wire.send({
+        "type": "TransformControlsUpdateMessage", "name": "/root",
+        "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.05, 0.0, 0.0],
+    })  # fmt: skip
+    eventually(lambda: bench.state.version == 1, "a good one moves the hand")
     eventually(
-        lambda: timeline.strip is not None and (timeline.strip.status >= 0).all(), "every frame"
+        lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "and its slider"
     )
-    eventually(lambda: "low confidence" in timeline.picture.content, "marked")
-    bench.stop()
-
-
-def test_the_page_is_left_for_another_recording(bench: Workbench) -> None:
-    with WireClient(bench.url) as client:
-        client.set_value(bench.layout.session.others, True)
-        assert bench.left.wait(5.0)
 
 
 def follows_the_slider(bench: Workbench, count: int) -> None:
@@ -217,11 +152,11 @@ def follows_the_slider(bench: Workbench, count: int) -> None:
             assert came is not None, "the hand did not move"
 
 
-def test_the_hand_follows_a_slider(bench: Workbench) -> None:
+def test_the_hand_follows_a_slider(bench):
     follows_the_slider(bench, 30)
 
 
-def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
+def test_the_hand_follows_a_slider_while_tracking(tmp_path):
     opener = lambda f, o: fake_document(f, o, stuck=lambda frame: frame == 4)  # noqa: E731
     bench = Workbench(tmp_path, port=0, opener=opener).start()
     assert bench.wait_ready()
@@ -232,45 +167,13 @@ def test_the_hand_follows_a_slider_while_tracking(tmp_path: Path) -> None:
     bench.stop()
 
 
-def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path: Path) -> None:
-    with pytest.raises(HandtrackError, match="does not exist; expected a session folder"):
+def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path):
+    with pytest.raises(HandtrackError):
         run_workbench(tmp_path / "nothing", port=0, open_browser=False)
 
 
-def test_a_page_that_comes_late_is_told_what_was_said(bench: Workbench) -> None:
+def test_a_page_that_comes_late_is_told_what_was_said(bench, wire):
     """Fault C41."""
     bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Brought back: 3 poses."))
     time.sleep(0.1)
-    with WireClient(bench.url) as client:
-        eventually(
-            lambda: any("Welcome back" in str(message) for _, message in client.messages), "told"
-        )
-
-
-def test_c60_what_is_hidden_of_the_hand_is_not_sent_and_follows_when_it_is_shown(
-    bench: Workbench,
-) -> None:
-    bench.page.draw("mode", "Flesh")
-    with WireClient(bench.url) as client:
-        time.sleep(0.5)
-        sent = client.set_value(bench.layout.pose.sliders["index_mcp_flex"], 33.0)
-        assert client.wait_for(sent, "/hand/flesh", "batched_positions") is not None
-        assert client.wait_for(sent, "/hand/bones", "batched_positions", 0.5) is None
-        asked = time.perf_counter()
-        bench.page.draw("mode", "Skeleton")
-        assert client.wait_for(asked, "/hand/bones", "batched_positions") is not None
-    bench.page.draw("mode", "Flesh")
-
-
-def test_the_residuals_of_what_was_tracked_open_in_rerun(
-    bench: Workbench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    url = "http://127.0.0.1:9090"
-    monkeypatch.setattr(LiveRecorder, "open", lambda recorder: recorder._publish(RerunPage(url)))
-    with WireClient(bench.url) as client:
-        client.set_value(bench.layout.tracking.residuals, True)
-        eventually(
-            lambda: bench.layout.tracking.rerun is not None, "a link to the viewer on the page"
-        )
-        assert bench.layout.tracking.rerun is not None
-        assert url in bench.layout.tracking.rerun.content
+    eventually(lambda: any("Welcome back" in str(message) for _, message in wire.messages), "told")

@@ -1,7 +1,5 @@
 """A window onto a camera's image: every pixel where OpenCV has it, at any enlargement and in any window; turning and enlarging."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest
@@ -53,9 +51,7 @@ def on_picture(pixel: np.ndarray, depth: float) -> np.ndarray:
 
 @pytest.mark.parametrize("window", WINDOWS)
 @pytest.mark.parametrize("times", [1.0, 3.0, 12.0])
-def test_model_and_picture_meet_at_the_pixel_that_opencv_has(
-    window: tuple[int, int], times: float, rng: np.random.Generator
-) -> None:
+def test_model_and_picture_meet_at_the_pixel_that_opencv_has(window, times, rng):
     seen = rng.uniform((0, 0), CARD.size, (50, 2))
     depths = rng.uniform(0.3, 0.9, 50)
     hand = np.array([
@@ -72,29 +68,7 @@ def test_model_and_picture_meet_at_the_pixel_that_opencv_has(
         assert np.linalg.norm(drawn - picture) < 0.01 * a_pixel  # 0.5 is promised
 
 
-@pytest.mark.parametrize("window", WINDOWS)
-def test_one_time_shows_the_whole_image_and_no_more_than_it_must(window: tuple[int, int]) -> None:
-    corners = [np.array(c) for c in ((-0.5, -0.5), (639.5, -0.5), (-0.5, 479.5), (639.5, 479.5))]
-    drawn = np.array(
-        [in_window(whole(CARD), window, on_picture(corner, 0.75)) for corner in corners]
-    )
-    share = np.abs(drawn / window - 0.5).max() * 2
-    assert 0.93 < share <= 1.0
-
-
-@pytest.mark.parametrize("window", WINDOWS)
-def test_enlarged_the_picture_is_that_many_times_larger(window: tuple[int, int]) -> None:
-    def width(times: float) -> float:
-        zoom = Zoom(whole(CARD).aim, times)
-        one, other = (
-            in_window(zoom, window, on_picture(np.array(p), 0.75)) for p in ((315, 240), (325, 240))
-        )
-        return float(np.linalg.norm(other - one))
-
-    assert width(MOST) == pytest.approx(MOST * width(1.0), rel=0.01)
-
-
-def test_rays_and_pixels_are_each_others_inverse(rng: np.random.Generator) -> None:
+def test_rays_and_pixels_are_each_others_inverse(rng):
     for pixel in rng.uniform((0, 0), CARD.size, (20, 2)):
         ray = pixel_ray(CARD, (pixel[0], pixel[1]))
         np.testing.assert_allclose(ray_pixel(CARD, 3.7 * ray), pixel, atol=1e-9)
@@ -107,7 +81,7 @@ def test_rays_and_pixels_are_each_others_inverse(rng: np.random.Generator) -> No
 
 
 @pytest.mark.parametrize("window", WINDOWS)
-def test_enlarging_leaves_what_is_pointed_at_where_it_is(window: tuple[int, int]) -> None:
+def test_enlarging_leaves_what_is_pointed_at_where_it_is(window):
     aspect, zoom = window[0] / window[1], Zoom((320.0, 240.0), 2.0)
     place = (0.7, 0.35)
     pointed = ray_pixel(CARD, eye(CARD, zoom, aspect).ray(place))
@@ -121,7 +95,7 @@ def test_enlarging_leaves_what_is_pointed_at_where_it_is(window: tuple[int, int]
     assert towards(CARD, zoom, aspect, place, 0.01) == whole(CARD)
 
 
-def test_a_dragged_pixel_stays_under_the_pointer_as_far_as_the_image_reaches() -> None:
+def test_a_dragged_pixel_stays_under_the_pointer_as_far_as_the_image_reaches():
     zoom = with_pixel_at(CARD, Zoom((320.0, 240.0), 4.0), 1.3, (200.0, 300.0), (0.8, 0.1))
     seen = eye(CARD, zoom, 1.3).place(pixel_ray(CARD, (200.0, 300.0)))
     np.testing.assert_allclose(seen, (0.8, 0.1), atol=1e-4)
@@ -130,7 +104,7 @@ def test_a_dragged_pixel_stays_under_the_pointer_as_far_as_the_image_reaches() -
 
 
 @pytest.mark.parametrize("window", WINDOWS)
-def test_a_hand_is_shown_whole_and_large(window: tuple[int, int]) -> None:
+def test_a_hand_is_shown_whole_and_large(window):
     ahead = np.array([[0.02, 0.05, 0.5], [0.08, 0.10, 0.55], [-0.01, 0.12, 0.5]])
     points, radii = CARD.centre + ahead @ CARD.rotation.T, np.array([0.01, 0.01, 0.02])
     box = box_of(CARD, points, radii)

@@ -4,8 +4,6 @@ What the page called saved is on disk at once; in the end all is, in order and o
 `HANDTRACK_KILLS=300 pytest -s tests/app/process/test_engine_kills.py`.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import signal
@@ -119,9 +117,7 @@ def plain(key: str, value: Any) -> Any:
     return value
 
 
-def test_no_edit_is_lost_or_done_twice_however_often_the_engine_is_killed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_edit_is_lost_or_done_twice_however_often_the_engine_is_killed(tmp_path, monkeypatch):
     monkeypatch.setattr(engine_process, "_MOST_AGAIN", 10**6)  # it begins again however often
     rng, page = random.Random(SEED), Page(tmp_path)
     page.engine.start()

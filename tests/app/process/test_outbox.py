@@ -1,7 +1,5 @@
 """What the page keeps until it is on disk, and repeats to the next engine."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -47,7 +45,7 @@ class Pipe:
         return [one.name for one in self.sent]
 
 
-def test_all_above_what_is_on_disk_is_repeated_in_order() -> None:
+def test_all_above_what_is_on_disk_is_repeated_in_order():
     pipe = Pipe()
     pipe.put("want_pictures", True, "plain")
     pipe.pose(3, 1)
@@ -63,7 +61,7 @@ def test_all_above_what_is_on_disk_is_repeated_in_order() -> None:
     assert not pipe.outbox.edits
 
 
-def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one() -> None:
+def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one():
     pipe = Pipe()
     for frame in range(3):
         pipe.pose(frame, frame)
@@ -73,7 +71,7 @@ def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one() -> None:
     assert len(pipe.sent) == 1
 
 
-def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told() -> None:
+def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told():
     pipe = Pipe()
     pipe.pose(7, 1)
     pipe.put("take_pose", 6, "start", 5)
@@ -83,7 +81,7 @@ def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told() -> None:
     assert pipe.outbox.version == 5
 
 
-def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step() -> None:
+def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step():
     pipe = Pipe()
     for version in range(1, 9):
         pipe.pose(3, version, "slider")
@@ -98,7 +96,7 @@ def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step() -> None:
     assert pulls == ["a", "b"], "another finger's is another edit"
 
 
-def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not() -> None:
+def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not():
     pipe = Pipe()
     pipe.put("track", 0, 5, 0)
     given_up = pipe.outbox.ended()
@@ -109,7 +107,7 @@ def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not() -> No
     assert pipe.names == ["track", "refine"]
 
 
-def test_what_ends_every_engine_is_given_up_and_not_what_comes_before_it() -> None:
+def test_what_ends_every_engine_is_given_up_and_not_what_comes_before_it():
     pipe = Pipe()
     pipe.pose(3, 1)
     pipe.put("set_setting", "deadly", 1)
@@ -129,7 +127,7 @@ def test_what_ends_every_engine_is_given_up_and_not_what_comes_before_it() -> No
     assert [one.arguments["frame"] for one in pipe.outbox.edits] == [3, 5]
 
 
-def test_saved_is_all_that_was_called_whatever_else_is_looked_at() -> None:
+def test_saved_is_all_that_was_called_whatever_else_is_looked_at():
     pipe = Pipe()
     assert pipe.written(0) == "saved"
     pipe.put("show_frame", 4)
@@ -144,23 +142,13 @@ def test_saved_is_all_that_was_called_whatever_else_is_looked_at() -> None:
     assert down is not None and down.saved == "unsaved"
 
 
-def test_too_much_is_refused_and_not_dropped() -> None:
+def test_too_much_is_refused_and_not_dropped():
     pipe = Pipe(is_listening=False)
     taken = [pipe.put("accept", ((frame, frame),)) for frame in range(1100)]
     assert sum(taken) == len(pipe.outbox.edits) == 1000 and not taken[-1]
 
 
-def test_what_is_called_before_the_engine_told_its_commands_is_served() -> None:
-    sent: list[Call] = []
-    outbox = Outbox(sent.append)
-    outbox.put("want_pictures", (True, "plain"), {})
-    outbox.put("show_frame", (4,), {})
-    outbox.know(RULES)
-    outbox.listen(is_anew=False)
-    assert [one.name for one in sent] == ["want_pictures", "show_frame"]
-
-
-def test_the_frame_that_edits_went_on_from_is_shown_first() -> None:
+def test_the_frame_that_edits_went_on_from_is_shown_first():
     """What is saved as first pose is the one that is shown."""
     pipe = Pipe()
     for name, *given in (("show_frame", 4), ("save_pose",), ("show_frame", 9)):
@@ -172,6 +160,6 @@ def test_the_frame_that_edits_went_on_from_is_shown_first() -> None:
     ]  # fmt: skip
 
 
-def test_a_call_that_the_engine_lacks_is_a_mistake() -> None:
+def test_a_call_that_the_engine_lacks_is_a_mistake():
     with pytest.raises(TypeError, match="set_posse"):
         call("set_posse", 1)

@@ -1,31 +1,24 @@
 """What the recorder writes for rerun, read back."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from handtrack.diagnostics.review import Stretch
-from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
-from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
-from handtrack_app.protocol import snapshots
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder
-from handtrack_app.rerun.space import SpaceEntry, log_cameras, queue_text, worst_first
+from handtrack_app.rerun.space import SpaceEntry, log_cameras
 from tests.app.cloud_session import cloud_recording
 from tests.app.command_line import CommandLine, small_recording
-from tests.app.engine.test_worker import _desk
+from tests.app.desk import a_desk
 from tests.app.rerun.test_stream import chunks, picture, scalars
 from tests.app.waiting import eventually
 
@@ -33,17 +26,17 @@ FRAMES = range(5)
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> TrackingRun:
+def run(tmp_path_factory):
     folder = small_recording(tmp_path_factory.mktemp("recorder") / "small")
     return TrackingRun.open(Session.open(folder), {"tracker.estimate": "forward"})
 
 
 @pytest.fixture(scope="module")
-def results(run: TrackingRun):
+def results(run):
     return list(run.track(FRAMES, *run.initial()))
 
 
-def test_frames_and_the_iterations_of_one(run: TrackingRun, results, tmp_path: Path) -> None:
+def test_frames_and_the_iterations_of_one(run, results, tmp_path):
     path = tmp_path / "run.rrd"
     recorder = ResidualRecorder(run, path=path, closely=2)
     again = run.track_with(recorder.watching(Control()), FRAMES, *run.initial())
@@ -87,7 +80,7 @@ def test_frames_and_the_iterations_of_one(run: TrackingRun, results, tmp_path: P
         assert np.median(residual) > 250  # white where nothing is left
 
 
-def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run: TrackingRun) -> None:
+def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run):
     pytest.importorskip("rerun")
     bones = run.model.bones(run.initial()[1])
     entry = SpaceEntry.of(run.model, bones, None, {})
@@ -107,7 +100,7 @@ def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run: Tracki
     np.testing.assert_allclose(columns.T, rotation.T, atol=1e-6)
 
 
-def test_the_residual_is_red_where_the_hand_is_missed(run: TrackingRun, results, tmp_path) -> None:
+def test_the_residual_is_red_where_the_hand_is_missed(run, results, tmp_path):
     away = results[0].parameters.copy()
     away[0] += 0.3
     recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
@@ -120,12 +113,12 @@ def test_the_residual_is_red_where_the_hand_is_missed(run: TrackingRun, results,
 
 @pytest.mark.parametrize("live", [True, False])
 def test_pictures_are_dropped_before_a_viewer_alone_and_numbers_are_not(
-    run: TrackingRun, results, tmp_path: Path, monkeypatch, live: bool
-) -> None:
+    run, results, tmp_path, monkeypatch, live
+):
     gate = threading.Event()
     pictures = residual_recorder._Painter.pictures
 
-    def slow(painter: residual_recorder._Painter, params: np.ndarray):
+    def slow(painter, params):
         gate.wait(30)
         return pictures(painter, params)
 
@@ -146,9 +139,7 @@ def test_pictures_are_dropped_before_a_viewer_alone_and_numbers_are_not(
     assert painted == 40 - recorder.without_pictures
 
 
-def test_the_command_records_and_says_where(
-    run: TrackingRun, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_records_and_says_where(run, tmp_path, capsys):
     path = tmp_path / "residuals" / "run.rrd"
     handtrack = CommandLine(capsys)
     out = tmp_path / "poses.npz"
@@ -160,14 +151,8 @@ def test_the_command_records_and_says_where(
     assert scalars(path, "/closely/frame_1/energy/total", "iteration")
 
 
-def test_a_file_that_cannot_be_written(run: TrackingRun, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(HandtrackError, match="recording for rerun cannot be written"):
-        ResidualRecorder(run, path=tmp_path / "file" / "run.rrd")
-
-
-def test_a_failure_while_painting_is_told(run: TrackingRun, results, tmp_path, monkeypatch) -> None:
-    def fail(*_: object) -> None:
+def test_a_failure_while_painting_is_told(run, results, tmp_path, monkeypatch):
+    def fail(*_):
         raise ValueError("no paint")
 
     monkeypatch.setattr(residual_recorder._Painter, "pictures", fail)
@@ -178,18 +163,6 @@ def test_a_failure_while_painting_is_told(run: TrackingRun, results, tmp_path, m
     assert recorder.problem == "recording residuals stopped: no paint"
 
 
-def test_the_viewer_opens_on_the_worst_frame() -> None:
-    queue = [
-        Stretch(30, 34, 32, 4.0, "thumb", "the thumb may be off"),
-        Stretch(1, 2, 1, 1.0, "", "x"),
-    ]
-    selection = worst_first(queue).time_selection
-    assert selection is not None and "32" in str(selection)
-    assert "| 30–34 | 32 | the thumb may be off |" in queue_text(queue)
-    assert worst_first([]).time_selection is None
-    assert "|" not in queue_text([])
-
-
 def signed(colours: np.ndarray) -> np.ndarray:
     """Return the values that colours of a residual stand for; NaN where nothing was measured."""
     red, fade, blue = np.moveaxis(colours.astype(float), -1, 0)
@@ -197,7 +170,7 @@ def signed(colours: np.ndarray) -> np.ndarray:
     return np.where((red == fade) & (fade == blue) & (red < 255), np.nan, value)
 
 
-def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path: Path) -> None:
+def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
     """Signed distances at the points' pixels; and the model where the cloud is empty."""
     folder = cloud_recording(tmp_path / "cloud")
     run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
@@ -235,56 +208,14 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path: Path) -
     assert empty[near].mean() > 0.9 > 0.2 > empty.mean()
 
 
-def test_what_is_left_of_edges_and_texture_is_in_the_images(tmp_path: Path) -> None:
-    masks = TrackingRun.open(
-        Session.open(bundled_session("open_fist_open")), {"tracker.estimate": "forward"}
-    )
-    first, start = masks.initial()
-    results = list(masks.track(range(first, first + 2), first, start))
-    run = masks.with_values({"silhouettes.weight": 0, "edges.weight": 1, "intensity.weight": 1})
-    recorder = ResidualRecorder(run, path=tmp_path / "run.rrd")
-    for result in results:
-        recorder.show(result)
-    recorder.close()
-    assert recorder.problem == ""
-    for kind, frames in (("edges", 2), ("texture", 1)):
-        for camera in run.session.rig.cameras:
-            entity = f"/cameras/{camera.name}/residual_{kind}"
-            assert sum(batch.num_rows for batch in chunks(tmp_path / "run.rrd", entity)) == frames
-            left = signed(picture(tmp_path / "run.rrd", entity))
-            there = np.isfinite(left)
-            assert 0.001 < there.mean() < 0.6
-            assert np.median(np.abs(left[there])) < 0.5
-            image = run.session.images(first)[0]
-            assert left.shape == image.pixels.shape[:2]
-
-
-def test_a_watched_frames_iterations_are_recorded_once(run: TrackingRun, tmp_path: Path) -> None:
-    """However often the frame is handed in: while it is tracked, and refined with the others."""
-    whole = run.with_values({"tracker.estimate": "whole"})
-    path, told = tmp_path / "run.rrd", []
-    recorder = ResidualRecorder(whole, path=path, closely=2)
-    for result in whole.track_with(recorder.watching(Control()), FRAMES, *whole.initial()):
-        told.append(result.frame)
-        recorder.show(result)
-    recorder.close()
-    assert told.count(2) == 2
-    rows = [
-        time
-        for batch in chunks(path, "/closely/frame_2/energy/total")
-        for time in batch.column("iteration").to_pylist()
-    ]
-    assert sorted(rows) == list(range(1, len(rows) + 1))
-
-
-def test_the_workbench_opens_rerun_with_what_was_tracked(tmp_path: Path, monkeypatch) -> None:
+def test_the_workbench_opens_rerun_with_what_was_tracked(tmp_path, monkeypatch):
     shown: list[int] = []
     opened: list[bool] = []
     monkeypatch.setattr(LiveRecorder, "show", lambda _, __, result: shown.append(result.frame))
     monkeypatch.setattr(LiveRecorder, "open", lambda _: opened.append(True))
-    for worker, listener in _desk(tmp_path, step_s=0.0):
+    for worker, listener in a_desk(tmp_path, step_s=0.0):
         worker.engine.track(0, 4, 3)
-        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        listener.told("Tracking finished")
         shown.clear()
         worker.engine.show_frame(2)
         worker.engine.open_rerun()
@@ -293,16 +224,16 @@ def test_the_workbench_opens_rerun_with_what_was_tracked(tmp_path: Path, monkeyp
     assert shown == [2, 0, 1, 3]
 
 
-def test_refined_frames_reach_rerun_too(tmp_path: Path, monkeypatch) -> None:
+def test_refined_frames_reach_rerun_too(tmp_path, monkeypatch):
     shown: list[tuple[int, Any]] = []
     monkeypatch.setattr(
         LiveRecorder, "show", lambda _, __, one: shown.append((one.frame, one.parameters.tolist()))
     )
     monkeypatch.setattr(LiveRecorder, "open", lambda recorder: setattr(recorder, "is_on", True))
-    for worker, listener in _desk(tmp_path, step_s=0.0, refined_by=0.3):
+    for worker, listener in a_desk(tmp_path, step_s=0.0, refined_by=0.3):
         worker.engine.open_rerun()
         worker.engine.track(0, 12, 3, anew=True)
-        listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
+        listener.told("Tracking finished")
         results = worker.document.results
         refined = [(frame, one.parameters.tolist()) for frame, one in results.items()]
         eventually(lambda wanted=refined: shown[-12:] == wanted, "as refined, in their order")

@@ -1,7 +1,5 @@
 """Recordings for rerun, read back; and tracking that never waits for them."""
 
-from __future__ import annotations
-
 import io
 import json
 import re
@@ -12,16 +10,11 @@ import urllib.request
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack_app.rerun.stream import (
     CameraPictures,
     FrameEntry,
-    IterationEntry,
     RerunStream,
     RerunViewer,
-    free_ports,
-    grey,
-    signed_colours,
     silent_environment,
 )
 from tests.experiments.workbench.chromium import chromium, there_is_one
@@ -88,55 +81,18 @@ def test_a_recording_holds_what_was_handed_in(tmp_path):
     assert notes == [[["frame 2: too few pixels"]]]
 
 
-def test_iterations_of_a_frame_have_their_own_timeline(tmp_path):
-    path = tmp_path / "run.rrd"
-    with RerunStream(path) as stream:
-        stream.log(frame_entry(7))
-        for k in range(4):
-            views = (CameraPictures("cam0", residual=half(0.5)),)
-            stream.log(IterationEntry(7, k, 100.0 / (k + 1), {"root_tx": 0.01 * k}, views))
-        stream.log(frame_entry(8))
-    root = "/closely/frame_7"
-    assert scalars(path, f"{root}/energy/total", "iteration") == pytest.approx(
-        {0: 100.0, 1: 50.0, 2: 100 / 3, 3: 25.0}
-    )
-    assert scalars(path, f"{root}/parameters/root_tx", "iteration")[3] == pytest.approx(0.03)
-    assert picture(path, f"{root}/cameras/cam0/residual").shape == (48, 64, 3)
-    for batch in chunks(path, f"{root}/energy/total"):
-        assert "frame" not in batch.schema.names
-    assert scalars(path, "/energy/total") == {7: 17.0, 8: 18.0}
-
-
-def test_a_file_that_cannot_be_written_is_the_users_error(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(HandtrackError, match="recording for rerun cannot be written there"):
-        RerunStream(tmp_path / "file" / "run.rrd")
-
-
 def test_a_live_viewer_and_a_file_at_once(tmp_path):
     path = tmp_path / "run.rrd"
     stream = RerunStream(path, live=True)
     with stream:
         stream.log(frame_entry(3))
         assert stream.url.startswith("http://127.0.0.1:")
-        page = urllib.request.urlopen(stream.url.partition("?")[0], timeout=10).read()
+        page = urllib.request.urlopen(stream.url.partition("?")[0], timeout=60).read()
         assert b"<html" in page[:500].lower()
     stream.stop_viewer()
     with pytest.raises(OSError, match="refused"):
-        urllib.request.urlopen(stream.url.partition("?")[0], timeout=10)
+        urllib.request.urlopen(stream.url.partition("?")[0], timeout=60)
     assert scalars(path, "/energy/total") == {3: 13.0}
-
-
-def test_pictures_are_painted_for_any_input():
-    odd = np.array([[np.nan, -3.0, 0.5, 9.0]])
-    assert grey(odd).tolist() == [[0, 0, 128, 255]]
-    assert grey(np.array([[7]], dtype=np.uint8)).tolist() == [[7]]
-    colours = signed_colours(odd)
-    assert colours[0].tolist() == [[255, 255, 255], [0, 0, 255], [255, 128, 128], [255, 0, 0]]
-
-
-def test_the_viewer_gets_different_free_ports():
-    assert len(set(free_ports(3))) == 3
 
 
 @pytest.fixture

@@ -1,9 +1,5 @@
 """The method as one change of the session's state: what it sets, undo, the way back, opening again; distance and β of the surface."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 
 from handtrack.tracking.frame.methods import METHODS
@@ -11,17 +7,15 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.page.panels.constraints import to_be_said
-from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 PAPERS = [name for name in METHODS if name != "default"]
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Persistence:
+def store(tmp_path):
     """A user had changed two settings, of which the papers' methods set one to what it is then."""
     store = opened(tmp_path)
     did(store, edits.setting("keypoints.weight", 0.0))
@@ -30,9 +24,7 @@ def store(tmp_path: Path) -> Persistence:
 
 
 @pytest.mark.parametrize("name", PAPERS)
-def test_a_method_sets_all_that_it_has_and_undo_takes_all_back(
-    store: Persistence, name: str
-) -> None:
+def test_a_method_sets_all_that_it_has_and_undo_takes_all_back(store, name):
     document = store.document
     before = document.run.settings
     did(store, edits.method(document, name))
@@ -44,7 +36,7 @@ def test_a_method_sets_all_that_it_has_and_undo_takes_all_back(
     assert document.run.settings == before
 
 
-def test_from_method_to_method_and_home_again(store: Persistence) -> None:
+def test_from_method_to_method_and_home_again(store):
     document = store.document
     for name in (*PAPERS, "default"):
         did(store, edits.method(document, name))
@@ -53,8 +45,8 @@ def test_from_method_to_method_and_home_again(store: Persistence) -> None:
 
 
 def test_what_is_changed_beside_a_method_holds_when_the_session_opens_again(
-    store: Persistence,
-) -> None:
+    store,
+):
     did(store, edits.method(store.document, "paper2004"))
     did(store, edits.setting("cloud.crop_mm", 40.0))
     again = Persistence.open(fake_document(store.folder))
@@ -63,7 +55,7 @@ def test_what_is_changed_beside_a_method_holds_when_the_session_opens_again(
     assert again.document.run.settings.cloud.crop_mm == 40.0
 
 
-def test_the_command_line_is_told_no_more_than_it_needs(store: Persistence) -> None:
+def test_the_command_line_is_told_no_more_than_it_needs(store):
     document = store.document
     own = document.own_settings
     did(store, edits.method(document, "paper2004"))
@@ -73,37 +65,32 @@ def test_the_command_line_is_told_no_more_than_it_needs(store: Persistence) -> N
     assert TrackerSettings().with_values(said) == document.run.settings
 
 
-def test_experts_choose_method_distance_and_sharpness_on_the_page(bench: Workbench) -> None:
+def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
     panel, run = bench.layout.settings, lambda: bench.worker.document.run.settings
     method, distance, sharpness = (
         panel.controls[name][1] for name in ("method", "cloud.distance", "cloud.sharpness_per_mm")
     )
-    with WireClient(bench.url) as client:
-        client.set_value(distance, "d1, by the level")
-        client.set_value(sharpness, 0.5)
-        eventually(lambda: run().cloud.sharpness_per_mm == 0.5, "β is in force")
-        assert run().cloud.distance == "d1"
-        eventually(lambda: "least radius" in panel.told["cloud.distance"].content, "it is told")
-        client.set_value(method, "2007, conic fields")
-        eventually(lambda: run().silhouettes.term == "conic_field", "the method is in force")
-        eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content, "told")
-        eventually(lambda: panel.controls["solver.iterations"][1].value == 10, "what it set shows")
+    wire.set_value(distance, "d1, by the level")
+    wire.set_value(sharpness, 0.5)
+    eventually(lambda: run().cloud.sharpness_per_mm == 0.5, "β is in force")
+    assert run().cloud.distance == "d1"
+    eventually(lambda: "least radius" in panel.told["cloud.distance"].content, "it is told")
+    wire.set_value(method, "2007, conic fields")
+    eventually(lambda: run().silhouettes.term == "conic_field", "the method is in force")
+    eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content, "told")
+    eventually(lambda: panel.controls["solver.iterations"][1].value == 10, "what it set shows")
     assert run().cloud.distance == "d1"  # no method says it
 
 
-def test_a_choice_counts_though_the_page_is_redrawn_before_it_is_read(
-    bench: Workbench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_choice_counts_though_the_page_is_redrawn_before_it_is_read(bench, wire, monkeypatch):
     method = bench.layout.settings.controls["method"][1]
     executor = bench.server.gui._thread_executor
-    submit = executor.submit
+    usual, submit = method.value, executor.submit
 
-    def redrawn_first(*call: object) -> object:
+    def redrawn_first(*call):
         method.value = usual
         return submit(*call)
 
-    usual = method.value
     monkeypatch.setattr(executor, "submit", redrawn_first)
-    with WireClient(bench.url) as client:
-        client.set_value(method, "2007, conic fields")
-        eventually(lambda: bench.worker.document.run.settings.method == "paper2007", "in force")
+    wire.set_value(method, "2007, conic fields")
+    eventually(lambda: bench.worker.document.run.settings.method == "paper2007", "in force")

@@ -1,34 +1,22 @@
 """Refit while tuning: a change of settings or limits moves the hand, one step of undo; the newest wins; what is old is passed over."""
 
-from __future__ import annotations
-
 import threading
-from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handtrack.arrays import Floats
 from handtrack_app.engine import tuning_service
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from tests.app.engine.test_worker import Listener, _desk
 from tests.app.waiting import eventually
 
 
 @pytest.fixture
-def desk(tmp_path: Path) -> Iterator[tuple[Worker, Listener]]:
-    yield from _desk(tmp_path, step_s=0.0)
-
-
-@pytest.fixture
-def bends(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+def bends(monkeypatch):
     """A fit that bends the index finger to a tenth of the silhouettes' weight; return the weights that it was asked for."""
     asked: list[float] = []
 
-    def fitted(model, settings, seen, params, should_stop) -> Floats:
+    def fitted(model, settings, seen, params, should_stop):
         asked.append(settings.silhouettes.weight)
         joint = model.joint_params(params)
         joint[model.parameter_names.index("index_pip_flex")] = settings.silhouettes.weight / 10
@@ -42,21 +30,7 @@ def _bend(worker: Worker) -> float:
     return worker.document.shown[worker.document.model.parameter_names.index("index_pip_flex")]
 
 
-def test_without_the_switch_nothing_is_fitted(
-    desk: tuple[Worker, Listener], bends: list[float]
-) -> None:
-    worker, listener = desk
-    worker.engine.set_setting("silhouettes.weight", 3.0)
-    listener.wait(snapshots.SessionSnapshot, lambda s: s.settings["silhouettes.weight"] == 3.0)
-    worker.engine.undo(1)
-    listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
-    assert bends == []
-
-
-def test_a_change_and_its_fit_are_one_step(
-    desk: tuple[Worker, Listener], bends: list[float]
-) -> None:
-    worker, listener = desk
+def test_a_change_and_its_fit_are_one_step(worker, listener, bends):
     before = listener.wait(snapshots.PoseSnapshot).values
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 3.0)
@@ -68,26 +42,15 @@ def test_a_change_and_its_fit_are_one_step(
     looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
     np.testing.assert_allclose(looked.values, before, atol=1e-9)
     worker.engine.undo(pose.version + 1)
-    back = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == pose.version + 1)
+    back = listener.pose(pose.version + 1)
     np.testing.assert_allclose(back.values, before, atol=1e-9)
     assert worker.document.run.settings.silhouettes.weight == 1.0
 
 
-def test_limits_are_tuned_too(desk: tuple[Worker, Listener], bends: list[float]) -> None:
-    worker, listener = desk
-    worker.engine.refit_while_tuning(True)
-    worker.engine.set_limits("index_pip_flex", (0.5, 1.0))
-    listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == "refitted")
-    assert _bend(worker) == pytest.approx(0.5)
-
-
-def test_the_newest_change_wins(
-    desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    worker, listener = desk
+def test_the_newest_change_wins(worker, listener, monkeypatch):
     entered = threading.Event()
 
-    def slow(model, settings, seen, params, should_stop) -> Floats | None:
+    def slow(model, settings, seen, params, should_stop):
         weight = settings.silhouettes.weight
         if weight == 2.0:
             entered.set()
@@ -105,13 +68,10 @@ def test_the_newest_change_wins(
     assert pose.values[0] - start[0] == pytest.approx(0.03)
 
 
-def test_who_poses_meanwhile_keeps_the_pose(
-    desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    worker, listener = desk
+def test_who_poses_meanwhile_keeps_the_pose(worker, listener, monkeypatch):
     entered, goes_on = threading.Event(), threading.Event()
 
-    def slow(model, settings, seen, params, should_stop) -> Floats:
+    def slow(model, settings, seen, params, should_stop):
         entered.set()
         assert goes_on.wait(60.0)
         return params + 0.01
@@ -121,7 +81,7 @@ def test_who_poses_meanwhile_keeps_the_pose(
     worker.engine.set_setting("silhouettes.weight", 2.0)
     assert entered.wait(60.0)
     worker.engine.take_pose(3, "fist", 5)
-    fist = listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 5)
+    fist = listener.pose(5)
     goes_on.set()
     worker.engine.show_frame(4)
     worker.engine.show_frame(3)
@@ -130,39 +90,11 @@ def test_who_poses_meanwhile_keeps_the_pose(
     assert pose.origin == "set"
 
 
-def test_an_accepted_frame_is_not_fitted_and_that_is_said(
-    desk: tuple[Worker, Listener], bends: list[float]
-) -> None:
-    worker, listener = desk
+def test_an_accepted_frame_is_not_fitted_and_that_is_said(worker, listener, bends):
     worker.engine.take_pose(3, "fist", 1)
     worker.engine.accept(((3, 3),), True)
     worker.engine.refit_while_tuning(True)
     worker.engine.set_setting("silhouettes.weight", 2.0)
-    told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
-    assert "is accepted" in told.text
+    listener.refused()
     assert worker.document.run.settings.silhouettes.weight == 2.0, "the setting holds all the same"
     assert bends == []
-
-
-def test_what_fails_is_told(desk: tuple[Worker, Listener], monkeypatch: pytest.MonkeyPatch) -> None:
-    worker, listener = desk
-
-    def broken(*_: object) -> None:
-        raise ValueError("a mistake of ours")
-
-    monkeypatch.setattr(tuning_service, "fitted_again", broken)
-    worker.engine.refit_while_tuning(True)
-    worker.engine.set_setting("silhouettes.weight", 2.0)
-    told = listener.wait(snapshots.Notice, lambda n: n.level == "error")
-    assert "Refitting failed" in told.text
-
-
-def test_the_report_of_another_run_is_passed_over(desk: tuple[Worker, Listener]) -> None:
-    worker, _ = desk
-    refits = tuning_service.Refits(worker.document, lambda _: None, on=True)
-    order = tuning_service._Order(worker.document.run, 3, worker.document.shown.copy(), "K")
-    refits._newest = order
-    done = tuning_service.Refitted(order, worker.document.start_params(3))
-    worker.document.run = replace(worker.document.run)
-    assert refits.take(done) is None
-    assert refits.take(done) is None, "it was the newest only once"

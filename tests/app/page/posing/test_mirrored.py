@@ -1,7 +1,5 @@
 """A mirrored pose is the mirror image: of a body exactly, of a hand the pose that the other side's hand would have."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.geometry.rotation import rotation_matrix
@@ -27,7 +25,7 @@ def _joints(model, values):
     return model.joint_positions(model.bones(model.transform.solver_params(values)))
 
 
-def test_a_body_s_image_has_its_limbs_on_the_other_side(rng) -> None:
+def test_a_body_s_image_has_its_limbs_on_the_other_side(rng):
     model = load_model("body34")
     values, image = _random(model, rng)
     swap = {"left": "right", "right": "left"}
@@ -38,13 +36,13 @@ def test_a_body_s_image_has_its_limbs_on_the_other_side(rng) -> None:
     )
 
 
-def test_a_right_hand_s_image_is_a_left_hand_s_pose(rng) -> None:
+def test_a_right_hand_s_image_is_a_left_hand_s_pose(rng):
     right, left = load_model(side="right"), load_model(side="left")
     values, image = _random(right, rng)
     np.testing.assert_allclose(_joints(left, image), _image(_joints(right, values)), atol=1e-12)
 
 
-def test_twice_is_where_it_was(rng) -> None:
+def test_twice_is_where_it_was(rng):
     model = load_model()
     values, image = _random(model, rng)
     again = mirrored(model.parameter_names, image, RIGHT, MIDDLE)
