@@ -12,6 +12,7 @@ import pytest
 from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, region_of_hand
+from handtrack.detector.weights import read_weights
 from handtrack.session.session import Session
 from tests.app.command_line import refused
 from tests.session.small_session import FRAMES, edit, keypoints, make_session
@@ -190,3 +191,14 @@ def test_what_cannot_be_detected_is_refused(handtrack, folder, scene):
     edit(folder / "session.toml", 'model = "hand26"', 'model = "body34"')
     (folder / "init.json").unlink()
     refused(handtrack, folder, ["detect", folder], ["finds hands"])
+
+
+def test_weights_are_installed_whole(handtrack, data_dir, tmp_path, monkeypatch):
+    file = data_dir / "hand_detector" / "hand_landmarker.task"
+    if not file.is_file():
+        pytest.skip(f"no detector's weights at {file}")
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    ended = handtrack("detector", "install", file)
+    assert ended.code == 0, ended.err
+    installed = read_weights(tmp_path / "home/detector/hand_landmarker.task")
+    assert installed.palm == read_weights(file).palm
