@@ -35,7 +35,7 @@ p.mantine-Text-root[style*="letter-spacing"], .mantine-Input-input { letter-spac
 .mantine-ScrollArea-viewport > .mantine-ScrollArea-content { padding-right: 6px; }
 .mantine-Slider-mark, .mantine-Slider-markWrapper > .mantine-Slider-mark { opacity: .35; }
 /* the timeline below all else, as wide as the window: nothing stands before scene and panel */
-:root { --handtrack-below: 82px; }
+:root { --handtrack-below: 82px; --handtrack-lanes: 80px; }
 div:has(> .mantine-Paper-root[style*="position: absolute"] .handtrack-timeline) {
   height: calc(100% - var(--handtrack-below)) !important; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { position: fixed !important; inset: auto 0 0 0 !important; width: 100vw !important; height: var(--handtrack-below) !important;
@@ -48,7 +48,7 @@ div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root { height: 100%; 
 div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root > div:first-child { visibility: hidden; width: 172px !important;
   padding: 0 !important; }
 div:has(> .handtrack-timeline) + div + div .mantine-Flex-root .mantine-Flex-root { height: 100%; align-items: flex-end;
-  padding-right: 66px; }
+  padding-right: 80px; }
 div:has(> .handtrack-timeline) + div + div .mantine-InputWrapper-root { position: absolute; left: 4px; top: 56px; margin: 0 !important;
   width: 64px !important; }
 div:has(> .handtrack-timeline) + div + div :is(.mantine-InputWrapper-root, .mantine-Slider-root) { pointer-events: auto; }
@@ -72,7 +72,7 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root {
 .handtrack-lane { position: absolute; left: 4px; display: flex; align-items: center; gap: .6em; line-height: 1.1; font-size: 11px;
   white-space: nowrap; pointer-events: none; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
 /* the next step: over an empty timeline in its middle, else at its right end */
-div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 66px; top: 3px; z-index: 6;
+div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 80px; top: 3px; z-index: 6;
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
 div:has(> .handtrack-next) + div { top: 24px; }
 div:has(> .handtrack-next.handtrack-aside) + div { top: 3px; text-align: right; padding-right: 4px !important; }

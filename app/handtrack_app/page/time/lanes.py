@@ -23,7 +23,7 @@ from handtrack_app.protocol.timeline import (
     TimelineSnapshot,
 )
 
-LEFT, RIGHT = 172, 66  # [px] where viser's slider begins and ends: it lies over the lanes
+LEFT, RIGHT = 172, 80  # [px] where viser's slider begins and ends: it lies over the lanes
 _CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 34, 14, 14, 14, 14, 18  # heights [px]
 _REST, _LEAST = 2, 82  # [px]: the panel's edge; what the transport beside the lanes needs
 _FOUND = 5  # beside the codes of contracts §5: a search's pose, which no frame was tracked from
@@ -102,15 +102,21 @@ def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window
         title = f" title='{html.escape(lane.hint)}'" if lane.hint else ""
         labels += f"<div{title} class='handtrack-lane' style='top:{top}px;height:{lane.height}px'>{lane.label}</div>"
         top += lane.height
+    top = _depth(lanes)
     return (
         f"<div class='handtrack-timeline' style='padding:0 {RIGHT}px 0 {LEFT}px;position:relative;font-size:12px'>"
         f"<style>:root{{--handtrack-lanes:{top + _AXIS}px;"
-        f"--handtrack-below:calc({max(top + _AXIS + _REST, _LEAST)}px * var(--mantine-scale))}}</style>"
+        f"--handtrack-below:calc({top + _AXIS + _REST}px * var(--mantine-scale))}}</style>"
         f"<div style='position:relative;height:{top + _AXIS}px'>{labels}"
         f"<div class='handtrack-lane' style='left:30%;top:2px'>{_legends(strip)}</div>"
         f"<svg viewBox='0 0 {WIDTH} {top + _AXIS}' preserveAspectRatio='none' "
         f"style='width:100%;height:100%;display:block'>{_grid(window, top)}{''.join(parts)}</svg>{_numbers(window, top)}</div></div>"
     )
+
+
+def _depth(lanes: Sequence[Lane]) -> int:
+    """Return where the frame numbers begin [px]: below all lanes, and the transport beside them has its room."""
+    return max(sum(lane.height for lane in lanes), _LEAST - _REST - _AXIS)
 
 
 def cursor_picture(lanes: Sequence[Lane], frame: int, pose: PoseSnapshot | None = None) -> str:
@@ -136,7 +142,7 @@ def cursor_picture(lanes: Sequence[Lane], frame: int, pose: PoseSnapshot | None 
         top += lane.height
     return (
         "<div style='position:relative;height:0;pointer-events:none'>"
-        f"<div style='position:absolute;right:4px;bottom:0;height:{top + _AXIS}px;width:{RIGHT - 10}px;font-size:11px;"
+        f"<div style='position:absolute;right:4px;bottom:0;height:{_depth(lanes) + _AXIS}px;width:{RIGHT - 10}px;font-size:11px;"
         f"white-space:nowrap'>{rows}</div></div>"
     )
 

@@ -16,7 +16,7 @@ _PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
 _ZOOM: tuple[str, ...] = ("+", "−", "↔", "☰")
 _SPEEDS: tuple[str, ...] = ("¼×", "½×", "1×", "2×")
 _FACTOR = 2.0
-_BEFORE_SESSION = "<div class='handtrack-timeline'></div>"
+_BEFORE_SESSION = "<div class='handtrack-timeline' style='height:80px'></div>"
 """by it the style sheet knows the panel"""
 
 
