@@ -29,7 +29,7 @@ _BLOCK = re.compile(r"<!-- generated: ([\w ]+) -->\n.*?<!-- end -->", re.DOTALL)
 _UNITS = {
     "mm": "mm", "px": "px", "ms": "ms", "s": "s", "deg": "°", "percent": "%", "mb": "MB", "kb": "kB", "db": "dB",
 }  # fmt: skip
-"""the unit of a figure, by the last word of its key"""
+"""the unit of a figure whose key ends in the word"""
 
 
 def pages() -> list[Path]:
@@ -171,20 +171,24 @@ def _entry(name: str, entry: dict[str, Any]) -> str:
     if "session" in entry:
         where += f" Recording: `{entry['session']}`."
     rows = [
-        f"| {key.removeprefix(f'{name}.').replace('_', ' ')} | {_number(value)} | {_unit(key)} |"
+        f"| {_quantity(key.removeprefix(f'{name}.'), _number(value))} |"
         for key, value in entry["values"].items()
     ]
     head = f"## {name}\n\n{entry['title'] + ' ' if 'title' in entry else ''}{run}. {where}\n"
-    return "\n".join([head, "| figure | value | unit |", "|---|---|---|", *rows, ""])
+    return "\n".join([head, "| figure | value |", "|---|---|", *rows, ""])
+
+
+def _quantity(key: str, number: str) -> str:
+    """Return a figure's name and its value; a unit at the end of the key goes to the value."""
+    *words, last = key.split("_")
+    unit = _UNITS.get(last) if "within" not in words else None
+    return (
+        f"{' '.join(words)} | {number} {unit}" if unit else f"{' '.join([*words, last])} | {number}"
+    )
 
 
 def _number(value: float) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:.3g}"
-
-
-def _unit(key: str) -> str:
-    words = key.rsplit(".", maxsplit=1)[-1].split("_")
-    return next((_UNITS[word] for word in reversed(words) if word in _UNITS), "")
 
 
 def _papers() -> Iterator[tuple[str, Callable[[], str]]]:

@@ -1,4 +1,4 @@
-"""Compiled gradient and exact Hessian of a key-point problem. Derived in docs/explanation/one_camera.md.
+"""Compiled gradient and exact Hessian of a key-point problem. Derived in docs/how-to/one_camera.md.
 
 `problem` is a KeypointProblem. A point X has the second derivatives ω_s × (∂X/∂θ_t) for a hinge s above t, so the exact
 Hessian is, like Gauss-Newton's, a sum of 6 × 6 matrices over all that hangs on a bone, and costs hardly more. Of

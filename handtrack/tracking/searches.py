@@ -1,4 +1,4 @@
-"""All search policies, and the table of them that docs/explanation/search.md shows."""
+"""All search policies, and the table of them that docs/reports/search_policy.md shows."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ LOST_CLOUD = 0.35
 """a frame with a smaller share than this is lost; chosen by hand, half of the other"""
 
 JUMP_SHARE = 0.1
-"""how probable it is that a hypothesis jumps between two frames (docs/explanation/one_camera.md); chosen by hand"""
+"""how probable it is that a hypothesis jumps between two frames (docs/how-to/one_camera.md); chosen by hand"""
 MIXTURE_DESCENTS = 12
 """samples a frame that are optimised, where it is not by keypoints alone: then all are; chosen for time alone"""
 MERGE_DEG = 2.0

@@ -1,7 +1,7 @@
 """A frame with several hypotheses as a search sees it: where starts come from, to which minima they lead, what those weigh.
 
 Of a first frame: minima near the start in any heading, and what the interpretation trees of the best hold. Of every other: each
-hypothesis followed, and jumped along chains that votes name (2003 paper, §4; docs/explanation/one_camera.md).
+hypothesis followed, and jumped along chains that votes name (2003 paper, §4; docs/how-to/one_camera.md).
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class NextHypotheses(MixtureObjective):
-    """A frame after others; see engine.Objective. docs/explanation/one_camera.md.
+    """A frame after others; see engine.Objective. docs/how-to/one_camera.md.
 
     Each component is optimised from where it is expected. Then components are drawn; of each, a chain by its vote,
     a covariance-scaled sample, and the sample's interpretation tree over the chain. Leaves are optimised under the
