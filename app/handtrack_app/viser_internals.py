@@ -13,6 +13,8 @@ from viser import _messages as messages
 from viser._messages import (
     CommandTriggerMessage,
     DragBinding,
+    FileTransferPart,
+    FileTransferStartUpload,
     GuiUpdateMessage,
     LocalStorageGetItemResponseMessage,
     Message,
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
     from viser._messages import DragButton, HotkeyKey, KeyModifier
 
 __all__ = [
-    "DragBinding", "DragButton", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "SetCameraFovMessage",
+    "DragBinding", "DragButton", "FileTransferPart", "GuiModalHandle", "HotkeyKey", "KeyModifier", "Message", "SetCameraFovMessage",
     "SetCameraLookAtMessage", "SetCameraMaxOrbitDistanceMessage", "SetCameraMinOrbitDistanceMessage", "SetCameraPositionMessage",
     "SetCameraUpDirectionMessage",
 ]  # fmt: skip
@@ -47,10 +49,11 @@ FROM_PAGES: Mapping[str, type[Message]] = {
         ViewerCameraMessage, GuiUpdateMessage, LocalStorageGetItemResponseMessage, CommandTriggerMessage,
         ScenePointerMessage, TransformControlsUpdateMessage, TransformControlsDragStartMessage,
         TransformControlsDragEndMessage, SceneNodeClickMessage, SceneNodeDragMessage,
+        FileTransferStartUpload, FileTransferPart,
     )
 }  # fmt: skip
-"""messages of a page that the workbench uses, by the name in which they come. Not among them: uploads, forms, buttons held
-down, pictures rendered by the page, public tunnels
+"""messages of a page that the workbench uses, by the name in which they come. Not among them: forms, buttons held down,
+pictures rendered by the page, public tunnels
 """
 _Place = tuple[float, float, float]
 
@@ -97,6 +100,13 @@ def send(to: viser.ViserServer | viser.ClientHandle, message: Message) -> None:
         to._websock_connection.queue_message(message)
     else:
         to._websock_server.queue_message(message)
+
+
+def acknowledge(server: viser.ViserServer, client: int, part: FileTransferPart) -> None:
+    """Tell a page that its file came, of which this is all."""
+    if (page := server.get_clients().get(client)) is not None:
+        size = len(part.content)
+        send(page, messages.FileTransferPartAck(part.source_component_uuid, part.transfer_uuid, size, size))  # fmt: skip
 
 
 def run_javascript(to: viser.ViserServer | viser.ClientHandle, source: str) -> None:

@@ -11,6 +11,7 @@ from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.session import Session
 from handtrack.session.sources.views import View
+from handtrack_app.door.access import LARGEST_FILE
 from handtrack_app.start.found_files import find_files
 from handtrack_app.start.import_progress import ImportProgress, joints_found
 from handtrack_app.start.recent import recent_sessions, remember
@@ -136,6 +137,40 @@ def test_a_camera_without_a_video_and_an_unused_video_are_red(start, folder):
     red = start.found.content.split("handtrack-error")[1:]
     assert any("cam2" in part for part in red) and any("zoom.mp4" in part for part in red)
     assert start.found.content.count("ready") == 2
+
+
+def upload(client: WireClient, start: StartPage, path: Path) -> None:
+    """Send a file as viser's page does."""
+    said = {"source_component_uuid": start.upload._impl.uuid, "transfer_uuid": path.name}
+    content = path.read_bytes()
+    client.send({
+        "type": "FileTransferStartUpload", **said, "filename": path.name, "mime_type": "", "size_bytes": len(content),
+        "part_count": 1,
+    })  # fmt: skip
+    client.send({"type": "FileTransferPart", **said, "part_index": 0, "content": content})
+
+
+def test_a_calibration_is_uploaded(start, folder, tmp_path):
+    """One file of all cameras, or one after the other of each; the page's own folder goes with it."""
+    (folder / "a calibration.toml").rename(tmp_path / "my calibration.toml")
+    files = opencv_files(tmp_path, rig_of_two())
+    start.folder.value = str(folder)
+    with WireClient(start.door.url) as client:
+        eventually(start.door.server.get_clients, "it came")
+        upload(client, start, tmp_path / "my calibration.toml")
+        eventually(lambda: start.make.visible, "taken")
+        assert start.found.content.count("ready") == 3
+        (kept,) = start._found.calibrations
+        assert kept.name == "my calibration.toml"
+        for path in files:
+            upload(client, start, path)
+        eventually(lambda: len(start.calibration.value.split(";")) == 2, "one for each camera")
+        (tmp_path / "large.toml").write_bytes(bytes(LARGEST_FILE + 1))
+        upload(client, start, tmp_path / "large.toml")
+        eventually(lambda: "large.toml is too large" in start.output.content, "said")
+    assert [path.name for path in kept.parent.iterdir()] != []
+    start.stop()
+    assert not kept.parent.exists()
 
 
 def test_what_an_import_prints_becomes_steps_and_the_time_left():

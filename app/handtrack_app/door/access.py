@@ -48,7 +48,11 @@ from handtrack_app.door.address import LOOPBACK, own_names
 log = logging.getLogger(__name__)
 
 LARGEST_MESSAGE = 64 * 1024
-"""[bytes]; a camera, the largest message of the page, has 300"""
+"""[bytes]; a camera, the largest message of the page but a file, has 300"""
+LARGEST_FILE = 512 * 1024
+"""[bytes] of an upload: what viser's page sends in one part"""
+_MOST_FILES = 4
+"""whose beginning came and not yet the rest"""
 _LARGEST_NUMBER = 1e9
 """far below what 64 bits hold"""
 _LONGEST_TEXT, _LONGEST_LIST, _DEEPEST = 4096, 64, 4
@@ -268,9 +272,13 @@ class MessageFilter:
     """called where it did more"""
     own: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """widgets that each page has for itself: what is called with a client's value, which no other page gets"""
+    files: dict[str, Callable[[int, str, bytes | None], None]] = field(default_factory=dict)
+    """upload buttons: what is called with a client, a file's name and its content, None where it is too large"""
     everyones: set[str] = field(default_factory=set)
     """commands and nodes that also pages use that look on"""
     _values: dict[str, Any] = field(default_factory=dict)
+    _begun: dict[tuple[int | None, str], Any] = field(default_factory=dict)
+    """files of which the first message came"""
 
     def check(self, raw: bytes | str, client: int | None = None) -> tuple[Hashable, Passed]:
         """Return a message's kind, of which only the newest counts, and what passes. Raises Rejected."""
@@ -281,14 +289,21 @@ class MessageFilter:
             declared: Any = internals.FROM_PAGES[content.pop("type")]
             if content.keys() - {one.name for one in fields(declared)}:
                 raise Rejected("unknown fields")
+            file = {"content": content.pop("content")} if declared is internals.FileTransferPart else {}  # fmt: skip
+            if not all(isinstance(one, bytes) for one in file.values()):
+                raise Rejected("no file")
+            if len(raw) > LARGEST_MESSAGE + sum(map(len, file.values())):
+                raise Rejected("a message of this size")
             _check_sizes(content, math.inf if declared.__name__ == "GuiUpdateMessage" else _LARGEST_NUMBER)  # fmt: skip
+            content |= file
             message: Any = msgspec.convert(content, declared)
         except (
             msgspec.MsgspecError, UnicodeDecodeError, RecursionError, KeyError, AttributeError, TypeError,
         ) as error:  # fmt: skip
             raise Rejected(repr(error)) from None
         page = None if client is None else self.server.get_clients().get(client)
-        name = getattr(message, "uuid", None) or getattr(message, "name", "")
+        names = (getattr(message, one, "") for one in ("uuid", "source_component_uuid", "name"))
+        name = next(filter(None, names), "")
         kind: Hashable = object()  # unlike any other: each of these counts
         looks = name in self.everyones
         match declared.__name__:
@@ -316,6 +331,9 @@ class MessageFilter:
                 if not (rays if message.event_type == "click" else len(message.screen_pos) == 2):
                     raise Rejected("half a click")
                 looks = looks or (message.modifier or "").startswith("cmd/ctrl")  # zooms its view
+            case "FileTransferStartUpload" | "FileTransferPart":
+                if name not in self.files:
+                    raise Rejected("a file for what takes none")
             case of_node:
                 if name not in internals.nodes(self.server) and (
                     page is None or name not in internals.nodes(page)
@@ -329,9 +347,29 @@ class MessageFilter:
                     kind = "drag", name
         if not (looks or client is None or self.may_edit(client)):
             raise ReadOnly(name)
+        if declared.__name__.startswith("FileTransfer"):
+            return kind, self._file(message, client)
         if declared.__name__ == "GuiUpdateMessage":
             self._keep(name, content["updates"]["value"])
         return kind, msgspec.msgpack.encode({"type": declared.__name__, **content})
+
+    def _file(self, message: Any, client: int | None) -> Callable[[], None]:
+        """Return what is done with one of the two messages of an upload, of which viser hears nothing. Raises Rejected."""
+        assert self.server is not None
+        hear, key = self.files[message.source_component_uuid], (client, message.transfer_uuid)
+        if isinstance(message, internals.FileTransferPart):
+            begun = self._begun.pop(key, None)
+            if begun is None or len(message.content) != begun.size_bytes:
+                raise Rejected("a part of no file")
+            if client is not None:
+                internals.acknowledge(self.server, client, message)
+            return partial(internals.submit, self.server.gui, hear, client, begun.filename, message.content)  # fmt: skip
+        if message.size_bytes > LARGEST_FILE:
+            return partial(internals.submit, self.server.gui, hear, client, message.filename, None)
+        if message.size_bytes < 0 or message.part_count != min(message.size_bytes, 1):
+            raise Rejected("a file of another size than its parts")
+        self._begun = dict([*self._begun.items(), (key, message)][-_MOST_FILES:])
+        return lambda: None
 
     def refuse(self, why: Rejected, client: int | None) -> None:
         """Count a message that does not pass; the log has the 1st, 2nd, 4th, 8th …"""
@@ -596,7 +634,7 @@ def _guarding(handshake: Handshake, messages: MessageFilter) -> Iterator[None]:
         ours = {
             "process_request": handshake.wrap(options.get("process_request")),
             "create_connection": partial(_Connection, messages=messages),
-            "max_size": LARGEST_MESSAGE,
+            "max_size": LARGEST_MESSAGE + LARGEST_FILE,
             "open_timeout": _HANDSHAKE_S,
         }
         return original(_of_our_version(handler), *address, **(options | ours))  # type: ignore[arg-type]

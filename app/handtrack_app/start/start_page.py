@@ -10,19 +10,21 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 import viser
 
 from handtrack.arrays import D3, Bytes, H, W
+from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.joints.pose2sim import is_pose2sim
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.session import Session
-from handtrack_app.door.access import open_door
+from handtrack_app.door.access import LARGEST_FILE, open_door
 from handtrack_app.page.html import escaped, table, text
 from handtrack_app.page.page import put
 from handtrack_app.page.style import dress
@@ -32,6 +34,7 @@ from handtrack_app.start.import_progress import ImportProgress, joints_found
 from handtrack_app.start.program import Program
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.start.rig_view import first_image, show_rig
+from handtrack_app.viser_internals import id_of, run_javascript
 
 log = logging.getLogger(__name__)
 _AS_FOUND = "from keypoints if available"
@@ -67,6 +70,10 @@ class StartPage:
         self._program: Program | None = None
         self._found: FoundFiles | None = None
         self._entries: list[viser.GuiButtonHandle] = []
+        self._uploads = TemporaryDirectory(prefix="handtrack-")
+        self._uploading = threading.Lock()
+        self._taken: list[Path] = []
+        """calibrations that were uploaded"""
         self._out = Path()
         """the session that an import made which ended early"""
         gui = self.door.server.gui
@@ -113,6 +120,7 @@ class StartPage:
         """End the page and what runs."""
         self._cancel()
         self.door.close()
+        self._uploads.cleanup()
 
     def open(self, folder: Path) -> None:
         """Leave the page for a session. Raises HandtrackError for a folder that is none."""
@@ -176,6 +184,7 @@ class StartPage:
         self._list(folder)
         if any(path.suffix.lower() in VIDEOS for path in folder.glob("*")) or is_pose2sim(folder):
             self.calibration.value = self.out.value = ""
+            self._taken = []
             self.look()
 
     def _list(self, folder: Path) -> None:
@@ -236,6 +245,28 @@ class StartPage:
             )
         put(self.make, visible=True)
 
+    def take_calibration(self, name: str, content: bytes) -> None:
+        """Use an uploaded calibration: alone where it has several cameras, else with those of the other cameras that were uploaded before."""
+        path = Path(self._uploads.name) / Path(name.replace(";", "_")).name
+        with self._uploading:
+            path.write_bytes(content)
+            several = len(read_calibration([path]).cameras) > 1
+            known = [one for one in self._taken if one != path]
+            if several or any(len(read_calibration([one]).cameras) > 1 for one in known):
+                known = []
+            self._taken = [*known, path]
+        self.calibration.value = "; ".join(map(str, self._taken))
+        self._say("")
+        self.look()
+
+    def _uploaded(self, number: int, name: str, content: bytes | None) -> None:
+        if content is not None:
+            self._tried(partial(self.take_calibration, name, content))
+            return
+        self._say(f"{name} is too large.", f"At most {LARGEST_FILE // 1024} kB can be uploaded. Give the path of the file instead.")  # fmt: skip
+        if (client := self.door.server.get_clients().get(number)) is not None:
+            run_javascript(client, "location.reload()")  # it waits for the file to be taken
+
     def _show_rig(self, found: FoundFiles) -> None:
         """Draw the cameras, where their names and sizes are known."""
         images = {
@@ -295,6 +326,11 @@ class StartPage:
             hint="Its file, if it lies elsewhere; of one file for each camera all, with semicolons between: Anipose, OpenCV, Kalibr, COLMAP, MATLAB, Qualisys, JSON, NPZ …",
         )
         self.calibration.on_update(lambda event: self._tried(self.look) if event.client else None)
+        self.upload = gui.add_upload_button(
+            "Upload calibration", icon=viser.Icon.UPLOAD, color="gray", mime_type=",".join(CALIBRATIONS),
+            hint=f"From the computer that shows this page, at most {LARGEST_FILE // 1024} kB; of one file for each camera one after the other.",
+        )  # fmt: skip
+        self.door.messages.files[id_of(self.upload)] = self._uploaded
         self.track = gui.add_checkbox(
             "Track after import",
             has_weights(),

@@ -15,6 +15,7 @@ from websockets.exceptions import ConnectionClosed
 
 from handtrack_app.door.access import (
     BURST,
+    LARGEST_FILE,
     LARGEST_MESSAGE,
     MOST_WAITING,
     RATE,
@@ -229,24 +230,58 @@ def test_a11_a_number_too_large_for_the_wire_ends_nobody(small):
 def test_a11_c49_an_upload_is_refused_and_its_widget_lives(small):
     uploads = small.door.server.gui._current_file_upload_states
     with WireClient(small.url) as client:
-        client.send({
-            "type": "FileTransferStartUpload", "source_component_uuid": small.slider._impl.uuid, "transfer_uuid": "1",
-            "filename": "x", "mime_type": "x", "size_bytes": 10**12, "part_count": 3000,
-        })  # fmt: skip
+        client.send(begins(small.slider))
         for k in range(50):
-            client.send({
-                "type": "FileTransferPart", "source_component_uuid": small.slider._impl.uuid, "transfer_uuid": "1",
-                "part_index": k, "content": bytes(50_000),
-            })  # fmt: skip
+            client.send(part(small.slider, bytes(50_000), k))
         client.set_value(small.slider, 4.0)
         eventually(lambda: 4.0 in small.heard, "the widget lives")
         assert not uploads
 
 
+def test_a_small_file_reaches_an_upload_button_and_nothing_else_does(small):
+    button = small.door.server.gui.add_upload_button("File")
+    small.door.messages.files[button._impl.uuid] = lambda *file: small.heard.append(file[1:])
+    whole = bytes(range(256)) * (LARGEST_FILE // 256)
+    with WireClient(small.url) as client:
+        eventually(small.door.server.get_clients, "it came")
+        for odd in (
+            begins(button, -1), begins(button, LARGEST_FILE, 2), begins(button, 3, 0), part(button, b"x"),
+            begins(button, 3), part(button, b"four"), begins(button, 3), part(button, "abc"),
+            {"type": "ResetGuiMessage", "content": whole}, {"type": "ViewerCameraMessage", "content": whole},
+            begins(small.slider, 3), part(small.slider, b"abc"),
+        ):  # fmt: skip
+            client.send(odd)
+        client.send(begins(button, len(whole), transfer="2"))
+        client.send(part(button, whole, transfer="2"))
+        eventually(lambda: small.heard, "it came whole")
+        client.send(begins(button, 10**8))
+        eventually(lambda: len(small.heard) == 2, "one that is too large")
+        for k in range(100):
+            client.send(begins(button, 3, transfer=f"more {k}"))
+        client.set_value(small.slider, 4.0)
+        eventually(lambda: 4.0 in small.heard, "the same client goes on")
+    assert small.heard == [("x", whole), ("x", None), 4.0]
+    assert small.door.messages.refused == 10 and len(small.door.messages._begun) < 10
+
+
+def begins(widget, size=10**12, parts=1, transfer="1"):
+    return {
+        "type": "FileTransferStartUpload", "source_component_uuid": widget._impl.uuid, "transfer_uuid": transfer,
+        "filename": "x", "mime_type": "x", "size_bytes": size, "part_count": parts,
+    }  # fmt: skip
+
+
+def part(widget, content, index=0, transfer="1"):
+    return {
+        "type": "FileTransferPart", "source_component_uuid": widget._impl.uuid, "transfer_uuid": transfer,
+        "part_index": index, "content": content,
+    }  # fmt: skip
+
+
 def test_a11_a_large_message_ends_its_sender_only(small):
     with WireClient(small.url) as other, WireClient(small.url) as client:
         with contextlib.suppress(ConnectionClosed):
-            client.send({"type": "X", "more": bytes(LARGEST_MESSAGE + 1)})
+            client.send({"type": "X", "more": bytes(LARGEST_MESSAGE + LARGEST_FILE + 1)})
         eventually(lambda: client.close_code == 1009, "sent away")
         other.set_value(small.slider, 4.0)
         eventually(lambda: 4.0 in small.heard, "the other one goes on")
