@@ -1,7 +1,5 @@
 """The one finite-difference check: for Jacobians, terms and whole problems."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

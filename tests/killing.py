@@ -1,7 +1,5 @@
 """Programs that are killed, or whose disk is full, at random moments: what tests of crash safety share."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

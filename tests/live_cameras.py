@@ -1,7 +1,5 @@
 """Cameras that a test runs by hand: they show an image when they are told to."""
 
-from __future__ import annotations
-
 import queue
 import threading
 from pathlib import Path

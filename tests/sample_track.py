@@ -1,7 +1,5 @@
 """A small tracked sequence of invented numbers, with the joint names of a hand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

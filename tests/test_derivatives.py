@@ -1,7 +1,5 @@
 """The finite-difference check itself: it passes what is right and names what is wrong."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

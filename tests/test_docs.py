@@ -1,7 +1,5 @@
 """The documentation is true where a program can tell: links, commands, the README's example, generated parts."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is published: one version, links that lead somewhere from anywhere, a site of all public names."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

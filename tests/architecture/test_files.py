@@ -1,7 +1,5 @@
 """Nothing that is committed names a machine or a registry."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

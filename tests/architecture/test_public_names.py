@@ -1,7 +1,5 @@
 """The public names exist and load late; the command line starts quickly."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The rooms of the house and the arrows between them: what a room may import stands in one table."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A term cannot be added without its derivatives being checked."""
 
-from __future__ import annotations
-
 import ast
 
 from tests.conftest import REPOSITORY

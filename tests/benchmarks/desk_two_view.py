@@ -4,8 +4,6 @@ Run: python -m tests.benchmarks.desk_two_view POSES.npz [SESSION] [--json], or w
 Without SESSION, whose masks are compared, it is the one found through HANDTRACK_DATA. With --json, the figures of all frames together.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

@@ -1,7 +1,5 @@
 """All fingers one off: the escape repairs it and never makes a pose dearer."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What `handtrack bench honesty` measures, and the people it is measured on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Real depth frames of a hand: found without a first pose, the hand's size fitted, cloud and model close."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.capture.clouds.depth import depth_cloud

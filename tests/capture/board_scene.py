@@ -1,7 +1,5 @@
 """Images of calibration boards by known cameras: every pixel's ray is cut with the board's plane."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates

@@ -1,7 +1,5 @@
 """How good demosaicing is: mosaics cut from colour images, and how near the images that come back are. The table of docs/how-to/depth_and_stereo.md."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.arrays import Array

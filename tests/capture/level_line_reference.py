@@ -1,7 +1,5 @@
 """The 2004 paper's rule for green at any place of a square of green neighbours, as it is written."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.arrays import Floats

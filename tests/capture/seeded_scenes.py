@@ -1,7 +1,5 @@
 """Drawn recordings of a hand that moves and curls its fingers, in light that is hard on masks, with a detector's joints."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import cv2

@@ -1,7 +1,5 @@
 """Raw mosaics → colour: the paper's rule by hand, its properties, and PSNR beside the library's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

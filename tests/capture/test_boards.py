@@ -1,7 +1,5 @@
 """Boards: their texts, prints in true size, and what is found of them in images."""
 
-from __future__ import annotations
-
 import re
 import struct
 

@@ -1,7 +1,5 @@
 """Calibration files: read, written, refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

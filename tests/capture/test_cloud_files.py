@@ -1,7 +1,5 @@
 """Cloud files: .ply in its forms and .npz, in metres, with what is wrong said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

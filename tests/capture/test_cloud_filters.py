@@ -1,7 +1,5 @@
 """Filters of point clouds: each by hand-made points, and their chain."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

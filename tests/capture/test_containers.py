@@ -1,7 +1,5 @@
 """Which video files are opened: containers by their first bytes, and nothing by which FFmpeg would read another file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Others' files with some bytes changed: read, or refused in words, and nothing else."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Depth images → clouds."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Numbered image files: numbers, gaps, kinds, damage."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

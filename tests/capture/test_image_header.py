@@ -1,7 +1,5 @@
 """Image files announce their size, and one that is too large is refused before its pixels are unpacked."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

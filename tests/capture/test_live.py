@@ -1,7 +1,5 @@
 """Running cameras: the newest images make a frame, what comes too fast is counted, a camera may fail. By events, not by seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """Corrections of masks: strokes, what they make of a mask, and carried on to the frames beside, against known masks."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

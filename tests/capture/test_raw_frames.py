@@ -1,7 +1,5 @@
 """Raw mosaics in files as colour images: 8 and 16 bits, one white level for all frames, doubts said."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Calibration by photographs of real boards agrees with published values."""
 
-from __future__ import annotations
-
 import re
 
 import cv2

@@ -1,7 +1,5 @@
 """Calibration: known rigs are found again, errors are clear."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

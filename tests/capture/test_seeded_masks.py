@@ -1,7 +1,5 @@
 """Masks that start from joints: right where they say so in light that skin colour cannot take, and silent elsewhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Mask methods: known answers on drawn images, settings read and refused."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

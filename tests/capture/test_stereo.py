@@ -1,7 +1,5 @@
 """Stereo: a textured plane seen by pairs in every arrangement, real pairs with truth, bad pairs."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Two cameras before something that moves: which frames show the same moment."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Videos: exact at random access, counted by decoding, honest about damage."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 

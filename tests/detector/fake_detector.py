@@ -1,7 +1,5 @@
 """A detector that sees what a test says, where it says so."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

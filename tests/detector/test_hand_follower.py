@@ -1,7 +1,5 @@
 """Hands are followed from frame to frame, and keep their numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Which hand is ours: by its side, and by lying where other cameras see it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

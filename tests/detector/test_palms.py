@@ -1,7 +1,5 @@
 """The palm network's anchors, and palms out of overlapping boxes: by numbers that can be followed by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Squares of an image: what a crop shows lies where its points are said to lie."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Weights: none, somebody else's, damaged, made to fill the memory; only known networks are installed; they are fetched."""
 
-from __future__ import annotations
-
 import hashlib
 import tempfile
 import zipfile

@@ -1,7 +1,5 @@
 """The networks themselves, where the shared data with their weights are: a few frames of two real recordings."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Measures with known answers."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Painted residuals show what the terms sum up."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The queue of stretches that are worth a look."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pytest

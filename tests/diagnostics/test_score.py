@@ -1,7 +1,5 @@
 """The score of a pose: full overlap where it was rendered, less beside that; nothing where nothing was seen."""
 
-from __future__ import annotations
-
 from handtrack.diagnostics.score import score
 from handtrack.model.model_file import load_model
 from handtrack.simulation.scenes.simulated_views import mask_views

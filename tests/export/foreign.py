@@ -3,8 +3,6 @@
 `python -m tests.export.foreign --json` prints each reader's largest error.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

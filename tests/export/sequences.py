@@ -1,7 +1,5 @@
 """Tracked sequences whose poses are those of a model: hands of both sides, a body, a claw that a user defined."""
 
-from __future__ import annotations
-
 import json
 from functools import lru_cache
 from pathlib import Path

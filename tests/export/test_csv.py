@@ -1,7 +1,5 @@
 """Tables of numbers: the contract's CSV, tidy ones, what explains them, and joints alone."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

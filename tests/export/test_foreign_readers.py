@@ -1,7 +1,5 @@
 """Every format is read by somebody else's program, which finds each joint where the result has it."""
 
-from __future__ import annotations
-
 import pytest
 
 from handtrack.errors import HandtrackError

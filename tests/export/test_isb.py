@@ -1,7 +1,5 @@
 """Angles by the ISB's convention: what each sign means, on both hands, told by where the fingertip goes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

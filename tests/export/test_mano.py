@@ -1,7 +1,5 @@
 """MANO exchange, with a stand-in of MANO's form made of our own hand: its licence keeps the real one out of tests."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 from pathlib import Path

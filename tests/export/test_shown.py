@@ -1,7 +1,5 @@
 """What is looked at: a page that plays, a report, a film over the images. Opened by other programs, without network."""
 
-from __future__ import annotations
-
 import os
 from itertools import pairwise
 from pathlib import Path

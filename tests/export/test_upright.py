@@ -1,7 +1,5 @@
 """A world turned so that it stands in a format whose readers take one axis for up."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files written whole or not at all, whatever stands at their place."""
 
-from __future__ import annotations
-
 import errno
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """MATLAB's files, as SciPy writes them."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 
 import numpy as np

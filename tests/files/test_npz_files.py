@@ -1,7 +1,5 @@
 """Arrays in .npz files: what is read, and what is said of files that are no such thing."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Text that people and other programs write: editors' marks, foreign encodings, numbers beyond any measure."""
 
-from __future__ import annotations
-
 import pytest
 
 from handtrack.errors import HandtrackError

@@ -1,7 +1,5 @@
 """Values of a TOML file are changed however it is written; comments and everything else stay."""
 
-from __future__ import annotations
-
 import tomllib
 from typing import Any
 

@@ -1,7 +1,5 @@
 """TOML values on one line, read back by the standard library."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """YAML as calibration files use it."""
 
-from __future__ import annotations
-
 import pytest
 
 from handtrack.files.yaml_text import parse_yaml

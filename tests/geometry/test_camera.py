@@ -1,7 +1,5 @@
 """Cameras: projection against OpenCV, the lens back and forth, the Jacobian, refused matrices."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The ellipses that ellipsoids show in a camera."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Rotations between their forms, to the bit as scipy converts them: scipy itself takes long to import."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Points from several cameras, of which one may see something else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What people import: small, documented, and enough without a session."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

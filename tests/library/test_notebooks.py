@@ -1,7 +1,5 @@
 """The notebooks run, each task in at most 15 lines and with public names alone."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Plain NumPy kinematics, and the 2007 paper's own form of it: the references that the compiled one is held to."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

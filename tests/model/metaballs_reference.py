@@ -1,7 +1,5 @@
 """The merged surface in plain NumPy, point by ellipsoid: what the kernels must agree with."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.arrays import Floats, Ints

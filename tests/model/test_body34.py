@@ -1,7 +1,5 @@
 """The definition body34: a body of 34 joint parameters, left and right mirrored, that turns the way its names say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

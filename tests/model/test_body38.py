@@ -1,7 +1,5 @@
 """The definition body38: body34, and wrists that bend the way their names say; what else takes a body takes it too."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

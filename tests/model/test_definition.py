@@ -1,7 +1,5 @@
 """Model definitions of a person's own: what is wrong in one is said, before anything is built from it."""
 
-from __future__ import annotations
-
 from importlib import resources
 
 import pytest

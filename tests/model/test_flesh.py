@@ -1,7 +1,5 @@
 """Flesh goes with its bones: points of an ellipsoid are points of the bone that it sits on."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.model_file import load_model

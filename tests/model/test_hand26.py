@@ -1,7 +1,5 @@
 """The definition hand26 keeps what contracts.md §1 promises."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

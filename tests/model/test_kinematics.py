@@ -1,7 +1,5 @@
 """Poses and twist Jacobians of the compiled kinematics."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

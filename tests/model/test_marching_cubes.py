@@ -1,7 +1,5 @@
 """Marching cubes of fields whose surfaces are known, and of noise, where each ambiguous case occurs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """The merged surface: known distances, the plain form, links, and what must not merge."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """MJCF as a definition: MuJoCo's own kinematics, and readable refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

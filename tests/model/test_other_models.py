@@ -1,7 +1,5 @@
 """Other programs' models as definitions: the same kinematics, readable refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

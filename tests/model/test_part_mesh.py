@@ -1,7 +1,5 @@
 """Meshes of ellipsoids on bones: closed, outwards, of the right size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The pose library: 26 letters and the common poses, all within limits, each its own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

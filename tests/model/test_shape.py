@@ -1,7 +1,5 @@
 """A person's shape in % and mm, and a number of it set by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A person's size as parameters: the same hand as a model of that size, and how its bones move."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Superquadrics: their equation, their meshes, and what taper and bend do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

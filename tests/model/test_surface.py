@@ -1,7 +1,5 @@
 """The mesh lies on the solver's surface, and its vertices move with their bones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Couplings as one matrix; limits reduced with it."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Silhouettes of one ball agree; what one camera alone calls hand counts against it, not against those that agree."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Masks of any numbers are understood or refused: never taken for what they are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

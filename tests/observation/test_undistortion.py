@@ -1,7 +1,5 @@
 """Silhouettes in the undistorted image: coverage, valid spans, region of interest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """All angles that put one limb's joints at given positions: the trees' growth, link by link, without rays."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.arrays import Array, Floats, Ints, check_shape

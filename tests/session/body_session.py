@@ -1,7 +1,5 @@
 """A person in a small recording: what a detector sees of their joints in a few cameras, and nothing else."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

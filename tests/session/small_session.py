@@ -1,7 +1,5 @@
 """A tiny session folder for tests to damage: two cameras, square masks, truth, first pose."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

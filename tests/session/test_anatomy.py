@@ -1,7 +1,5 @@
 """What a result says of the model that it was tracked with: enough to pose it again without handtrack."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

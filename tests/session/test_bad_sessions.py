@@ -1,7 +1,5 @@
 """Sessions that cannot be used: each says what, where, what was expected and what to do."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

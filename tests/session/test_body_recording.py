@@ -1,7 +1,5 @@
 """A person's recording by joints alone: first pose, size and where the detector sees joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Bundled sessions in a checkout, and as an installed program gives them out."""
 
-from __future__ import annotations
-
 import pytest
 
 from handtrack.session import bundled

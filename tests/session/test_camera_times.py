@@ -1,7 +1,5 @@
 """Cameras that are late, have a rate of their own or miss frames: their frames are taken by time, and a miss never shifts the others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

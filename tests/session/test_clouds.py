@@ -1,7 +1,5 @@
 """Clouds of a session: from files, depth and pairs, filtered, and what is odd about them said."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of corrections: they win over methods and files, also headless; what was there before is kept; odd ones are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

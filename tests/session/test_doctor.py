@@ -1,7 +1,5 @@
 """The doctor says what is odd without refusing it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

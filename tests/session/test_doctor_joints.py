@@ -1,7 +1,5 @@
 """The doctor on joints seen by several cameras: each usual mistake of a calibration is named, and nothing where there is none."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """init.json: both forms read and written, everything else refused."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

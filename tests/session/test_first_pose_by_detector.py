@@ -1,7 +1,5 @@
 """A hand found by what a detector sees in the images of a session that has no joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """First poses of a session that the program finds by itself, or reads from joints in images."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Ground truth as motion capture writes it: the same joints in metres, or refused in a sentence."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A size that too little of the hand was measured for is held at the population's, and what is stated says so."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Files of a session that are odd, foreign or made to do harm: each is read as it was meant, or refused in a sentence."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

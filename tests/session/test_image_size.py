@@ -1,7 +1,5 @@
 """Images that are the calibration's scaled: refused with the line to write, and then seen by a calibration scaled likewise."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

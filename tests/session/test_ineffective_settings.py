@@ -1,7 +1,5 @@
 """Settings that mean nothing to what is tracked are named, with the reason; those that count are not."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pytest

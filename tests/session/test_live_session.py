@@ -1,7 +1,5 @@
 """A live session is another source of what a recording gives: the same masks, the same tracking; and it becomes a recording."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The next frame is read beside, once, in the direction of travel, and its faults are told where it is asked for."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

@@ -1,7 +1,5 @@
 """A session of many files: each is looked at once, and never followed by itself (faults A18, C60)."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An image that does not fit into the memory that is left: which one it is, and what to do."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A session whose cameras have a detector's joints: where it sees them is found before tracking."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

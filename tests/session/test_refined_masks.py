@@ -1,7 +1,5 @@
 """Masks made again by tracked poses: better than by joints, where joints are poor, and never over files of others."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """The one engine of command line and workbench: what a session makes of settings, first pose and size."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

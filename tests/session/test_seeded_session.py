@@ -1,7 +1,5 @@
 """A session whose masks start from its joints; files of masks that say where nobody knows."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

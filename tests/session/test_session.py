@@ -1,7 +1,5 @@
 """Sessions: what an opened folder gives, frame by frame."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """session.toml: written and read back, and nested settings by their dotted names."""
 
-from __future__ import annotations
-
 import pytest
 
 from handtrack.capture.masks.segmentation import DepthRange, SkinYCrCb

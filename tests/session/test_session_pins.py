@@ -1,7 +1,5 @@
 """pins.json: written as the image was taken, read without the lens, damaged in every way, and seen by the tracker."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Results written and read; versions of what is written over."""
 
-from __future__ import annotations
-
 import os
 import time
 import zipfile

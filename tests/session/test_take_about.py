@@ -1,7 +1,5 @@
 """What a take is made from: the same for the same, another for whatever may lead to other poses."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

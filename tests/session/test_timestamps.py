@@ -1,7 +1,5 @@
 """Files of time stamps that cannot be used: each says what is wrong with it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Tracks that lie there as files become takes once; nothing of them is lost."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """One tracking for all clients: events, fixed poses, cancelling, resuming."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from types import SimpleNamespace

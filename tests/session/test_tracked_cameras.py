@@ -1,7 +1,5 @@
 """After tracking: a camera that the others contradict is named, with figures, and none where they agree."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """truth.npz: read, and refused when it is malformed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

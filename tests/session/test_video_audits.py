@@ -1,7 +1,5 @@
 """Damage of a video is told, kept with what counting its frames told, and holds for first poses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cv2

@@ -1,7 +1,5 @@
 """Of a frame only what is wanted is read and computed; a cloud is cropped to the hand before it is thinned."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

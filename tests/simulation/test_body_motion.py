@@ -1,7 +1,5 @@
 """Motions of a body stay within its limits and come back; a simulated body is a session that opens and is tracked."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Known motions: through their poses, within limits, the same for the same seed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Exact pictures: a ball's outline by hand, depth, order, lens."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Somebody's joint positions become our parameters: known bodies and motions are recovered."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Simulated recordings: cameras that look at the hand, sessions that open, exact truth, the same bytes."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

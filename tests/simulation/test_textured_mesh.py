@@ -1,7 +1,5 @@
 """Pictures of a textured model: covered where it is, in its colours, the room around it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh

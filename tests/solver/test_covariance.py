@@ -1,7 +1,5 @@
 """What is known, and what is not: from the normal matrix to parameters and joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

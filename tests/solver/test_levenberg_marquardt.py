@@ -1,7 +1,5 @@
 """The bounded loop on problems with known answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

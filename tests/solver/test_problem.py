@@ -1,7 +1,5 @@
 """The whole problem: both ledgers, silhouettes and keypoints, at random poses and at zero, every coupling."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Takes for tests of the store: invented frames, with and without hypotheses."""
 
-from __future__ import annotations
-
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """History: whoever takes the same actions has the same state, and undo goes back as it came."""
 
-from __future__ import annotations
-
 import tracemalloc
 from typing import Any
 

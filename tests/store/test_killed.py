@@ -3,8 +3,6 @@
 `HANDTRACK_KILLS=300 pytest tests/store/test_killed.py` is the nightly measure.
 """
 
-from __future__ import annotations
-
 import random
 from contextlib import suppress
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """The lease: one writer, who it is, whether it lives, and what it is told when another takes over."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Records: read as they were written; whatever is not is told."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Tracking goes on from steps that were stored as if it had never stopped: every number is the same to the bit."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

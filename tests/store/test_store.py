@@ -1,7 +1,5 @@
 """The store: takes are kept, the current track is composed of them, and what happens to the disk is told."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

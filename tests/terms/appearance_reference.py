@@ -1,7 +1,5 @@
 """Edges and texture in plain NumPy: what the compiled loops must agree with."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.ndimage import map_coordinates
 

@@ -1,7 +1,5 @@
 """A cloud's lines of sight in plain NumPy: one ray against one ellipsoid at a time. docs/explanation/clouds.md."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Signed distance of overlapping ellipsoids in plain form: the best of many directions, refined."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import minimize
 

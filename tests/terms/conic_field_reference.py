@@ -1,7 +1,5 @@
 """Eqs. 10–29 of the 2007 paper, written as they stand: every pixel, a dense Jacobian by bone twists. Plain NumPy."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

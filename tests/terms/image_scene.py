@@ -1,7 +1,5 @@
 """Images and outlines of random ellipsoids: for the tests of edges and texture."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 

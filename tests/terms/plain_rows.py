@@ -1,7 +1,5 @@
 """Systems of rows, for terms' plain forms."""
 
-from __future__ import annotations
-
 from handtrack.terms.bone_system import JointSystem, Sums
 from handtrack.terms.rows import Rows
 

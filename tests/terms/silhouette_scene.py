@@ -1,7 +1,5 @@
 """Random bones with ellipsoids, cameras around them and masks with spans: for the silhouette terms' tests."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

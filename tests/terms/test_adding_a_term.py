@@ -1,7 +1,5 @@
 """docs/contributing/adding_a_term.md: its example is a term, fast and right, as it is written."""
 
-from __future__ import annotations
-
 import importlib.util
 import re
 

@@ -1,7 +1,5 @@
 """Quadratic models add up and pull back like the costs they stand for."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.terms.bone_kernels import pull_back

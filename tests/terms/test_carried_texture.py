@@ -1,7 +1,5 @@
 """The carried texture: beside NumPy, found again where it moved, whatever the exposure."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

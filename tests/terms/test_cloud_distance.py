@@ -1,7 +1,5 @@
 """E1 equals its plain form; derivatives; odd clouds; it pulls a hand into place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

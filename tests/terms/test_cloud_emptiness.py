@@ -1,7 +1,5 @@
 """E2: the distance map, its derivatives, which surface points may be asked for, and its pull."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lines of sight of a cloud: against the plain form, their derivatives, and what they believe of a point."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

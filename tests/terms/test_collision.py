@@ -1,7 +1,5 @@
 """Overlap of parts: known answers, agreement with the plain form, and what neighbours may do."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The conic field by moments equals eqs. 18–29 of the 2007 paper, pixel by pixel; and its properties."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The coverage ramp by moments equals the dense form; its band, its two shapes, and its bias."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

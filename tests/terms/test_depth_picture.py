@@ -1,7 +1,5 @@
 """What is in front at each pixel, beside the exact picture of ellipsoids."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh

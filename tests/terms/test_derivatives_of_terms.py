@@ -1,7 +1,5 @@
 """Every term, every bone, every direction: gradient against finite differences of the cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Keypoints: known costs by hand, unknown points, robust loss, names."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Robust losses: known values, and weights that are the losses' slopes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

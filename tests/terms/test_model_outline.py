@@ -1,7 +1,5 @@
 """Outlines: on the ellipse that a camera sees, and only where an edge can show."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

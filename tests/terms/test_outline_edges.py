@@ -1,7 +1,5 @@
 """Edges on the outline: beside NumPy, in clutter, faint and strong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pins: places of bones on lines of sight, and what becomes of a place that a model lacks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

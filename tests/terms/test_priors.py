@@ -1,7 +1,5 @@
 """Priors: known costs, what is free, and how they and couplings meet."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rows become a system: by hand, and several bones in one row."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.terms.rows import Rows, motion_row

@@ -1,7 +1,5 @@
 """Silhouettes by a person's shape: derivatives by pose, size and proportions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

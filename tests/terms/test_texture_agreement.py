@@ -1,7 +1,5 @@
 """Colours that contradict what is known are found; where nothing is known nothing is said."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The piece of a silhouette that lies beside the model, and the status of a frame that has nothing to compare with."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """The plain forms of start_kernels.py: one shape at one place, written down as it is meant."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.tracking.search.evidence.score_kernels import FAR_M, OUT_OF_SIGHT

@@ -1,7 +1,5 @@
 """Whole sequences against their truth: the bundled session, an independent hand, and a real one."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tracking by images alone: no masks, two cameras, a patterned hand before clutter."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """When a frame is tracked, doubtful or lost, and what is said of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """First frames without a first pose: from silhouettes, clouds and both, whatever way the hand is turned."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.capture.clouds.point_cloud import PointCloud

@@ -1,7 +1,5 @@
 """What cameras share over all frames: derivatives, a camera that is turned or late, and clean ones left alone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.geometry.camera import Camera

@@ -1,7 +1,5 @@
 """What is seen becomes less: masks end, or an object comes before the hand. The hand goes on from the pose it has."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """How much a cloud counts: by the surface it measures, and by how a hand's own shape errs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Clouds in the tracker, simplified models, finger shifts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

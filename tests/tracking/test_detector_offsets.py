@@ -1,7 +1,5 @@
 """A detector's points lie beside our joints: constant offsets, found together with the size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

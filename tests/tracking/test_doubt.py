@@ -1,7 +1,5 @@
 """How sure a frame is said to be: stated covariances, the probabilities of being off, and the status that follows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

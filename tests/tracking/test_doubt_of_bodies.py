@@ -1,7 +1,5 @@
 """What one camera cannot see of a body is in what is stated: limbs that look the same bent towards it and away."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A finger in the wrong place is found again; nothing ever gets worse."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A poor cloud that alone holds the hand: its depths are doubted, the palm stays where it is, and it is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Poses with fingers bent otherwise, or exchanged."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.model_file import load_model

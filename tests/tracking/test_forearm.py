@@ -1,7 +1,5 @@
 """Forearms of all lengths: noticed, and never in the way of the hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What all frames say, kept as halves of matrices: every part is the whole matrix's, and so is the cost predicted for a step."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The predicted hand crops clouds: its distance function, and that tracking hands it over."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.model_file import load_model

@@ -1,7 +1,5 @@
 """First frame from keypoints: pose, hand size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Joints in images to hands in space: triangulated, or with what one camera leaves open."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Each paper's method by name: what it sets, that each trait does what the paper's equation says, and that each tracks."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Several ways through a recording: which is the most probable, what the others are, and that a wrong frame is left."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
 

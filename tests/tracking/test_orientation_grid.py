@@ -1,7 +1,5 @@
 """Rotations that cover all turns evenly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

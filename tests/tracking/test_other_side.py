@@ -1,7 +1,5 @@
 """A left hand tracked as a right one, and the other way round: told where silhouettes decide (fault C31)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Cameras that are known to see at another time than the frame: each is predicted at its own, frame after frame."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Constant velocity from the last two frames."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A pose that is pulled at: a joint lies on the ray, the rest is held by masks or changes least; and pins in a track."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

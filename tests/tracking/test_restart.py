@@ -1,7 +1,5 @@
 """Recovery: a lost hand is found again, and nothing else ever changes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Frames stacked into a sequence, and taken out again."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import numpy as np

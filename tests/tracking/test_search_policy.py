@@ -1,7 +1,5 @@
 """Rounds of a search: propose, thin, fit; a pose is taken only if it is better by the row's gain."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.model_file import load_model

@@ -1,7 +1,5 @@
 """Settings by dotted name: what each may be, other names, and that every one is declared once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """Cameras that are turned, zoomed or late among others: found with the poses, told, and put right."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

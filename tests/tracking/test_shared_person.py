@@ -1,7 +1,5 @@
 """The person whom all frames share: size and detector's offsets found with the poses, cameras and time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

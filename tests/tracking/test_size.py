@@ -1,7 +1,5 @@
 """A person's hand size from masks alone."""
 
-from __future__ import annotations
-
 import pytest
 
 from handtrack.model.articulated import HAND_PARTS, HandScale

@@ -1,7 +1,5 @@
 """Size and poses of chosen frames in one estimate."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """How near the size of a hand comes that a search for the first pose lets go of."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

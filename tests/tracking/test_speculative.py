@@ -1,7 +1,5 @@
 """Searches beside: what comes out is what stepping gives, whatever they find and however long they take."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import dataclass, field
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """A person's constants of linked abduction."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

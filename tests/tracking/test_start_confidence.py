@@ -1,7 +1,5 @@
 """How sure a first pose is said to be: as often as it is right, for hands that are not the model's."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

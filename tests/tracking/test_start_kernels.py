@@ -1,7 +1,5 @@
 """The compiled scores of laid shapes are those of their plain forms."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

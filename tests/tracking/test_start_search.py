@@ -1,7 +1,5 @@
 """Which of many poses go on: the best, each once, and not all of them at one place."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.model_file import load_model

@@ -1,7 +1,5 @@
 """Step and sequence: missing views, lost frames, backward, stopping, the same bytes again."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

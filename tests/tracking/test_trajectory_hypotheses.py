@@ -1,7 +1,5 @@
 """A body before one camera, all frames together: what its errors that last leave open, limbs flipped throughout."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The visual hull: what all silhouettes agree on."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from handtrack.model.model_file import load_model

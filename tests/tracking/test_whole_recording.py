@@ -1,7 +1,5 @@
 """All frames as one problem: the motion's own terms, hidden and missing frames, and the way through the tracker."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

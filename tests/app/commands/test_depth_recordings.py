@@ -1,7 +1,5 @@
 """The recipes of docs/how-to/depth_and_stereo.md do what they say, on recordings made by others' libraries."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

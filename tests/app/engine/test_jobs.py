@@ -1,7 +1,5 @@
 """Jobs beside the worker: pausing holds their own thread."""
 
-from __future__ import annotations
-
 import threading
 
 from handtrack_app.engine import jobs

@@ -1,7 +1,5 @@
 """Killed in the middle of posing and tracking: what was accepted is there when the session is opened again."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Calibrations that cannot be taken as they are: made to do harm, cut off, of other lenses, or that leave something open."""
 
-from __future__ import annotations
-
 import json
 import os
 import struct

@@ -1,7 +1,5 @@
 """The same rig in the forms that other programs write: the same cameras, to the last byte of what is kept of them."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One rig in the forms that other programs write: by their own libraries where these are installed, else by their documentation."""
 
-from __future__ import annotations
-
 import json
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Files of 2D joints that cannot be taken: made to do harm, of other things, or that leave something open."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

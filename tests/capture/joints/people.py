@@ -1,7 +1,5 @@
 """A walking person's 2D joints, made by body38 and a camera, in the orders and the files of detectors of bodies."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable, Mapping

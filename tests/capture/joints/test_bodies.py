@@ -1,7 +1,5 @@
 """2D joints of bodies in the forms that detectors write: recognised, the same points in a session, the same person throughout."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """2D joints in the forms that detectors write: the same points in a session, whatever they came from."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

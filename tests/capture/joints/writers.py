@@ -1,7 +1,5 @@
 """A moving hand's 2D joints in the forms that detectors write."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable

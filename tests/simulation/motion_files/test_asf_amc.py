@@ -1,7 +1,5 @@
 """ASF/AMC on a tiny skeleton worked out by hand, and on the walk."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

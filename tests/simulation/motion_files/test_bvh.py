@@ -1,7 +1,5 @@
 """BVH on a tiny file worked out by hand, and on the dance."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What a motion file leaves open, told by the file: what positions mean, who is who, the unit, which way is up."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

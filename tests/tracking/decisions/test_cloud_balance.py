@@ -1,7 +1,5 @@
 """K between the cloud's side and the model's: K·E1 + (1 − K)·E2, by a plain sum and by trying every place."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """All fingers one off: which way the hand moves and whose bends a finger takes over, against every way tried by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """What hypotheses put into a search's rounds: headings, trees of the best minima, draws; and when a round is made again."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import NamedTuple

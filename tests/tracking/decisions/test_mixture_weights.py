@@ -1,7 +1,5 @@
 """How hypotheses are weighed: Laplace's mass against the mass that numerical integration finds, of those that follow and jump."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 

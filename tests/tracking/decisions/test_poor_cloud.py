@@ -1,7 +1,5 @@
 """When a cloud's depths are doubted: below 0.80 of agreement, and from then on until it is above 0.88."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

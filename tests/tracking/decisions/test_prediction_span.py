@@ -1,7 +1,5 @@
 """Which motion says where the hand is next: of the last two frames with a pose, neither too far apart nor too long ago."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

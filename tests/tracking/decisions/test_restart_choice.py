@@ -1,7 +1,5 @@
 """Which pose a doubtful frame gets: the best that was found, and only where it fits clearly better than what stands."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """A frame's status: every branch of the judgement, on both sides of its bounds, against pixels, points and joints counted by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 
