@@ -1,6 +1,7 @@
 """A tiny session folder for tests to damage: two cameras, square masks, truth, first pose."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,9 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Floats
+from handtrack.capture.images.openpose import write_hand
+from handtrack.files.toml_edit import edit_toml
+from handtrack.session.session_file import read_session_file
 
 FRAMES = 4
 SETTINGS = """
@@ -101,3 +105,19 @@ def edit(path: Path, old: str, new: str) -> None:
     text = path.read_text()
     assert old in text, f"{old!r} is not in {path.name}"
     path.write_text(text.replace(old, new, 1))
+
+
+def add_joints(folder: Path, seen: Mapping[str, Mapping[int, Floats]]) -> Path:
+    """Give cameras of a session 2D joints: by camera and frame (21, 2) pixels, or (21, 3) with confidences."""
+    changes = {}
+    for number, camera in enumerate(read_session_file(folder / "session.toml").cameras):
+        at = folder / "keypoints" / camera.name
+        at.mkdir(parents=True, exist_ok=True)
+        for frame, rows in seen.get(camera.name, {}).items():
+            points = rows if rows.shape[1] == 3 else np.column_stack([rows, np.ones(21)])
+            write_hand(at / f"{frame:06d}.json", points, "right", "test")
+        if camera.name in seen:
+            changes[f"camera.{number}.keypoints"] = f"keypoints/{camera.name}/*.json"
+            changes[f"camera.{number}.keypoint_layout"] = "mediapipe21"
+    edit_toml(folder / "session.toml", changes, "a session's settings")
+    return folder

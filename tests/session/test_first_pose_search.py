@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from handtrack.capture.images.openpose import write_hand
 from handtrack.session.bundled import bundled_session
 from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -12,7 +11,7 @@ from handtrack.session.run import TrackingRun, given_in_images
 from handtrack.session.session import Session
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.settings import TrackerSettings
-from tests.session.small_session import edit, keypoints, make_session
+from tests.session.small_session import add_joints, edit, keypoints, make_session
 
 
 @pytest.fixture(scope="module")
@@ -30,38 +29,27 @@ def error_mm(candidate, truth):
     return 1e3 * np.linalg.norm(found - truth, axis=1).mean()
 
 
-def test_the_bundled_session_needs_no_init(session):
-    run = TrackingRun.open(session, use_init=False)
-    assert run.first is None
-    told = []
-    found = find_first_poses(run, range(0, 2), on_progress=lambda *p: told.append(p))
-    best = found[0]
-    assert error_mm(best, points(session, best.frame)) < 5.0
-    assert best.confidence > 0.7
-    assert "forearm" in best.note
-    assert "fits" in found[1].note
-    shares = [share for share, _ in told]
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-    opened = TrackingRun.open(session, {}, best.first_pose)
-    frame, params = opened.initial()
-    assert frame == best.frame
-    again = opened.model.keypoints21(opened.model.bones(params))
-    assert 1e3 * np.linalg.norm(again - points(session, frame), axis=1).mean() < 5.0
-
-
 def test_a_childs_hand_is_found_as_a_childs(tmp_path):
     what = Simulation(frames=1, size=(320, 240), scale=0.77, motion="still", images=False)
     folder = simulate(tmp_path / "child", what)
     edit(folder / "session.toml", "scale = 0.77", 'scale = "fit"')
-    session = Session.open(folder)
-    best = find_first_poses(TrackingRun.open(session, use_init=False), 0)[0]
+    session, shares = Session.open(folder), []
+    run = TrackingRun.open(session, use_init=False)
+    assert run.first is None
+    best, *_ = find_first_poses(run, 0, on_progress=lambda share, _: shares.append(share))
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
     assert "times the usual size" in best.note
+    assert best.confidence > 0.7
     assert best.model.scale.overall == pytest.approx(0.77, rel=0.01)
     assert error_mm(best, points(session, 0)) < 2.0
     joints = best.first_pose.xyz
-    assert joints is not None
     np.testing.assert_allclose(joints, best.model.keypoints21(best.model.bones(best.params)))
+    opened = TrackingRun.open(session, {"model.fit_size": False}, best.first_pose)
+    frame, params = opened.initial()
+    assert frame == 0
+    found = opened.model.keypoints21(opened.model.bones(params))
+    assert 1e3 * np.linalg.norm(found - points(session, 0), axis=1).mean() < 5.0
 
 
 def in_images(session, cameras, frame=0):
@@ -90,14 +78,8 @@ def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatc
     """Frame 0 has them in one camera only; by the session's masks nothing would be found."""
     folder = make_session(tmp_path)
     rig = Session.open(folder).rig
-    for name, frames in (("cam0", (0, 2)), ("cam1", (2,))):
-        masks = f'masks = "masks/{name}/*.png"'
-        joints = f'keypoints = "keypoints/{name}/*.json"\nkeypoint_layout = "mediapipe21"'
-        edit(folder / "session.toml", masks, f"{masks}\n{joints}")
-        (folder / "keypoints" / name).mkdir(parents=True)
-        for frame in frames:
-            pixels = np.column_stack([rig[name].project(keypoints()), np.full(21, 0.9)])
-            write_hand(folder / "keypoints" / name / f"{frame}.json", pixels, "right", "a test")
+    pixels = {camera.name: camera.project(keypoints()) for camera in rig}
+    add_joints(folder, {"cam0": dict.fromkeys((0, 2), pixels["cam0"]), "cam1": {2: pixels["cam1"]}})
     searched = []
     monkeypatch.setattr(
         first_pose_search, "auto_start", lambda *given: searched.append(given) or []

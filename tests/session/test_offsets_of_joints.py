@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from handtrack.capture.images.openpose import write_hand
-from handtrack.files.toml_edit import edit_toml
 from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.session.formats.tables import read_npz, write_npz
@@ -14,6 +12,7 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement
+from tests.session.small_session import add_joints
 
 OFFSETS = {
     "thumb_mcp": (4.0, 8.0, -4.0), "index_mcp": (0.0, -9.0, 6.0), "little_pip": (0.0, 8.0, 0.0)
@@ -27,21 +26,21 @@ def folder(tmp_path_factory):
     made = simulate(tmp_path_factory.mktemp("joints") / "session", WHAT)
     rig, rng = Session.open(made).rig, np.random.default_rng(1)
     hand = load_model(scale=HandScale(1.0, {}, {}, OFFSETS))
+    return add_joints(made, {
+        camera.name: {
+            frame: camera.project(points) + rng.normal(scale=0.5, size=(21, 2))
+            for frame, points in enumerate(seen_points(hand))
+        }
+        for camera in rig
+    })  # fmt: skip
+
+
+def seen_points(hand):
+    """Return where a detector sees the joints (F, 21, 3), world [m]."""
     rows = [hand.joint_names.index(name) for name in keypoint_names()]
     poses = motion(hand, WHAT.motion, WHAT.frames, np.random.default_rng(WHAT.seed))
-    changes = {}
-    for number, camera in enumerate(rig.cameras):
-        changes[f"camera.{number}.keypoints"] = f"keypoints/{camera.name}/*.json"
-        changes[f"camera.{number}.keypoint_layout"] = "mediapipe21"
-        (made / "keypoints" / camera.name).mkdir(parents=True)
-        for frame, pose in enumerate(poses):
-            bones = hand.bones(hand.transform.solver_params(pose))
-            points = bones.to_world(hand.joint_bone, hand.seen_point)[rows]
-            pixels = camera.project(points) + rng.normal(scale=0.5, size=(21, 2))
-            path = made / "keypoints" / camera.name / f"{frame:06d}.json"
-            write_hand(path, np.column_stack([pixels, np.ones(21)]), "right", "test")
-    edit_toml(made / "session.toml", changes, "a session's settings")
-    return made
+    bones = [hand.bones(hand.transform.solver_params(pose)) for pose in poses]
+    return np.array([b.to_world(hand.joint_bone, hand.seen_point)[rows] for b in bones])
 
 
 def missed_mm(scale, joint):
@@ -82,10 +81,7 @@ def test_results_have_landmarks_where_the_detector_sees_the_joints(folder, tmp_p
         assert str(file["landmark_definition"]) == "mediapipe21"
         assert file["landmark_covariance"].shape == (4, 21, 3, 3)
     filmed = load_model(scale=HandScale(1.0, {}, {}, OFFSETS))
-    poses = motion(filmed, WHAT.motion, WHAT.frames, np.random.default_rng(WHAT.seed))[:4]
-    bones = [filmed.bones(filmed.transform.solver_params(pose)) for pose in poses]
-    rows = [filmed.joint_names.index(name) for name in keypoint_names()]
-    true = np.array([b.to_world(filmed.joint_bone, filmed.seen_point)[rows] for b in bones])
+    true = seen_points(filmed)[:4]
     moved = [keypoint_names().index(name) for name in OFFSETS]
     off = 1e3 * np.linalg.norm(np.stack([landmarks, joints]) - true, axis=3)[:, :, moved]
     assert off[0].mean() < 0.5 * off[1].mean()

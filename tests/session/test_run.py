@@ -119,16 +119,3 @@ def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
     arm = run.with_forearm(True).model
     asked = cuffed.with_values({"model.forearm": "true"}).model
     np.testing.assert_array_equal(asked.flesh["fine"].radii, arm.flesh["fine"].radii)
-
-
-def test_the_hands_size_is_fitted_to_keypoints_and_masks(larger):
-    by_points = TrackingRun.open(larger, {"model.fit_size": False})
-    run = TrackingRun.open(larger)
-    assert by_points.scale.overall == pytest.approx(1.06, rel=0.06)
-    assert run.scale.overall == pytest.approx(1.06, rel=0.015)
-    track = run.result(run.track(range(4), *run.initial()))
-    off = 1e3 * np.linalg.norm(track.keypoints21 - larger.truth.keypoints21[:4], axis=2)
-    assert off.mean() < 1.0
-    size = json.loads(track.scale)
-    assert size["overall"] == run.scale.overall
-    assert set(size["parts"]) >= {"thumb", "index", "middle", "ring", "little"}

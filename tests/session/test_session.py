@@ -7,25 +7,12 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
-from tests.session.small_session import edit, make_session, write_truth
+from tests.session.small_session import edit, make_session
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     return make_session(tmp_path)
-
-
-def test_a_session_knows_its_frames_and_cameras(folder):
-    session = Session.open(folder)
-    assert session.name == "small"
-    assert session.camera_names == ("cam0", "cam1")
-    assert session.frame_count == 4
-    assert session.frame_range == range(4)
-    assert session.fps == 10.0
-    assert session.time_s(3) == pytest.approx(0.3)
-    assert session.hand_model == "hand26"
-    assert session.hand_scale == "fit"
-    assert session.warnings == []
 
 
 def test_images_and_masks_are_as_they_were_taken(folder):
@@ -43,18 +30,6 @@ def test_images_and_masks_are_as_they_were_taken(folder):
         HandtrackError, match=r"no camera 'top' in .*session.toml; known: cam0, cam1"
     ):
         session.image("top", 0)
-
-
-def test_an_observation_holds_every_view(folder):
-    observation = Session.open(folder).observation(1)
-    assert observation.frame == 1
-    assert observation.time_s == pytest.approx(0.1)
-    assert [s.camera.name for s in observation.silhouettes] == ["cam0", "cam1"]
-    for silhouette in observation.silhouettes:
-        assert silhouette.mask.shape == (48, 64)
-        assert silhouette.mask.sum() == 38 * 30
-    assert observation.keypoints == ()
-    assert observation.cloud is None
 
 
 def test_a_missing_file_is_an_absent_view_and_an_empty_one_is_seen_emptiness(folder):
@@ -101,23 +76,6 @@ def test_time_is_that_of_the_first_camera_with_time_stamps(folder):
     assert [session.time_s(f) for f in range(3)] == pytest.approx([0.0, 0.1, 0.2])
     assert session.fps == pytest.approx(10.0, rel=0.06)
     assert session.time_s(5) == pytest.approx(0.3 + 2 / session.fps)
-
-
-def test_truth_and_first_pose_come_along(folder):
-    write_truth(folder, frame=np.array([0, 2, 3, 1]))
-    session = Session.open(folder)
-    assert session.truth is not None
-    assert session.init is not None
-    assert session.truth.keypoints21 is not None
-    assert session.truth.frame.tolist() == [0, 2, 3, 1]
-    assert session.truth.joint_names == ("wrist", "palm")
-    assert session.init.frame == 0
-    assert session.init.convention == "openpose21"
-    (folder / "truth.npz").unlink()
-    (folder / "init.json").unlink()
-    bare = Session.open(folder)
-    assert bare.truth is None
-    assert bare.init is None
 
 
 def test_the_real_desk_recording(data_dir):

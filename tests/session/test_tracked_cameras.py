@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.capture.images.openpose import write_hand
-from handtrack.files.toml_edit import edit_toml
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
@@ -19,6 +17,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
+from tests.session.small_session import add_joints
 
 
 def recorded(folder: Path, seed: int, cameras: int = 3, joints_px: float = 0.0) -> Path:
@@ -33,17 +32,13 @@ def recorded(folder: Path, seed: int, cameras: int = 3, joints_px: float = 0.0) 
 
 def with_joints(folder: Path, seed: int, noise_px: float) -> Path:
     rng, points = np.random.default_rng(seed), np.load(folder / "truth.npz")["keypoints21"]
-    changes = {}
-    for number, camera in enumerate(Session.open(folder).rig.cameras):
-        changes[f"camera.{number}.keypoints"] = f"keypoints/{camera.name}/*.json"
-        changes[f"camera.{number}.keypoint_layout"] = "mediapipe21"
-        (folder / "keypoints" / camera.name).mkdir(parents=True)
-        for frame, hand in enumerate(points):
-            pixels = camera.project(hand) + rng.normal(scale=noise_px, size=(21, 2))
-            path = folder / "keypoints" / camera.name / f"{frame:06d}.json"
-            write_hand(path, np.column_stack([pixels, np.ones(21)]), "right", "test")
-    edit_toml(folder / "session.toml", changes, "a session's settings")
-    return folder
+    return add_joints(folder, {
+        camera.name: {
+            frame: camera.project(hand) + rng.normal(scale=noise_px, size=(21, 2))
+            for frame, hand in enumerate(points)
+        }
+        for camera in Session.open(folder).rig
+    })  # fmt: skip
 
 
 def turned(folder: Path, number: int, degrees: tuple[float, float, float]) -> None:
@@ -64,7 +59,7 @@ def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
 
 
 LENS = [-0.014, 1.42, 0.0, 0.0, -6.39]  # a real camera's
-QUICK: dict[str, object] = {"model.fit_size": "false"}
+QUICK: dict[str, object] = {"model.fit_size": "false", "tracker.escape": False}
 JOINTS_ALONE: dict[str, object] = {"silhouettes.weight": 0}
 
 

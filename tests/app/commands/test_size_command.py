@@ -77,6 +77,8 @@ def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, lar
     )
     assert ended.code == 0, ended.err
     found, said = read_scale(larger / "person.toml"), json.loads(ended.out)
+    assert found.overall == pytest.approx(LARGER, rel=0.015)
+    assert found.parts.keys() >= {"thumb", "index", "middle", "ring", "little"}
     whole = scale_from(json.loads(read_npz(larger / "tracks/poses.npz").scale), "track")
     assert found == without_forearm_end(whole)
     own = {"overall", *load_model().proportion_names} - {FOREARM_END}
