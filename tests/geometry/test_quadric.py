@@ -13,15 +13,6 @@ def test_a_sphere_shows_as_the_circle_that_is_known():
     np.testing.assert_allclose(shape[0], np.eye(2) / 3, rtol=1e-14)  # tan² of asin(1/2)
 
 
-def test_the_shape_matrix_is_of_squared_radii(rng):
-    """A point at the end of a semi-axis is on the ellipsoid: (x − c)ᵀ D⁻¹ (x − c) = 1."""
-    axes, radii = Rotation.random(5, rng=rng).as_matrix(), rng.uniform(0.005, 0.03, (5, 3))
-    inner = np.linalg.inv(q.shape_matrix(axes, radii))
-    ends = axes * radii[:, None, :]  # one a column
-    on_it = np.einsum("eia,eij,eja->ea", ends, inner, ends)
-    np.testing.assert_allclose(on_it, 1.0, rtol=1e-9)
-
-
 def test_sight_lines_that_touch_an_ellipsoid_are_on_its_ellipse(rng):
     """A ray x + t d touches where the quadratic t ↦ value on the ellipsoid has a double root: no dual conic needed."""
     count = 12

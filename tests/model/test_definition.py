@@ -36,13 +36,6 @@ def test_a_bad_definition_is_refused(case, tmp_path):
     assert words in str(refused.value)
 
 
-def test_a_copy_of_ours_is_the_same_model(tmp_path):
-    (tmp_path / "mine.toml").write_text(TEXT, encoding="utf-8")
-    mine, ours = load_model(tmp_path / "mine.toml"), load_model("glove9")
-    assert mine.parameter_names == ours.parameter_names
-    assert (mine.skeleton.offset == ours.skeleton.offset).all()
-
-
 LOCKED = """
 format = 1
 name = "stiff"

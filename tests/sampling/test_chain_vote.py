@@ -19,21 +19,6 @@ def _spread(model, **std):
     return np.diag(variance)
 
 
-def test_votes_are_shares_of_variance_in_units_of_the_limits(body):
-    """Two directions: each chain's share is (σ / range)²."""
-    chains = chains_of(body)
-    votes = chain_votes(
-        body, body.rest_params(), _spread(body, right_elbow_flex=0.3, left_knee_flex=0.3), chains
-    )
-    by_name = dict(zip([c.name for c in chains], votes, strict=True))
-    width = {
-        name: np.ptp(body.limits.interval[body.parameter_names.index(name)])
-        for name in ("right_elbow_flex", "left_knee_flex")
-    }
-    expected = (width["left_knee_flex"] / width["right_elbow_flex"]) ** 2
-    assert by_name["right_arm"] / by_name["left_leg"] == pytest.approx(expected)
-
-
 def test_what_is_known_and_where_the_root_is_have_no_say(body):
     chains = chains_of(body)
     nothing = chain_votes(body, body.rest_params(), np.zeros((34, 34)), chains)

@@ -28,16 +28,6 @@ def test_the_same_attitude_is_at_no_distance(rng):
     np.testing.assert_allclose(angle_distance(start, turned[None]), [0.02 / np.sqrt(7)])
 
 
-def test_distinct_keeps_the_best_of_each_group():
-    at = np.zeros((5, 7))
-    at[:, 6] = [0.0, 0.15, 0.30, 1.0, 1.05]  # threshold 0.1 · √4 = 0.2
-    costs = np.array([2.0, 1.0, 3.0, 5.0, 4.0])
-    np.testing.assert_array_equal(distinct(at, costs, 0.1), [1, 4])
-    # 0 and 2 are each near 1, but not near one another: without 1 both stay
-    np.testing.assert_array_equal(distinct(at[[0, 2]], costs[[0, 2]], 0.1), [0, 1])
-    assert len(distinct(at[:0], costs[:0], 0.1)) == 0
-
-
 @pytest.mark.parametrize("threshold", [0.05, 0.1, 0.3])
 def test_distinct_ones_are_apart_and_stand_for_all(rng, threshold):
     params, costs = rng.normal(scale=0.2, size=(80, 12)), rng.normal(size=80)

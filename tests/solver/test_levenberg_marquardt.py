@@ -101,14 +101,6 @@ def test_a_wrong_gradient_is_no_descent_not_convergence():
     assert solve(Wrong(), np.array([-1.2, 1.0]), FAR).why == "no descent"
 
 
-def test_a_step_never_leaves_the_bounds():
-    system = JointSystem(1.0, np.array([-5.0, -1.0]), np.array([[1.0, 0.9], [0.9, 1.0]]))
-    limits = MovingLimits.fixed(np.array([[-1.0, 0.5], [-1.0, 0.5]]))
-    step = bounded_step(system.hessian, system.gradient, np.zeros(2), limits, 0.0)[1]
-    assert step[0] == pytest.approx(0.5)
-    assert step[1] == pytest.approx(0.5)  # 1 − 0.9 · 0.5 = 0.55 would leave
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_bounded_step_is_the_exact_minimum(seed):
     rng = np.random.default_rng(seed)

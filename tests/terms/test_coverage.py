@@ -60,25 +60,6 @@ def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng, antisymmetric)
         assert_same_system(term.linearize(bones), dense)
 
 
-def disc(radius_px, mask_radius_px, band_px, antisymmetric, far=20.0):
-    """Return a coverage term and the bones of a sphere that shows as a disc, seen from very far."""
-    size, focal = (121, 121), 1000.0
-    matrix = np.array([[focal, 0, 60.3], [0, focal, 59.8], [0, 0, 1]])
-    camera = Camera("c", size, matrix, np.zeros(5), np.eye(3), np.zeros(3))
-    u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
-    mask = np.clip(mask_radius_px - np.hypot(u - 60.3, v - 59.8) + 0.5, 0, 1).astype(np.float32)
-    silhouette = Silhouette(camera, mask, np.tile(np.array([0, 121], np.int32), (121, 1)))
-    flesh = Ellipsoids(
-        ("ball",),
-        np.zeros(1, int),
-        np.zeros((1, 3)),
-        np.eye(3)[None],
-        np.full((1, 3), radius_px * far / focal),
-    )
-    bones = BonePoses(np.array([0, 0, far]), np.eye(3)[None], np.array([[0, 0, far]]))
-    return CoverageTerm([silhouette], flesh, band_px, bones, antisymmetric), bones
-
-
 @pytest.mark.parametrize(("antisymmetric", "expected"), [(True, 0.0), (False, 6.0**2 / 60.0)])
 def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric_form(
     antisymmetric, expected

@@ -6,7 +6,6 @@ import pytest
 from handtrack.geometry.camera import Camera
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints
-from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm
@@ -15,7 +14,7 @@ from handtrack.terms.loss import geman_mcclure, huber, quadratic
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
-from tests.derivatives import check_observation_term, check_parameter_term, check_problem
+from tests.derivatives import check_observation_term, check_parameter_term
 from tests.terms.image_scene import edges_seen, scene, texture_seen
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, moved_along, silhouettes_of
 
@@ -134,17 +133,3 @@ def test_bell_prior(rng, model):
     root = rng.normal(size=(count, count))
     term = CorrelatedPrior(model.rest, root @ root.T)
     check_parameter_term(term, rng.normal(size=count), model.parameter_names)
-
-
-@pytest.mark.parametrize("coupling", ["26", "21", "18"])
-def test_whole_problem(rng, camera, coupling):
-    """Kinematics, couplings and both ledgers together."""
-    hand = load_model(coupling=coupling)
-    params = hand.clipped(rng.normal(scale=0.3, size=len(hand.rest_params())))
-    terms = [
-        KeypointTerm(hand, seen_by(rng, hand, params)),
-        KeypointTerm(hand, seen_by(rng, hand, params, camera), loss=geman_mcclure(3.0)),
-    ]
-    prior = GaussianPrior(hand.rest, np.full(len(hand.rest), 0.3))
-    off = params + rng.normal(scale=0.05, size=len(params))
-    check_problem(Problem(hand, terms, (prior,)), off)
