@@ -28,7 +28,7 @@ TURNS = [
     ("thumb_cmc_flex", "thumb_cmc_flexion", 20, 1.5), ("thumb_cmc_abd", "thumb_cmc_adduction", -20, 0.5),
     ("wrist_flex", "wrist_flexion", 15, 0.1), ("wrist_abd", "wrist_ulnar_deviation", -15, 0.1),
 ]  # fmt: skip
-"""a parameter that is turned, the angle that follows, by how much and within what [°]; where parameters lead: tests/model/test_hand26.py"""
+"""a parameter that is turned, the angle that follows, by how much and within what [°]; where parameters lead: tests/model/test_definitions.py"""
 
 
 @pytest.mark.parametrize(("parameter", "angle", "change", "within"), TURNS)

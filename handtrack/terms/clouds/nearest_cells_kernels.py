@@ -1,7 +1,7 @@
 """Compiled: which filled cell of a grid is nearest to each of its cells, exact.
 
 The nearest filled cell along x, then along y of those, then along z (the transform is separable). In the last two steps, cells
-1, 2, 3 … further are tried until none can be nearer: 16 at once. The plain form: tests/terms/test_cloud_emptiness.py.
+1, 2, 3 … further are tried until none can be nearer: 16 at once. The plain form: tests/terms/test_cloud_terms.py.
 """
 
 from __future__ import annotations

@@ -10,8 +10,8 @@ _ROOT = Path(__file__).parents[3]
 _FILES = 3  # of tests that a drawn mutant is tried on
 
 TARGETS: dict[str, tuple[str, ...]] = {
-    "handtrack.sampling.chains": ("tests/sampling/test_chain_vote.py",),
-    "handtrack.sampling.suppression": ("tests/sampling/test_suppression.py",),
+    "handtrack.sampling.chains": ("tests/sampling/test_limbs.py",),
+    "handtrack.sampling.suppression": ("tests/sampling/test_minima.py",),
     "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
     "handtrack.tracking.hypotheses.mixture_search": (
         "tests/tracking/decisions/test_hypothesis_rounds.py",

@@ -1,0 +1,358 @@
+"""Definitions: signs, mirror images, sizes and couplings of our models, and what is wrong in one of a person's own."""
+
+from importlib import resources
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose, pose_names
+from handtrack.model.transform import Follows, build_transform
+from handtrack.tracking.frame.terms.contact import contact
+
+
+def tip(model, name, **angles):
+    bones = model.bones(model.params_from(angles))
+    return model.joint_positions(bones)[model.joint_names.index(name)]
+
+
+def test_zero_pose_is_flat_with_fingers_along_y_and_the_thumb_at_minus_x():
+    model = load_model()
+    points = dict(zip(keypoint_names(), model.keypoints21(model.bones(np.zeros(26))), strict=True))
+    for finger in ("index", "middle", "ring", "little"):
+        along = points[f"{finger}_tip"] - points[f"{finger}_mcp"]
+        np.testing.assert_allclose(along / np.linalg.norm(along), [0, 1, 0], atol=1e-12)
+    assert points["thumb_tip"][0] < points["index_tip"][0] < points["little_tip"][0]
+    assert np.linalg.norm(points["middle_tip"]) == pytest.approx(0.187, rel=0.02)
+
+
+@pytest.mark.parametrize("finger", ["index", "middle", "ring", "little"])
+def test_flexion_bends_to_the_palm(finger):
+    model = load_model()
+    for joint in ("mcp", "pip", "dip"):
+        bent = tip(model, f"{finger}_tip", **{f"{finger}_{joint}_flex": 0.5})
+        assert bent[2] < tip(model, f"{finger}_tip")[2] - 0.005
+
+
+def test_signs_of_abduction():
+    model = load_model()
+    for finger, sign in (("index", -1), ("middle", -1), ("ring", 1), ("little", 1)):
+        moved = tip(model, f"{finger}_tip", **{f"{finger}_mcp_abd": 0.3}) - tip(
+            model, f"{finger}_tip"
+        )
+        assert np.sign(moved[0]) == sign, finger
+    thumb = tip(model, "thumb_tip", thumb_cmc_abd=0.3) - tip(model, "thumb_tip")
+    assert thumb[2] < -0.01  # away from the palm: to its side
+    crossed = tip(model, "thumb_tip", thumb_cmc_flex=0.5) - tip(model, "thumb_tip")
+    assert crossed[0] > 0.01  # flexed: across the palm
+
+
+def test_wrist_flexion_brings_palm_and_forearm_together():
+    model = load_model(forearm=True)
+    bone = model.skeleton.bone("forearm")
+    for name, axis, sign in (("wrist_flex", 2, -1), ("wrist_abd", 0, -1)):
+        bones = model.bones(model.params_from({name: 0.4}))
+        elbow = bones.to_world(bone, np.array([0, 0.25, 0]))
+        assert sign * elbow[axis] > 0.05, name
+
+
+def test_the_left_hand_is_the_exact_mirror_image(rng):
+    right, left = load_model(forearm=True), load_model(side="left", forearm=True)
+    params = rng.normal(scale=0.5, size=28)
+    mirrored = params.copy()
+    mirrored[0] *= -1  # the root is placed in the world, so it is mirrored like any point …
+    mirrored[4:6] *= -1  # … and any rotation; joint angles keep their values
+    a, b = right.bones(params), left.bones(mirrored)
+    flip = np.array([-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(right.joint_positions(a) * flip, left.joint_positions(b), atol=1e-14)
+    for key in ("fine", "metaballs"):
+        one, other = right.flesh[key].posed(a), left.flesh[key].posed(b)
+        np.testing.assert_allclose(one.centre * flip, other.centre, atol=1e-14)
+        shape = np.einsum("eij,ej,ekj->eik", one.rotation, one.radii**2, one.rotation)
+        mirror = np.einsum("eij,ej,ekj->eik", other.rotation, other.radii**2, other.rotation)
+        np.testing.assert_allclose(shape * np.outer(flip, flip), mirror, atol=1e-14)
+
+
+def test_scale_per_hand_and_per_finger():
+    big, plain = load_model(scale=HandScale(1.1, {"thumb": 1.2})), load_model()
+    a, b = (
+        big.joint_positions(big.bones(np.zeros(26))),
+        plain.joint_positions(plain.bones(np.zeros(26))),
+    )
+    names = plain.joint_names
+    i, j = names.index("index_mcp"), names.index("index_tip")
+    np.testing.assert_allclose(a[j] - a[i], 1.1 * (b[j] - b[i]))
+    i, j = names.index("thumb_cmc"), names.index("thumb_tip")
+    np.testing.assert_allclose(a[j] - a[i], 1.1 * 1.2 * (b[j] - b[i]))
+
+
+def test_spread_shrinks_as_the_knuckle_bends():
+    model = load_model()
+    flex, abd = (
+        model.skeleton.parameter("index_mcp_flex"),
+        model.skeleton.parameter("index_mcp_abd"),
+    )
+    straight, bent = np.zeros(26), np.zeros(26)
+    bent[flex] = np.deg2rad(90)
+    assert np.ptp(model.limits.bounds(bent)[abd]) < 0.5 * np.ptp(model.limits.bounds(straight)[abd])
+
+
+SIDE = ("left", "right")
+
+
+@pytest.fixture(scope="module")
+def body():
+    return load_model("body34")
+
+
+def placed(model, joint, **degrees):
+    angles = {name: np.deg2rad(value) for name, value in degrees.items()}
+    points = model.joint_positions(model.bones(model.params_from(angles)))
+    return points[model.joint_names.index(joint)]
+
+
+def test_left_and_right_are_mirror_images(body, rng):
+    """The same angles left and right, and opposite leans and twists of the trunk, give the mirrored pose."""
+    low, high = body.limits.interval[6:].T
+    joint = np.zeros(34)
+    joint[6:] = rng.uniform(low, high)
+    mirrored = joint.copy()
+    for i, name in enumerate(body.parameter_names):
+        if name.startswith("left_"):
+            j = body.skeleton.parameter(name.replace("left_", "right_"))
+            mirrored[i], mirrored[j] = joint[j], joint[i]
+        elif name.startswith(("spine", "neck")) and not name.endswith("flex"):
+            mirrored[i] = -joint[i]
+    a, b = body.bones(joint), body.bones(mirrored)
+    swapped = [
+        body.joint_names.index(
+            n.replace("left_", "R_").replace("right_", "left_").replace("R_", "right_")
+        )
+        for n in body.joint_names
+    ]
+    flip = np.array([-1.0, 1.0, 1.0])
+    np.testing.assert_allclose(
+        body.joint_positions(a) * flip, body.joint_positions(b)[swapped], atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("side", SIDE)
+def test_signs_of_limbs(body, side):
+    out = 1.0 if side == "left" else -1.0
+
+    def turned(parameter, joint):
+        bend = {f"{side}_elbow_flex": 60.0, f"{side}_knee_flex": 60.0}
+        bend = {} if "twist" not in parameter else bend
+        before = placed(body, f"{side}_{joint}", **bend)
+        return placed(body, f"{side}_{joint}", **{f"{side}_{parameter}": 30.0, **bend}) - before
+
+    assert turned("hip_flex", "knee")[2] > 0.1
+    assert turned("hip_abd", "knee")[0] * out > 0.1
+    assert turned("knee_flex", "ankle")[2] < -0.1
+    assert turned("ankle_flex", "toe")[1] > 0.02
+    assert turned("hip_twist", "ankle")[0] * out < -0.05  # the knee out, the bent shin in
+    assert turned("elbow_flex", "wrist")[2] > 0.05
+    assert turned("shoulder_twist", "wrist")[0] * out > 0.05
+    assert turned("clavicle_elevate", "shoulder")[1] > 0.05
+    assert turned("clavicle_protract", "shoulder")[2] > 0.05
+
+
+def test_signs_of_trunk_and_head(body):
+    for bone, tip in (("spine", "neck"), ("neck", "head_top")):
+        start = placed(body, tip)
+        assert placed(body, tip, **{f"{bone}_flex": 30})[2] > start[2] + 0.05
+        assert placed(body, tip, **{f"{bone}_lean": 30})[0] > start[0] + 0.05
+        assert placed(body, "nose", **{f"{bone}_twist": 30})[0] > 0.03
+
+
+def test_eight_proportions_move_hips_clavicles_and_skull(body):
+    assert len(body.proportion_names) == 8
+    for name in body.proportion_names:
+        changed = load_model("body34", scale=HandScale(1.0, {}, {name: 2.0}))
+        bones, other = body.bones(np.zeros(34)), changed.bones(np.zeros(34))
+        moved = np.abs(body.joint_positions(bones) - changed.joint_positions(other)).max(axis=1)
+        part = {"hip": "hip", "clavicle": "shoulder", "skull": "head_top"}[name.split("_")[0]]
+        for joint, by in zip(body.joint_names, moved, strict=True):
+            assert (by > 0.005) == (by > 0), joint
+            if joint.endswith(part):
+                assert by > 0.005, (name, joint)
+    wide = load_model("body34", scale=HandScale(1.0, {}, {"hip_width": 1.0}))
+    assert placed(wide, "left_hip")[0] - placed(body, "left_hip")[0] == pytest.approx(0.007)
+    assert placed(wide, "right_hip")[0] == pytest.approx(-placed(wide, "left_hip")[0])
+
+
+@pytest.fixture(scope="module")
+def body38():
+    return load_model("body38")
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_signs_of_wrists(body38, side):
+    """Palms face the thighs: flexion brings the knuckles to the body's middle, abduction to the thumb, which points ahead."""
+    inwards = -1.0 if side == "left" else 1.0
+    still = placed(body38, f"{side}_hand")
+    flexed = placed(body38, f"{side}_hand", **{f"{side}_wrist_flex": 60}) - still
+    towards_thumb = placed(body38, f"{side}_hand", **{f"{side}_wrist_abd": 20}) - still
+    assert flexed[0] * inwards > 0.05 and abs(flexed[2]) < 1e-9
+    assert towards_thumb[2] > 0.02 and abs(towards_thumb[0]) < 1e-9
+    for knuckle, ahead in (("index", 1), ("pinky", -1)):
+        assert (placed(body38, f"{side}_{knuckle}") - still)[2] * ahead > 0.02
+    # a flexed hand still turns to the thumb: flexion first, abduction about the axis that it carried along
+    both = placed(
+        body38, f"{side}_hand", **{f"{side}_wrist_flex": 60, f"{side}_wrist_abd": 20}
+    )
+    assert both[2] - still[2] == pytest.approx(towards_thumb[2], abs=1e-9)
+
+
+def test_left_and_right_wrists_are_mirror_images(body38):
+    left = {"left_wrist_flex": 50.0, "left_wrist_abd": -25.0, "left_elbow_flex": 70.0}
+    right = {name.replace("left", "right"): value for name, value in left.items()}
+    for joint in ("hand", "index", "pinky"):
+        mirrored = placed(body38, f"left_{joint}", **left) * (-1.0, 1.0, 1.0)
+        np.testing.assert_allclose(
+            placed(body38, f"right_{joint}", **right), mirrored, atol=1e-12
+        )
+
+
+TEXT = resources.files("handtrack.model.definitions").joinpath("glove9.toml").read_text("utf-8")
+BAD = {
+    "key missing": ("length_mm", "length_m", "Object missing required field `length_mm`."),
+    "bone's key missing": ("tail =", "tial =", "Object missing required field `tail` - at `$.bone[0]`."),
+    "kind": ('kind = "hand"', 'kind = "foot"', "Invalid enum value 'foot' - at `$.kind`."),
+    "a text for a number": ("up = [0, 0, 1]", 'up = [0, 0, "1"]', "got `str` - at `$.bone[0].up[2]`."),
+    "too few numbers": ("up = [0, 0, 1]", "up = [0, 1]", "length 3, got 2 - at `$.bone[0].up`."),
+    "not finite": ("up = [0, 0, 1]", "up = [0, 0, nan]", "- at `$.bone[0].up[2]`."),
+    "unknown freedom": (
+        "[joints]",
+        '[narrowing]\npairs = [["root_abd", "root_flex"]]\nat_deg = 90\nto = 0.3\n[joints]',
+        "no freedom 'root_abd' in narrowing",
+    ),
+    "unknown bone": ('parent = "root"', 'parent = "rot"', "no bone 'rot' in the model definition"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_definition_is_refused(case, tmp_path):
+    old, new, words = BAD[case]
+    assert old in TEXT
+    path = tmp_path / "mine.toml"
+    path.write_text(TEXT.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(HandtrackError) as refused:
+        load_model(path)
+    assert f"model definition {path}" in str(refused.value)
+    assert words in str(refused.value)
+
+
+LOCKED = """
+format = 1
+name = "stiff"
+extends = "BASE"
+length_mm = 200.0
+
+[[bone]]
+name = "index_distal"
+freedoms = []
+tail = [-27.5, 190, 0]
+
+[[bone]]
+name = "ring_finger_ring"
+parent = "ring_proximal"
+group = "ring"
+head = [0, 90, 0]
+tail = [0, 95, 0]
+up = [0, 0, 1]
+
+[joints]
+ring_of_the_ring = ["ring_finger_ring", "tail"]
+"""
+
+
+def test_a_definition_extends_another(tmp_path):
+    """Named bones and freedoms are changed or added, what is not named stays; a file may be extended as ours may."""
+    (tmp_path / "stiff.toml").write_text(LOCKED.replace("BASE", "hand26"), encoding="utf-8")
+    longer = 'format = 1\nname = "longer"\nextends = "stiff.toml"\nlength_mm = 220.0\n'
+    (tmp_path / "longer.toml").write_text(longer, encoding="utf-8")
+    ours, mine = load_model("hand26"), load_model(tmp_path / "longer.toml")
+    gone = {"index_dip_flex"}
+    assert mine.parameter_names == tuple(n for n in ours.parameter_names if n not in gone)
+    assert mine.name == "longer"
+    assert mine.joint_names == (*ours.joint_names, "ring_of_the_ring")
+    assert mine.skeleton.bone_names == (*ours.skeleton.bone_names, "ring_finger_ring")
+    rest = [model.joint_positions(model.bones(model.params_from({}))) for model in (ours, mine)]
+    longest = ours.joint_names.index("index_tip")
+    assert rest[1][longest, 1] == pytest.approx(0.190)
+    others = [n for n in range(len(ours.joint_names)) if n != longest]
+    assert (rest[1][others] == rest[0][others]).all()
+
+
+@pytest.mark.parametrize(("coupling", "count"), [("26", 26), ("21", 21), ("18", 18)])
+def test_reduced_sets(coupling, count, rng):
+    model = load_model(coupling=coupling)
+    assert len(model.transform.names) == count
+    params = rng.normal(size=count)
+    joint = model.joint_params(params)
+    np.testing.assert_allclose(model.transform.solver_params(joint), params, atol=1e-12)
+    value = dict(zip(model.parameter_names, joint, strict=True))
+    if coupling != "26":
+        for finger in ("index", "middle", "ring", "little"):
+            assert value[f"{finger}_dip_flex"] == pytest.approx(2 / 3 * value[f"{finger}_pip_flex"])
+        assert value["thumb_ip_flex"] == pytest.approx(2 / 3 * value["thumb_mcp_flex"])
+
+
+def test_a_persons_own_spread():
+    model = load_model(coupling="18", spread={"little": 2.0})
+    params = np.zeros(18)
+    params[model.transform.names.index("spread")] = 0.1
+    value = dict(zip(model.parameter_names, model.joint_params(params), strict=True))
+    assert value["little_mcp_abd"] == pytest.approx(0.2)
+    assert value["index_mcp_abd"] == pytest.approx(0.1)
+
+
+def test_a_leaders_bounds_are_the_intersection():
+    """pip in [0, 110°] and dip = 2/3 pip in [0, 60°] leave pip [0, 90°]."""
+    transform = build_transform(("pip", "dip"), (Follows("dip", "pip", 2 / 3),))
+    reduced = transform.reduce_bounds(np.deg2rad([[0, 110], [0, 60]]))
+    np.testing.assert_allclose(np.rad2deg(reduced), [[0, 90]])
+
+
+def test_reduced_bounds_keep_every_joint_within_its_own(rng):
+    model = load_model(coupling="18", forearm=True)
+    bounds = model.limits.interval
+    reduced = model.transform.reduce_bounds(bounds)
+    finite = np.where(np.isfinite(reduced), reduced, 0.0)
+    for _ in range(50):
+        joint = model.joint_params(rng.uniform(finite[:, 0], finite[:, 1]))
+        assert ((joint >= bounds[:, 0] - 1e-12) & (joint <= bounds[:, 1] + 1e-12)).all()
+
+
+@pytest.fixture(scope="module")
+def hand():
+    return load_model("hand26")
+
+
+def joints(hand, name):
+    return hand.joint_positions(hand.bones(hand.transform.solver_params(named_pose(hand, name))))
+
+
+def at(hand, name, joint):
+    return joints(hand, name)[hand.joint_names.index(joint)]
+
+
+@pytest.mark.parametrize("name", pose_names())
+def test_every_pose_is_within_limits(hand, name):
+    joint = named_pose(hand, name)
+    bounds = hand.limits.bounds(joint)
+    outside = (joint < bounds[:, 0] - 1e-9) | (joint > bounds[:, 1] + 1e-9)
+    assert not outside.any(), [hand.parameter_names[i] for i in np.flatnonzero(outside)]
+    assert not joint[:6].any()  # the root stays at the world's origin
+
+
+def test_no_finger_lies_inside_another_part():
+    """Flesh gives way by about 3 mm where pads press on each other; they had lain up to 14.7 mm deep (S)."""
+    hand = load_model()
+    for name in pose_names():
+        pose = hand.transform.solver_params(named_pose(hand, name))
+        depths = contact(hand).depths(hand.bones(pose))
+        assert depths.max() < 3.2e-3, name

@@ -1,0 +1,276 @@
+"""Surfaces: merged ellipsoids and superquadrics, their distances and meshes."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from docs.pictures.ellipsoid_distances import true_distance
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.marching_cubes import marching_cubes
+from handtrack.model.surfaces.metaballs import (
+    FORMS,
+    MetaballSurface,
+)
+from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
+from handtrack.model.surfaces.superquadrics import Superquadrics
+from handtrack.model.surfaces.surface_mesh import carried_mesh, surface_mesh
+from tests.derivatives import check_jacobian
+from tests.model.metaballs_reference import merged
+from tests.terms.silhouette_scene import ellipsoids_of
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+def one(radii, form="d3", copies=1, sharpness=1000.0):
+    """Return a surface of ellipsoids that all lie in each other, linked, and the bones that carry them."""
+    flesh = Ellipsoids(
+        ("e",) * copies,
+        np.zeros(copies, int),
+        np.zeros((copies, 3)),
+        np.tile(np.eye(3), (copies, 1, 1)),
+        np.tile(np.asarray(radii, float), (copies, 1)),
+    )
+    bones = BonePoses(np.zeros(3), np.eye(3)[None], np.zeros((1, 3)))
+    return MetaballSurface(flesh, np.ones((copies, copies), bool), sharpness, form), bones
+
+
+def around(rng, model, bones, count=2000):
+    """Return points inside, on and outside the hand."""
+    joints = model.joint_positions(bones)
+    spread = rng.uniform(0.001, 0.05, size=(count, 1))
+    return joints[rng.integers(len(joints), size=count)] + spread * rng.normal(size=(count, 3))
+
+
+def pose(rng, model):
+    params = model.rest_params() + 0.2 * rng.normal(size=len(model.rest_params()))
+    return model.bones(model.clipped(params))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_all_forms_are_exact_for_a_ball(rng, form):
+    surface, bones = one([0.02] * 3, form)
+    points = rng.normal(scale=0.03, size=(200, 3))
+    near = surface.near(bones, points)
+    size = np.linalg.norm(points, axis=1)
+    np.testing.assert_allclose(near.distance, size - 0.02, atol=1e-15)
+    np.testing.assert_allclose(near.gradient, points / size[:, None], atol=1e-12)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_kernel_equals_the_plain_form(rng, model, form):
+    bones, surface = pose(rng, model), MetaballSurface.of(model, form=form)
+    points = around(rng, model, bones)
+    d, closest, share, n = merged(surface, bones, points)
+    near = surface.near(bones, points)
+    np.testing.assert_array_equal(near.ellipsoid, closest)
+    np.testing.assert_allclose(near.distance, d, atol=1e-14)
+    np.testing.assert_allclose(
+        near.gradient, np.einsum("ne,nei->ni", share, n), rtol=1e-9, atol=1e-12
+    )
+    np.testing.assert_array_equal(surface.distance(bones, points), near.distance)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_gradient_is_the_slope(rng, model, form):
+    bones, surface = pose(rng, model), MetaballSurface.of(model, form=form)
+    for point in around(rng, model, bones, 40):
+        gradient = surface.near(bones, point[None]).gradient
+        check_jacobian(
+            lambda x: surface.distance(bones, x[None]), gradient, point, step=1e-8, rtol=1e-5
+        )
+
+
+def test_true_distance_against_a_dense_surface(rng):
+    radii = np.array([0.038, 0.053, 0.015])
+    sphere = rng.normal(size=(400_000, 3))
+    dense = radii * sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
+    for point in rng.normal(scale=0.04, size=(20, 3)):
+        brute = np.linalg.norm(dense - point, axis=1).min()
+        exact = true_distance(radii, point[None])[0]
+        assert abs(exact) == pytest.approx(brute, abs=5e-4)
+        assert abs(exact) <= brute + 1e-9
+    np.testing.assert_allclose(true_distance(radii, dense[:100]), 0.0, atol=1e-9)
+    assert true_distance(radii, np.zeros((1, 3)))[0] == pytest.approx(-0.015, abs=1e-6)
+
+
+@pytest.fixture(scope="module")
+def bones(model):
+    return model.bones(model.rest_params())
+
+
+@pytest.fixture(scope="module")
+def mesh(model, bones):
+    return surface_mesh(MetaballSurface.of(model), bones)
+
+
+def area(mesh):
+    corner = mesh.vertices[mesh.faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    return 0.5 * float(np.linalg.norm(across, axis=1).sum())
+
+
+def test_vertices_lie_on_the_surface(model, bones, mesh):
+    d = np.abs(MetaballSurface.of(model).distance(bones, mesh.vertices))
+    assert np.quantile(d, 0.99) < 1e-5
+    assert d.max() < 2e-4  # at a jump of d
+
+
+def test_the_mesh_is_closed_and_turned_outwards(mesh):
+    edges = np.sort(mesh.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    assert (counts == 2).all()
+    corner = mesh.vertices[mesh.faces]
+    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    volume = float((corner[:, 0] * across).sum()) / 6.0
+    assert 1.5e-4 < volume < 6e-4  # a hand without its wrist displaces 0.2 to 0.5 litres
+    assert ((across * mesh.normals[mesh.faces[:, 0]]).sum(axis=1) > 0).mean() > 0.99
+
+
+def test_the_mesh_moves_with_the_hand(model, bones, mesh):
+    turn, shift = rotation_matrix(np.array([0.3, -0.5, 0.8])), np.array([0.1, 0.2, 0.7])
+    moved = BonePoses(
+        turn @ bones.reference + shift, turn @ bones.rotation, bones.position @ turn.T + shift
+    )
+    np.testing.assert_allclose(mesh.carried(moved), mesh.vertices @ turn.T + shift, atol=1e-12)
+    again = surface_mesh(MetaballSurface.of(model), moved)
+    assert area(again) == pytest.approx(area(mesh), rel=0.01)
+
+
+def test_a_carried_mesh_is_the_surface_where_it_was_made_and_follows_the_bones(model, rng):
+    surface, relaxed = MetaballSurface.of(model), model.rest_params()
+    here = carried_mesh(model, model.bones(relaxed))
+    np.testing.assert_allclose(here.vertices, surface_mesh(surface, model.bones(relaxed)).vertices)
+    moved = relaxed.copy()
+    moved[:6] += rng.normal(scale=0.5, size=6)  # the whole hand: rigid
+    bones = model.bones(moved)
+    there = carried_mesh(model, bones)
+    assert np.abs(surface.distance(bones, there.vertices)).max() < 1e-3
+    near = surface.near(bones, there.vertices).gradient
+    cosine = (near * there.normals).sum(axis=1) / np.linalg.norm(near, axis=1)
+    assert np.median(cosine) > 0.999
+
+
+RADIUS = 0.7
+SPACING = 2 / 59
+
+
+def nodes() -> np.ndarray:
+    axis = np.linspace(-1, 1, 60)
+    return np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1)
+
+
+def solid(field: np.ndarray) -> trimesh.Trimesh:
+    vertices, faces = marching_cubes(field)
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def test_a_sphere_has_its_area_and_volume():
+    found = solid(np.linalg.norm(nodes(), axis=-1) - RADIUS)
+    assert found.volume * SPACING**3 == pytest.approx(4 / 3 * np.pi * RADIUS**3, rel=2e-3)
+    assert found.area * SPACING**2 == pytest.approx(4 * np.pi * RADIUS**2, rel=1e-3)
+    away = np.linalg.norm(found.vertices * SPACING - 1, axis=1)
+    assert np.abs(away - RADIUS).max() < 2e-3
+
+
+def test_noise_gives_closed_and_consistently_turned_surfaces():
+    field = np.random.default_rng(0).normal(size=(20, 20, 20))
+    field[[0, -1]] = field[:, [0, -1]] = field[:, :, [0, -1]] = 1.0
+    found = solid(field)
+    assert found.is_watertight
+    assert found.is_winding_consistent
+    assert found.volume > 0
+    inside = np.argwhere(field < 0)
+    assert found.volume == pytest.approx(len(inside), rel=0.3)
+
+
+@pytest.fixture
+def flesh(rng):
+    return ellipsoids_of(rng, 3)
+
+
+def test_it_is_closed_and_turned_outwards(flesh):
+    mesh = ellipsoid_mesh(flesh)
+    assert mesh.faces.shape == (3 * 320, 3)
+    edges = np.concatenate([mesh.faces[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
+    there, back = {tuple(e) for e in edges}, {tuple(e[::-1]) for e in edges}
+    assert there == back  # each edge is run through once either way
+    assert len(there) == len(edges)
+    around = vertex_normals(mesh.local, mesh.faces)
+    assert ((around * mesh.normal).sum(axis=1) > 0.9).all()
+    assert (mesh.bone[mesh.faces] == mesh.bone[mesh.faces[:, :1]]).all()
+
+
+def test_corners_lie_just_outside_so_that_the_outline_is_right(flesh):
+    mesh = ellipsoid_mesh(flesh)
+    part = np.repeat(np.arange(3), len(mesh.bone) // 3)
+    own = np.einsum("vji,vj->vi", flesh.rotation[part], mesh.local - flesh.centre[part])
+    height = np.linalg.norm(own / flesh.radii[part], axis=1)
+    np.testing.assert_allclose(height, height[0])
+    assert 1.004 < height[0] < 1.012
+    middle = own.reshape(3, -1, 3)[0][mesh.faces[:320]].mean(axis=1)  # of the first part's faces
+    inside = np.linalg.norm(middle / flesh.radii[0], axis=1)
+    assert inside.min() < 1.0 < height[0]  # the surface goes through the faces
+
+
+def superquadric(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):
+    return Superquadrics(
+        ("part",),
+        np.zeros(1, int),
+        np.zeros((1, 3)),
+        np.eye(3)[None],
+        np.array([[0.05, 0.04, 0.15]]),
+        np.array([exponents]),
+        np.array([taper]),
+        np.array([bend]),
+    )
+
+
+def test_with_both_exponents_1_it_is_an_ellipsoid():
+    part = superquadric()
+    points = part.undeformed(0, 40, 30)
+    np.testing.assert_allclose(((points / part.radii[0]) ** 2).sum(axis=1), 1.0, atol=1e-12)
+    mesh = part.mesh(64, 64)
+    volume = trimesh.Trimesh(mesh.local, mesh.faces, process=False).volume
+    assert volume == pytest.approx(4 / 3 * np.pi * np.prod(part.radii[0]), rel=0.01)
+
+
+def test_meshes_of_the_body_are_closed_and_turned_outwards():
+    body = load_model("body34")
+    parts = body.superquadrics
+    assert parts is not None
+    assert parts.shape.shape == (len(parts), 9)
+    mesh = parts.mesh(14, 10)
+    count, faces = len(mesh.bone) // len(parts), len(mesh.faces) // len(parts)
+    for part in range(len(parts)):
+        own = mesh.faces[part * faces : (part + 1) * faces] - part * count
+        assert own.min() == 0
+        assert own.max() == count - 1
+        vertices = mesh.local[part * count : (part + 1) * count]
+        solid = trimesh.Trimesh(vertices, own, process=False)
+        assert solid.is_watertight, parts.name[part]
+        assert solid.is_winding_consistent, parts.name[part]
+        assert solid.volume > 0, parts.name[part]
+        middle = parts.centre[part]
+        outwards = (mesh.normal[part * count : (part + 1) * count] * (vertices - middle)).sum(1)
+        assert (outwards > 0).mean() > 0.95, parts.name[part]
+
+
+def test_a_bend_carries_whole_cross_sections_around_the_circles_centre():
+    """What lies towards the centre comes nearer to it and is squeezed along the axis; what lies beyond it is stretched."""
+    turn, towards, half = 0.8, 0.3, 0.15
+    part = superquadric(bend=(turn, towards))
+    radius = 2.0 * half / turn
+    inwards = np.array([np.cos(towards), np.sin(towards), 0.0])
+    aside = np.array([-inwards[1], inwards[0], 0.0])
+    for across, beside, z in ((0.03, 0.0, 0.15), (-0.03, 0.02, 0.1), (0.02, -0.01, -0.12)):
+        angle = z / radius
+        given = across * inwards + beside * aside + [0.0, 0.0, z]
+        inner, along = radius - (radius - across) * np.cos(angle), (radius - across) * np.sin(angle)
+        expected = inner * inwards + beside * aside + [0.0, 0.0, along]
+        np.testing.assert_allclose(part.deformed(0, given[None])[0], expected, atol=1e-12)

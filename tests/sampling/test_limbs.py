@@ -1,0 +1,361 @@
+"""Limbs: inverse kinematics, interpretation trees, chains, and which of them jump."""
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.model_file import load_model
+from handtrack.sampling.chains import chain_along, chain_votes, chains_of, prepare
+from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+from handtrack.sampling.limb_ik_kernels import pierce, two_hinges
+from tests.sampling.limb_angles import limb_angles, within_limits
+
+X, Y, Z = np.eye(3)
+
+
+def _random_pose(model, rng):
+    low, high = model.bounds(model.rest_params()).T
+    params = np.where(np.isfinite(low), rng.uniform(np.maximum(low, -9), np.minimum(high, 9)), 0.0)
+    params[:3] = rng.normal(size=3)
+    params[3:6] = rng.normal(size=3)
+    return model.clipped(params)
+
+
+def test_two_hinges_by_hand():
+    out = np.zeros((2, 2))
+    assert two_hinges(Z, X, Y, -X, 0.0, 0.0, out) == 2
+    np.testing.assert_allclose(out, [[np.pi / 2, 0.0], [-np.pi / 2, np.pi]], atol=1e-12)
+    # the end on the first axis: that turn is free
+    assert two_hinges(Z, X, Y, Z, 0.3, 0.0, out) == 1
+    np.testing.assert_allclose(out[0], [0.3, np.pi / 2], atol=1e-12)
+    assert two_hinges(Z, X, Y, np.array([0.0, 0.6, 0.8]), 0.0, 0.0, out) == 2
+    bend = np.arctan2(0.8, 0.6)
+    found = sorted(np.round(np.mod(out, 2 * np.pi), 9).tolist())
+    np.testing.assert_allclose(found, [[0.0, bend], [np.pi, np.pi - bend]], atol=1e-8)
+
+
+def test_two_hinges_give_back_random_turns(rng):
+    out = np.zeros((2, 2))
+    for _ in range(200):
+        a, b, v = (u / np.linalg.norm(u) for u in rng.normal(size=(3, 3)))
+        alpha, beta = rng.uniform(-np.pi, np.pi, 2)
+        goal = rotation_matrix(a * alpha) @ rotation_matrix(b * beta) @ v
+        count = two_hinges(a, b, v, goal, 0.0, 0.0, out)
+        assert count == 2
+        for first, second in out:
+            reached = rotation_matrix(a * first) @ rotation_matrix(b * second) @ v
+            np.testing.assert_allclose(reached, goal, atol=1e-7)
+        assert (
+            np.abs(np.exp(1j * out) - np.exp(1j * np.array([alpha, beta]))).max(axis=1).min() < 1e-6
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "coupling"),
+    [("hand26", "26"), ("hand26", "21"), ("body34", "26"), ("body38", "26")],
+)
+def test_every_limb_finds_its_way_back(name, coupling, rng):
+    """Random poses within limits → positions → angles: the pose is among the solutions, and all reach the positions."""
+    model = load_model(name, coupling=coupling)
+    rest = model.rest_params()
+    for chain in chains_of(model):
+        ready = prepare(model, chain)
+        joints = [model.joint_names.index(joint) for joint in chain.joints]
+        own = [model.transform.names.index(p) for p in chain.parameters if p != "neck_twist"]
+        for _ in range(20):
+            params = _random_pose(model, rng)
+            goal = model.joint_positions(model.bones(params))[joints]
+            elsewhere = params.copy()
+            elsewhere[own] = rest[own]
+            found, row = limb_angles(model, elsewhere, ready, goal[None, 1:])
+            assert len(found)
+            assert (row == 0).all()
+            off = np.abs(found - model.joint_params(params)).max(axis=1)
+            assert off.min() < 1e-6, (chain.name, off)
+            for joint in found:
+                reached = model.joint_positions(model.bones(model.transform.solver_params(joint)))
+                np.testing.assert_allclose(reached[joints], goal, atol=2e-6)
+
+
+def test_a_ball_and_a_hinge_have_four_solutions_without_limits(rng):
+    model = load_model("body34")
+    chain = next(c for c in chains_of(model) if c.name == "left_arm")
+    ready = prepare(model, chain)
+    ready.interval[:] = (-np.pi, np.pi)
+    params = _random_pose(model, rng)
+    joints = [model.joint_names.index(joint) for joint in chain.joints]
+    goal = model.joint_positions(model.bones(params))[joints]
+    model.limits.interval[ready.columns] = (-np.pi, np.pi)
+    found, _ = limb_angles(model, params, ready, goal[None, 1:])
+    assert len(found) == 4
+    flex = found[:, model.parameter_names.index("left_elbow_flex")]
+    assert sorted(np.sign(flex)) == [-1, -1, 1, 1]
+    for joint in found:
+        np.testing.assert_allclose(
+            model.joint_positions(model.bones(joint))[joints], goal, atol=1e-8
+        )
+
+
+def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
+    model = load_model("body34")
+    chain = next(c for c in chains_of(model) if c.name == "left_arm")
+    params = model.rest_params()
+    twist, flex = (
+        model.parameter_names.index(f"left_{n}") for n in ("shoulder_twist", "elbow_flex")
+    )
+    params[[twist, flex]] = 0.4, 0.0
+    joints = [model.joint_names.index(joint) for joint in chain.joints[1:]]
+    goal = model.joint_positions(model.bones(params))[joints]
+    kept, _ = limb_angles(model, params, chain, goal[None])
+    np.testing.assert_allclose(kept[0], params, atol=1e-9)
+    spare = params.copy()
+    spare[twist] = -0.7
+    sampled, _ = limb_angles(model, params, chain, goal[None], spare[None])
+    assert sampled[0, twist] == pytest.approx(-0.7)
+    np.testing.assert_allclose(
+        model.joint_positions(model.bones(sampled[0]))[joints], goal, atol=1e-9
+    )
+
+
+def test_positions_out_of_reach_have_no_solution():
+    model = load_model("body34")
+    chain = chain_along(model, "forearm", ("left_elbow", "left_wrist"))
+    params = model.rest_params()
+    places = model.joint_positions(model.bones(params))
+    away = places[model.joint_names.index("left_wrist")] + (0.0, 0.0, 0.05)
+    found, row = limb_angles(model, params, chain, away[None, None])
+    assert found.shape == (0, 34)
+    assert row.shape == (0,)
+
+
+ALL = TreeSettings(solutions="all")
+NEAREST = TreeSettings(failing="nearest")
+
+
+@pytest.fixture(scope="module")
+def body():
+    return load_model("body34")
+
+
+@pytest.fixture(scope="module")
+def camera():
+    """Four metres before the body, with a lens."""
+    matrix = np.array([[1100.0, 0.0, 640.0], [0.0, 1100.0, 480.0], [0.0, 0.0, 1.0]])
+    lens = np.array([-0.1, 0.02, 0.001, -0.001, 0.0])
+    return Camera("front", (1280, 960), matrix, lens, np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 4.0])
+
+
+def _distant(metres):
+    focal = 275.0 * metres
+    matrix = np.array([[focal, 0.0, 640.0], [0.0, focal, 480.0], [0.0, 0.0, 1.0]])
+    pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, metres])
+    return Camera("far", (1280, 960), matrix, np.zeros(5), *pose)
+
+
+def _bent(body, rng):
+    return body.clipped(body.rest_params() + np.r_[np.zeros(6), 0.4 * rng.normal(size=28)])
+
+
+def _pixels(model, camera, params, joints):
+    index = [model.joint_names.index(name) for name in joints]
+    return camera.project(model.joint_positions(model.bones(params)))[index]
+
+
+def test_ray_and_sphere_by_hand():
+    points, missed = np.zeros((3, 2, 3)), np.zeros((3, 2), dtype=np.int8)
+    starts = np.array([[0.0, 0.0, 5.0], [0.0, 0.6, 5.0], [0.0, 3.0, 5.0]])
+    pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, True)
+    np.testing.assert_allclose(points[0], [[0, 0, 4], [0, 0, 6]])
+    np.testing.assert_allclose(points[1], [[0, 0, 4.2], [0, 0, 5.8]])
+    # missed: the sphere's point nearest to the ray
+    np.testing.assert_allclose(points[2, 0], [0, 2, 5])
+    assert missed.tolist() == [[0, 0], [0, 0], [1, 2]]
+    pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, False)
+    assert missed[2].tolist() == [2, 2]
+    pierce(starts[:1], np.array([0, 0, 4.5]), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, False)
+    assert missed[0].tolist() == [2, 0]  # the nearer one lies behind the camera
+
+
+def test_one_flipped_link_by_hand(body):
+    """A thigh lifted 30° to the camera flips to 30° away from it, as seen from far off."""
+    far = _distant(3600.0)
+    params = np.zeros(34)
+    flex = body.parameter_names.index("left_hip_flex")
+    params[flex] = np.deg2rad(30.0)
+    thigh = chain_along(body, "thigh", ("left_hip", "left_knee"))
+    leaves = interpretation_tree(body, params, [thigh], far)
+    assert len(leaves) == 2
+    np.testing.assert_allclose(np.rad2deg(leaves.params[:, flex]), [30.0, -30.0], atol=0.02)
+    assert leaves.far.tolist() == [[False], [True]]
+
+
+def test_every_leaf_is_seen_where_the_pose_is(body, camera, rng):
+    chains = chains_of(body)
+    joints = [joint for chain in chains for joint in chain.joints]
+    for _ in range(5):
+        params = _bent(body, rng)
+        tree = interpretation_tree(body, params, chains, camera)
+        assert tree.exact.all()
+        assert within_limits(body.limits, tree.params).all()
+        seen = _pixels(body, camera, params, joints)
+        for leaf in tree.params:
+            np.testing.assert_allclose(_pixels(body, camera, leaf, joints), seen, atol=1e-6)
+        assert np.abs(tree.params - params).max(axis=1).min() < 1e-7  # the pose itself is a leaf
+        assert len(np.unique(tree.far, axis=0)) == len(tree)
+
+
+def test_leaves_meet_the_image_positions_given(body, camera, rng):
+    params = _bent(body, rng)
+    arm = chains_of(body)[1]
+    targets = np.full((len(body.joint_names), 2), np.nan)
+    shown = _pixels(body, camera, params, arm.joints[1:]) + (3.0, -4.0)
+    for name, place in zip(arm.joints[1:], shown, strict=True):
+        targets[body.joint_names.index(name)] = place
+    tree = interpretation_tree(body, params, [arm], camera, targets)
+    assert len(tree) > 0
+    for leaf in tree.params:
+        np.testing.assert_allclose(_pixels(body, camera, leaf, arm.joints[1:]), shown, atol=1e-6)
+
+
+def test_without_limits_the_tree_is_complete_and_a_product(body, rng):
+    camera = _distant(400.0)  # nearer by, some flipped thighs leave the knees out of reach
+    free = load_model("body34")
+    free.limits.interval[6:] = (-np.pi, np.pi)
+    chains = [c for c in chains_of(free) if c.name != "neck"]
+    params = _bent(body, rng)
+    tree = interpretation_tree(free, params, chains, camera)
+    assert len(tree) == tree.complete == 4**4
+    sizes = [len(interpretation_tree(free, params, [chain], camera)) for chain in chains]
+    assert np.prod(sizes) == len(tree)
+    both = interpretation_tree(free, params, chains[:2], camera, settings=ALL)
+    assert len(both) == 16 * 16  # four solutions for each set of joint positions
+
+
+def test_limits_prune(body, camera, rng):
+    params = _bent(body, rng)
+    wide = load_model("body34")
+    wide.limits.interval[6:] = (-np.pi, np.pi)
+    legs = [c for c in chains_of(body) if c.name.endswith("leg")]
+    everything = interpretation_tree(wide, params, legs, camera, settings=ALL).params
+    kept = interpretation_tree(body, params, legs, camera, settings=ALL).params
+    allowed = everything[within_limits(body.limits, everything)]
+    assert 0 < len(kept) < len(everything)
+    np.testing.assert_allclose(_in_order(kept), _in_order(allowed), atol=1e-7)
+
+
+def _in_order(rows):
+    return rows[np.lexsort(np.round(rows, 5).T)]
+
+
+def test_a_missed_ray_prunes_or_goes_on_with_the_nearest(body, camera):
+    params = body.rest_params()
+    arm = chains_of(body)[1]
+    targets = np.full((len(body.joint_names), 2), np.nan)
+    wrist = body.joint_names.index("left_wrist")
+    targets[wrist] = _pixels(body, camera, params, ["left_wrist"])[0] + (0.0, 300.0)
+    assert len(interpretation_tree(body, params, [arm], camera, targets)) == 0
+    near = interpretation_tree(body, params, [arm], camera, targets, NEAREST)
+    assert 1 <= len(near) <= 4
+    assert not near.exact.any()
+    assert within_limits(body.limits, near.params).all()
+    reached = [_pixels(body, camera, leaf, ["left_wrist"])[0, 1] for leaf in near.params]
+    # it stretches towards it
+    assert max(reached) > _pixels(body, camera, params, ["left_wrist"])[0, 1]
+
+
+def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
+    model = load_model("hand26")
+    matrix = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
+    camera = Camera("hand", (640, 480), matrix, np.zeros(5), np.eye(3), np.zeros(3))
+    params = model.rest_params()
+    params[2] = 0.5
+    index = chains_of(model)[1]
+    strict = interpretation_tree(model, params, [index], camera)
+    np.testing.assert_allclose(strict.params, params[None], atol=1e-7)  # hinges alone cannot flip
+    near = interpretation_tree(model, params, [index], camera, settings=NEAREST)
+    assert len(near) > 2
+    assert near.exact.sum() == 1
+    assert within_limits(model.limits, near.params).all()
+
+
+def test_what_a_coupling_takes_is_not_a_fingers_own():
+    linked = chains_of(load_model("hand26", coupling="18"))[1]
+    # all four fingers spread together
+    assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
+    ready = prepare(load_model("hand26", coupling="18"), linked)
+    assert ready.leader.tolist() == [0, -1, 2, 2]
+    np.testing.assert_allclose(ready.ratio[3], 2 / 3)
+
+
+def test_links_keep_their_length_in_every_pose(rng):
+    model = load_model("body34")
+    for chain in chains_of(model):
+        ready = prepare(model, chain)
+        joints = [model.joint_names.index(name) for name in chain.joints]
+        for _ in range(5):
+            params = model.clipped(model.rest_params() + 0.7 * rng.normal(size=34))
+            points = model.joint_positions(model.bones(params))[joints]
+            lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+            np.testing.assert_allclose(lengths, np.linalg.norm(ready.reach, axis=1), rtol=1e-12)
+
+
+def _spread(model, **std):
+    variance = np.full(len(model.transform.names), 1e-12)
+    for name, value in std.items():
+        variance[model.transform.names.index(name)] = value**2
+    return np.diag(variance)
+
+
+def test_what_is_known_and_where_the_root_is_have_no_say(body):
+    chains = chains_of(body)
+    nothing = chain_votes(body, body.rest_params(), np.zeros((34, 34)), chains)
+    np.testing.assert_allclose(nothing, 0.2)
+    root = chain_votes(body, body.rest_params(), _spread(body, root_tz=3.0, neck_flex=0.1), chains)
+    assert chains[int(np.argmax(root))].name == "neck"
+    assert root.max() > 0.99
+
+
+def _along(model, **direction):
+    """Return (P,) a unit direction among parameters in units of their ranges, and those ranges (inf where there is none)."""
+    low, high = model.bounds(model.rest_params()).T
+    unit = np.zeros(len(low))
+    for name, share in direction.items():
+        unit[model.transform.names.index(name)] = share
+    return unit / np.linalg.norm(unit), np.where(np.isfinite(high - low), high - low, 1.0)
+
+
+def _votes(model, *bells):
+    """Return votes by chain for a covariance of bells along unit directions: (variance, direction by name) each."""
+    whole = np.zeros((len(model.transform.names),) * 2)
+    for variance, direction in bells:
+        unit, width = _along(model, **direction)
+        whole += variance * np.outer(unit * width, unit * width)
+    chains = chains_of(model)
+    votes = chain_votes(model, model.rest_params(), whole, chains)
+    return {chain.name: vote for chain, vote in zip(chains, votes, strict=True)}
+
+
+def test_what_errs_together_votes_by_the_squares_of_its_shares(body):
+    """One direction, 3 parts elbow and 4 parts knee, that are wrong together: 9 votes to 16."""
+    together = _votes(body, (1e-2, {"right_elbow_flex": 3.0, "left_knee_flex": -4.0}))
+    assert together["right_arm"] == pytest.approx(9.0 / 25.0)
+    assert together["left_leg"] == pytest.approx(16.0 / 25.0)
+
+
+@pytest.mark.parametrize(("small", "has_say"), [(0.04, False), (0.06, True)])
+def test_directions_vote_until_they_make_up_95_percent_of_the_variance(body, small, has_say):
+    votes = _votes(
+        body,
+        (1.0 - small, {"right_elbow_flex": 1.0, "left_elbow_flex": 1.0}),
+        (small, {"left_knee_flex": 2.0, "neck_flex": 1.0}),
+    )
+    assert votes["right_arm"] == pytest.approx(0.5 * (1.0 - small * has_say))
+    assert votes["left_leg"] == pytest.approx(0.8 * small * has_say)
+    assert votes["neck"] == pytest.approx(0.2 * small * has_say)
+    assert votes["right_leg"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_where_no_chain_has_a_say_all_are_alike(body):
+    assert set(_votes(body, (1.0, {"root_tz": 1.0})).values()) == {0.2}
+    assert set(_votes(body, (1.0, {"spine_flex": 1.0})).values()) == {0.2}

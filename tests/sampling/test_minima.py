@@ -1,0 +1,370 @@
+"""Minima: drawn, polished by the compiled keypoint problem, and told apart."""
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
+from handtrack.model.model_file import load_model
+from handtrack.model.root_turn_kernels import turn_root
+from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack.sampling.chains import chains_of
+from handtrack.sampling.diffusion import core_radius, covariance_scaled, projected, spherical
+from handtrack.sampling.interpretation_tree import interpretation_tree
+from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
+from handtrack.sampling.keypoint_problem import keypoint_problem
+from handtrack.sampling.keypoint_system_kernels import keypoint_system
+from handtrack.sampling.polish import PolishSettings, polish
+from handtrack.sampling.suppression import angle_distance, distinct
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.collision import CollisionTerm
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.loss import geman_mcclure, huber, quadratic
+from handtrack.terms.priors.body_priors import body_priors
+from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
+from tests.derivatives import check_gradient, check_jacobian
+
+FAR = SolverSettings(
+    iterations=300, damping=1e-3, least_damping=1e-12, cost_tolerance=1e-15, step_tolerance=1e-11
+)
+
+
+def front_camera(distance=0.9, focal=600.0):
+    turn = np.diag([1.0, -1.0, -1.0])
+    matrix = np.array([[focal, 0, 320], [0, focal, 240], [0, 0, 1]])
+    return Camera("front", (640, 480), matrix, np.zeros(5), turn, np.array([0.0, 0.1, distance]))
+
+
+def rest_prior(model, sigma=0.8):
+    widths = np.full(len(model.rest), sigma)
+    widths[:6] = np.inf
+    return GaussianPrior(model.rest, widths)
+
+
+def hand_problem(rng, coupling="26", narrowing=False, where="space"):
+    model = load_model("hand26", coupling=coupling, narrowing=narrowing)
+    size = len(model.rest_params())
+    truth = model.clipped(model.rest_params() + 0.3 * rng.normal(size=size))
+    points = model.joint_positions(model.bones(truth))
+    if where == "space":
+        seen = Keypoints(model.joint_names, points + 0.003 * rng.normal(size=points.shape), 0.003)
+    else:
+        camera = front_camera()
+        pixels = camera.project(points) + rng.normal(size=(len(points), 2))
+        seen = ImageKeypoints(camera, model.joint_names, pixels, 1.0)
+    starts = truth + 0.05 * rng.normal(size=(6, size)) * np.r_[np.full(3, 0.1), np.ones(size - 3)]
+    return model, [seen], [rest_prior(model)], starts
+
+
+@pytest.mark.parametrize(("coupling", "where"), [("26", "space"), ("21", "image"), ("18", "space")])
+def test_ends_where_the_plain_solver_ends(rng, coupling, where):
+    model, seen, priors, starts = hand_problem(rng, coupling, where=where)
+    ends = polish(model, starts, seen, priors)
+    assert ends.is_minimum.all()
+    plain = Problem(model, [KeypointTerm(model, each) for each in seen], priors)
+    for start, params, cost, normal in zip(
+        starts, ends.params, ends.cost, ends.normal, strict=True
+    ):
+        known = solve(plain, start, FAR)
+        np.testing.assert_allclose(cost, known.cost, rtol=1e-6)
+        np.testing.assert_allclose(params, known.params, atol=1e-3)
+        np.testing.assert_allclose(cost, plain.cost(params), rtol=1e-10)
+        known_normal = plain.linearize(params).hessian
+        np.testing.assert_allclose(normal, known_normal, atol=1e-8 * np.abs(known_normal).max())
+
+
+@pytest.mark.parametrize("loss, share", [(geman_mcclure(3.0), 0.1), (huber(2.0), 0.6)])
+def test_robust_losses(rng, loss, share):
+    """Two joints that are 10 cm off move a robust minimum by far less than that of least squares."""
+    model, (seen,), priors, starts = hand_problem(rng)
+    clean = polish(model, starts[:1], [seen], priors).params
+    wrong = seen.positions.copy()
+    wrong[[8, 15]] += 0.1
+    off = Keypoints(seen.names, wrong, seen.sigma_m)
+    ends = polish(model, clean, [off], priors, loss)
+    assert ends.is_minimum.all()
+    plain = Problem(model, [KeypointTerm(model, off, loss=loss)], priors)
+    np.testing.assert_allclose(ends.cost[0], plain.cost(ends.params[0]), rtol=1e-10)
+    squares = polish(model, clean, [off], priors)
+    moved, dragged = (np.abs(each.params - clean)[0, 3:].max() for each in (ends, squares))
+    assert moved < share * dragged
+
+
+def test_no_way_within_narrowing_limits_leads_down(rng):
+    """Fingers forced apart and bent: abductions at limits that move with the flexion. The plain solver ends there too."""
+    model, seen, priors, starts = hand_problem(rng, narrowing=True)
+    spread = seen[0].positions.copy()
+    apart = [model.joint_names.index(f"{finger}_tip") for finger in ("index", "little")]
+    spread[apart] += [[-0.05, -0.02, 0.0], [0.05, -0.02, 0.0]]
+    seen = [Keypoints(seen[0].names, spread, 0.003)]
+    ends = polish(model, starts, seen, priors)
+    assert ends.is_minimum.all()
+    plain = Problem(model, [KeypointTerm(model, seen[0])], priors)
+    best = ends.params[np.argmin(ends.cost)]
+    low, high = model.bounds(best).T
+    narrowed = model.limits.narrowed[:, 0]
+    at_limit = np.minimum(best - low, high - best)[narrowed] < 1e-9
+    bends = best[model.limits.narrowed[:, 1]]
+    assert (
+        at_limit & (bends > 0.0) & (bends < model.limits.narrow_at)
+    ).any()  # else it tests nothing
+    for step in 1e-4 * rng.normal(size=(300, len(best))):
+        moved = model.clipped(model.clipped(best + step))
+        assert plain.cost(moved) > ends.cost.min() - 1e-9
+    known = [solve(plain, start, FAR).cost for start in starts]
+    np.testing.assert_allclose(ends.cost, known, rtol=1e-6)
+
+
+def test_the_flips_of_an_arm_are_its_minima(rng):
+    """All leaves of an arm's tree are minima of their own, each with its joints where they are seen."""
+    model = load_model("body34")
+    held = {
+        "shoulder_abd": 65.0,
+        "shoulder_flex": 6.0,
+        "shoulder_twist": -97.0,
+        "elbow_flex": 26.0,
+    }
+    truth = model.params_from({f"left_{name}": np.deg2rad(value) for name, value in held.items()})
+    camera = front_camera(4.0, 1100.0)
+    names = [n for n in model.joint_names if "toe" not in n and "hand" not in n and n != "nose"]
+    points = model.joint_positions(model.bones(truth))[[model.joint_names.index(n) for n in names]]
+    seen = [ImageKeypoints(camera, tuple(names), camera.project(points), 1.0)]
+    priors = body_priors(model).joints
+    arm = [chain for chain in chains_of(model) if chain.name == "left_arm"]
+    leaves = interpretation_tree(model, truth, arm, camera).params
+    assert len(leaves) == 3  # the fourth is beyond a limit
+    ends = polish(model, leaves, seen, priors)
+    assert ends.is_minimum.all()
+    for n, params in enumerate(ends.params):
+        others = np.delete(ends.params, n, axis=0)
+        assert np.linalg.norm(others - params, axis=1).min() > 1.0
+        found = model.joint_positions(model.bones(params))
+        off = camera.project(found[[model.joint_names.index(n) for n in names]]) - seen[0].pixels
+        assert np.abs(off).max() < 1.0
+
+
+def test_what_is_no_minimum_is_not_called_one(rng):
+    model, seen, priors, starts = hand_problem(rng, where="image")
+    few = polish(model, starts, seen, priors, settings=PolishSettings(iterations=1))
+    assert not few.is_minimum.any()
+    assert (few.iterations == 1).all()
+    behind = starts.copy()
+    behind[:, 2] += 5.0  # beyond the camera
+    lost = polish(model, behind, seen, priors)
+    assert np.isinf(lost.cost).all() and not lost.is_minimum.any()
+
+
+@pytest.mark.parametrize("factor, stable", [(1.1, True), (0.9, False)])
+def test_a_crest_between_two_flips_is_no_minimum(factor, stable):
+    """A straight finger in the image plane. Seen too long, it stays; seen too short, it wants out, to either side."""
+    model, camera = load_model("hand26"), front_camera()
+    flat = model.params_from({})
+    names = ("index_mcp", "index_pip", "index_dip", "index_tip")
+    points = model.joint_positions(model.bones(flat))[[model.joint_names.index(n) for n in names]]
+    pixels = camera.project(points)
+    seen = [ImageKeypoints(camera, names, pixels[0] + factor * (pixels - pixels[0]), 1.0)]
+    held = GaussianPrior(np.zeros(26), np.r_[np.full(6, 1e-4), np.full(20, 3.0)])
+    start = polish(model, flat[None], seen, [held], settings=PolishSettings(iterations=0))
+    assert start.is_stable[0] == stable
+
+
+def cameras():
+    turn = rotation_matrix(np.array([0.1, 0.9, -0.1]))
+    first = np.array([[500.0, 0, 310], [0, 510, 250], [0, 0, 1]])
+    second = np.array([[900.0, 0, 620], [0, 880, 350], [0, 0, 1]])
+    return (
+        Camera("first", (640, 480), first, np.zeros(5), np.eye(3), np.array([0.1, 0.0, 3.0])),
+        Camera("second", (1280, 720), second, np.zeros(5), turn, np.array([0.0, 0.1, 4.0])),
+    )
+
+
+def problem_of(rng, model, loss, collision=None, spread=0.3):
+    """Return terms of two cameras and space with noise and unknown joints, and parameters near by."""
+    size = len(model.rest_params())
+    truth = model.clipped(model.rest_params() + spread * rng.normal(size=size))
+    points = model.joint_positions(model.bones(truth))
+    seen = []
+    for number, camera in enumerate(cameras()):
+        pixels = camera.project(points) + 3.0 * rng.normal(size=(len(points), 2))
+        pixels[number :: 4 + number] = np.nan
+        seen.append(ImageKeypoints(camera, model.joint_names, pixels, 1.5 + number))
+    where = points + 0.01 * rng.normal(size=points.shape)
+    seen.append(Keypoints(model.joint_names[2:7], where[2:7], 0.01))
+    sigma = np.full(len(model.rest), 0.6)
+    sigma[:6] = np.inf
+    priors = (GaussianPrior(model.rest, sigma), LinearPrior(rng.normal(size=(3, len(model.rest)))))
+    terms = [KeypointTerm(model, each, loss=loss) for each in seen]
+    plain = Problem(model, terms if collision is None else [*terms, collision], priors)
+    packed = keypoint_problem(model, seen, priors, loss, collision)
+    return plain, packed, truth + 0.03 * rng.normal(size=size)
+
+
+def system(packed, params):
+    size = len(params)
+    gradient, normal, curvature = np.empty(size), np.empty((size, size)), np.empty((size, size))
+    cost = keypoint_system(packed, params, workspace(packed), gradient, normal, curvature)
+    return cost, gradient, normal, normal + curvature
+
+
+KINDS = [
+    ("hand26", "26", quadratic()),
+    ("hand26", "18", geman_mcclure(3.0)),
+    ("body34", "26", huber(2.0)),
+]
+
+
+@pytest.mark.parametrize(("name", "coupling", "loss"), KINDS)
+def test_is_what_the_terms_say(rng, name, coupling, loss):
+    plain, packed, params = problem_of(rng, load_model(name, coupling=coupling), loss)
+    cost, gradient, normal, _ = system(packed, params)
+    known = plain.linearize(params)
+    np.testing.assert_allclose(cost, known.cost, rtol=1e-11)
+    np.testing.assert_allclose(
+        keypoint_cost(packed, params, workspace(packed)), known.cost, rtol=1e-11
+    )
+    np.testing.assert_allclose(gradient, known.gradient, atol=1e-10 * np.abs(known.gradient).max())
+    np.testing.assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
+
+
+@pytest.mark.parametrize(("name", "coupling", "loss"), KINDS)
+def test_derivatives(rng, name, coupling, loss):
+    """The gradient by differences of the cost, the exact Hessian by differences of the gradient."""
+    model = load_model(name, coupling=coupling)
+    _, packed, params = problem_of(rng, model, loss)
+    _, gradient, normal, hessian = system(packed, params)
+    names, space = model.transform.names, workspace(packed)
+    check_gradient(lambda x: keypoint_cost(packed, x, space), gradient, params, names, rtol=1e-5)
+    check_jacobian(lambda x: system(packed, x)[1], hessian, params, names, names, rtol=1e-6)
+    assert np.abs(hessian - normal).max() > 1e-3 * np.abs(normal).max()  # the test sees the rest
+
+
+def test_collisions_are_added(rng):
+    """At a pose with an arm through the trunk, and afterwards at one without: nothing of it may stay."""
+    model = load_model("body34")
+    collision = CollisionTerm.of(model)
+    plain, packed, _ = problem_of(rng, model, quadratic(), collision)
+    params = model.rest_params()
+    through = params.copy()
+    through[model.transform.names.index("left_shoulder_abd")] = -0.7
+    assert collision.cost(model.bones(through)) > 0.0 == collision.cost(model.bones(params))
+    size, space = len(params), workspace(packed)
+    gradient, normal, rest = np.empty(size), np.empty((size, size)), np.empty((size, size))
+    for where in (through, params, through):
+        cost = keypoint_system(packed, where, space, gradient, normal, rest)
+        known = plain.linearize(where)
+        np.testing.assert_allclose(cost, known.cost, rtol=1e-11)
+        np.testing.assert_allclose(keypoint_cost(packed, where, space), known.cost, rtol=1e-11)
+        np.testing.assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
+        check_gradient(plain.cost, gradient, where, model.transform.names, rtol=1e-5)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-5, 0.03, 0.0499999, 0.0500001, 0.4, 3.0, 5.0])
+def test_turn_of_the_root(rng, angle):
+    axis = rng.normal(size=3)
+    r = angle * axis / np.linalg.norm(axis)
+    rotation, jacobian, slope = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3))
+    turn_root(r, rotation, jacobian, slope)
+    np.testing.assert_allclose(rotation, rotation_matrix(r), atol=1e-12)
+    np.testing.assert_allclose(jacobian, left_jacobian(r), atol=1e-12)
+    by_differences = slope.reshape(3, 9).T
+    # steps of 1e-4: the plain form changes to its series below that angle
+    check_jacobian(
+        lambda x: left_jacobian(x).ravel(), by_differences, r, step=1e-4, rtol=1e-6, atol=1e-8
+    )
+
+
+def test_distance_is_the_root_mean_square_of_angles(rng):
+    start = rng.normal(size=10)
+    moved = start.copy()
+    moved[:3] += 5.0  # metres do not count
+    moved[6:] += [0.3, -0.4, 0.0, 0.0]
+    np.testing.assert_allclose(angle_distance(start, moved[None]), [0.5 / np.sqrt(7)])
+
+
+def test_the_same_attitude_is_at_no_distance(rng):
+    """Rotation vectors 2π apart; and a turn counts by its angle, wherever it starts from."""
+    start = np.r_[np.zeros(3), rng.normal(size=3), np.zeros(4)]
+    axis = start[3:6] / np.linalg.norm(start[3:6])
+    again = start.copy()
+    again[3:6] -= 2 * np.pi * axis
+    np.testing.assert_allclose(angle_distance(start, again[None]), [0.0], atol=1e-12)
+    turned = start.copy()
+    turn = rotation_matrix(np.array([0.0, 0.02, 0.0]))
+    turned[3:6] = rotation_vector(turn @ rotation_matrix(start[3:6]))
+    np.testing.assert_allclose(angle_distance(start, turned[None]), [0.02 / np.sqrt(7)])
+
+
+@pytest.mark.parametrize("threshold", [0.05, 0.1, 0.3])
+def test_distinct_ones_are_apart_and_stand_for_all(rng, threshold):
+    params, costs = rng.normal(scale=0.2, size=(80, 12)), rng.normal(size=80)
+    kept = distinct(params, costs, threshold)
+    for k in kept:
+        others = params[kept[kept != k]]
+        assert (angle_distance(params[k], others) > threshold).all()
+    for n in set(range(80)) - set(kept.tolist()):
+        near = kept[angle_distance(params[n], params[kept]) <= threshold]
+        assert len(near) and costs[near].min() <= costs[n]
+
+
+@pytest.fixture
+def spread(rng):
+    """A covariance with standard deviations from 0.01 to 1 along skew axes."""
+    axes, _ = np.linalg.qr(rng.normal(size=(5, 5)))
+    return axes @ np.diag(np.array([0.01, 0.03, 0.1, 0.3, 1.0]) ** 2) @ axes.T
+
+
+@pytest.mark.parametrize("scale", [1.0, 4.0])
+def test_gaussian_samples_have_the_covariance(rng, spread, scale):
+    mean = rng.normal(size=5)
+    drawn = covariance_scaled(mean, spread, scale, 40_000, rng)
+    np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.03 * scale)
+    # in units of the wanted one, so that the narrow directions count as much as the wide
+    root = np.linalg.inv(np.linalg.cholesky(spread))
+    np.testing.assert_allclose(
+        root @ np.cov(drawn.T) @ root.T, scale**2 * np.eye(5), atol=0.05 * scale**2
+    )
+
+
+def test_spherical_samples_are_round_and_of_the_same_volume(rng, spread):
+    drawn = spherical(np.zeros(5), spread, 2.0, 40_000, rng)
+    covariance = np.cov(drawn.T)
+    radius = core_radius(spread)
+    np.testing.assert_allclose(covariance, 4.0 * radius**2 * np.eye(5), atol=0.1 * radius**2)
+    np.testing.assert_allclose(radius**5, np.sqrt(np.linalg.det(spread)))
+    elliptic = np.cov(covariance_scaled(np.zeros(5), spread, 2.0, 40_000, rng).T)
+    np.testing.assert_allclose(np.linalg.det(covariance), np.linalg.det(elliptic), rtol=0.1)
+
+
+def test_heavy_tails(rng, spread):
+    """Along each principal axis a Cauchy distribution: half within one spread, one in sixteen beyond ten."""
+    values, vectors = np.linalg.eigh(spread)
+    for sampler, width in (
+        (covariance_scaled, np.sqrt(values)),
+        (spherical, np.full(5, core_radius(spread))),
+    ):
+        drawn = sampler(np.zeros(5), spread, 3.0, 40_000, rng, "cauchy")
+        along = np.abs(drawn @ (vectors if sampler is covariance_scaled else np.eye(5))) / (
+            3.0 * width
+        )
+        np.testing.assert_allclose((along < 1.0).mean(axis=0), 0.5, atol=0.015)
+        np.testing.assert_allclose(
+            (along > 10.0).mean(axis=0), 1 - 2 / np.pi * np.arctan(10), atol=0.005
+        )
+
+
+@pytest.mark.parametrize("coupling", ["26", "18"])
+def test_projection_onto_limits_that_narrow(rng, coupling):
+    model = load_model("hand26", coupling=coupling)
+    size = len(model.rest_params())
+    drawn = model.rest_params() + 2.0 * rng.normal(size=(200, size))
+    inside = projected(model, drawn)
+    for row in inside:
+        bounds = model.bounds(row)
+        assert (row >= bounds[:, 0] - 1e-12).all() and (row <= bounds[:, 1] + 1e-12).all()
+        np.testing.assert_array_equal(model.clipped(row), row)
+    assert (inside != drawn).any(axis=1).all()
+    free = model.bounds(model.rest_params())[:, 1] == np.inf
+    np.testing.assert_array_equal(inside[:, free], drawn[:, free])
+    np.testing.assert_array_equal(projected(model, inside), inside)
+    assert projected(model, drawn[:0]).shape == (0, size)

@@ -1,0 +1,291 @@
+"""Clouds: distances to the surface (E1), empty space (E2) and lines of sight, against plain forms, by differences, and by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
+from handtrack.solver.levenberg_marquardt import SolverSettings, solve
+from handtrack.solver.problem import Problem
+from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
+from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
+from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
+from handtrack.terms.clouds.distance_map import distance_map
+from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
+from handtrack.terms.rows import Rows, motion_row
+from tests.derivatives import check_jacobian, check_observation_term
+from tests.model.metaballs_reference import cloud_rows
+from tests.terms.cloud_rays_reference import ray_costs
+from tests.terms.plain_rows import system_of
+
+LOSSES = [quadratic(), geman_mcclure(2.0), huber(1.5), uniform_outliers(0.2, 20.0)]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return load_model()
+
+
+def hand_cloud(rng, model, count, noise=0.002, off=0.08):
+    """Return points near a hand's surface, and bones some millimetres and degrees away."""
+    truth = model.clipped(model.rest_params() + 0.2 * rng.normal(size=len(model.rest_params())))
+    points, _ = sample_surface(MetaballSurface.of(model), model.bones(truth), count, rng)
+    away = truth + off * rng.normal(size=len(truth))
+    away[:3] = truth[:3] + 0.1 * off * rng.normal(size=3)
+    return points + noise * rng.normal(size=points.shape), model.bones(model.clipped(away))
+
+
+def assert_same(system, expected, cost=None):
+    assert system.cost == pytest.approx(expected.cost, rel=1e-9)
+    for mine, plain in ((system.gradient, expected.gradient), (system.hessian, expected.hessian)):
+        np.testing.assert_allclose(mine, plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
+
+
+@pytest.mark.parametrize(("loss", "form"), [*zip(LOSSES, (*FORMS, "d3"), strict=True)])
+def test_kernel_equals_the_plain_form(rng, model, form, loss):
+    points, bones = hand_cloud(rng, model, 1501)
+    points = np.concatenate([points, rng.uniform(-0.3, 0.3, size=(200, 3))])
+    surface = MetaballSurface.of(model, form=form, sharpness=700.0)
+    term = CloudDistanceTerm(prepare_cloud(points), surface, 0.003, loss, weight=0.4)
+    plain = system_of(cloud_rows(surface, bones, points, 0.003, loss, 0.4), len(bones.position))
+    assert_same(term.linearize(bones), plain)
+    assert term.cost(bones) == pytest.approx(plain.cost, rel=1e-9)
+
+
+@pytest.mark.parametrize(("sharpness", "flesh"), [(50.0, "metaballs"), (3000.0, "fine")])
+def test_soft_and_hard_surfaces_of_many_ellipsoids(rng, model, flesh, sharpness):
+    """Several ellipsoids on one bone, and weights of many at once."""
+    points, bones = hand_cloud(rng, model, 700)
+    surface = MetaballSurface.of(model, sharpness, flesh=flesh)
+    term = CloudDistanceTerm(prepare_cloud(points), surface)
+    plain = cloud_rows(surface, bones, points, term.sigma_m, quadratic())
+    assert_same(term.linearize(bones), system_of(plain, len(bones.position)))
+
+
+@pytest.mark.parametrize(("loss", "form"), [*zip(LOSSES, (*FORMS, "d3"), strict=True)])
+def test_derivatives_by_every_bone(rng, model, form, loss):
+    points, bones = hand_cloud(rng, model, 300)
+    surface = MetaballSurface.of(model, form=form)
+    term = CloudDistanceTerm(prepare_cloud(points), surface, 0.004, loss)
+    check_observation_term(term, bones, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
+
+
+def test_one_ball_by_hand():
+    """A point 1 mm outside along x pulls the ball that way, and turns it where its arm says."""
+    flesh = Ellipsoids(
+        ("b",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 0.01)
+    )
+    bones = BonePoses(np.zeros(3), np.eye(3)[None], np.array([[0.0, 0.1, 0.0]]))
+    term = CloudDistanceTerm(
+        prepare_cloud(np.array([[0.011, 0.1, 0.0]])),
+        MetaballSurface(flesh, np.ones((1, 1), bool)),
+        0.002,
+    )
+    system = term.linearize(bones)
+    assert system.cost == pytest.approx(0.5 * 0.5**2)
+    row = -np.array([1, 0, 0, 0, 0, -0.1]) / 0.002
+    np.testing.assert_allclose(system.gradient, 0.5 * row, atol=1e-12)
+    np.testing.assert_allclose(system.hessian, np.outer(row, row), atol=1e-9)
+
+
+def test_an_empty_cloud_asks_for_nothing(rng, model):
+    _, bones = hand_cloud(rng, model, 1)
+    for points in (np.zeros((0, 3)), np.full((4, 3), np.nan)):
+        cloud = prepare_cloud(points)
+        term = CloudDistanceTerm(cloud, MetaballSurface.of(model))
+        system = term.linearize(bones)
+        assert system.cost == term.cost(bones) == 0.0
+        assert not system.gradient.any() and not system.hessian.any()
+        assert (cloud.count, cloud.dropped) == (0, len(points))
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_a_losses_weight_is_the_slope_of_its_value(loss):
+    squared = np.array([0.01, 0.5, 1.7, 9.0, 50.0])
+    slope = (loss.value(squared + 1e-6) - loss.value(squared - 1e-6)) / 2e-6
+    np.testing.assert_allclose(loss.weight(squared), slope, rtol=1e-6, atol=1e-9)
+    assert loss.value(np.zeros(1))[0] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_a_cloud_of_the_model_pulls_it_into_place(rng, model):
+    truth = model.clipped(model.rest_params() + 0.1 * rng.normal(size=len(model.rest_params())))
+    surface = MetaballSurface.of(model)
+    points, _ = sample_surface(surface, model.bones(truth), 5000, rng)
+    points += 0.0003 * rng.normal(size=points.shape)
+    start = truth.copy()
+    start[:3] += [0.003, -0.003, 0.003]
+    start[3:] += np.deg2rad(3) * rng.normal(size=len(truth) - 3)
+    problem = Problem(model, [CloudDistanceTerm(prepare_cloud(points), surface, 0.0005)])
+    found = solve(problem, model.clipped(start), SolverSettings(iterations=20)).params
+    error = model.keypoints21(model.bones(found)) - model.keypoints21(model.bones(truth))
+    assert np.linalg.norm(error, axis=1).mean() < 1.5e-4
+
+
+BOX = np.array([-0.1, -0.1, -0.1]), np.array([0.1, 0.12, 0.15])
+
+
+@pytest.fixture(scope="module")
+def scene(model):
+    rng = np.random.default_rng(3)
+    surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())
+    points, _ = sample_surface(surface, bones, 4000, rng)
+    return points, bones, surface_mesh(surface, bones, 0.006)
+
+
+@pytest.mark.parametrize("count", [1, 60, 40_000])
+def test_distances_near_the_surface_are_exact_to_a_tenth_of_a_millimetre(model, count):
+    """Sparse to dense clouds on a hand: at the cloud's nodes, on the surface and up to 6 mm away; further, on average."""
+    surface, bones = MetaballSurface.of(model), model.bones(model.rest_params())
+    rng = np.random.default_rng(1)
+    cloud = sample_surface(surface, bones, count, rng)[0] + rng.normal(0.0, 3e-4, (count, 3))
+    mesh = surface_mesh(surface, bones, 0.006).vertices
+    field = distance_map(cloud, mesh.min(axis=0) - 0.04, mesh.max(axis=0) + 0.04)
+    nodes = np.moveaxis(np.indices(field.values.shape), 0, -1) * field.spacing + field.low
+    near = rng.uniform(-0.004, 0.004, (20, *mesh.shape)) + mesh
+    places = np.concatenate([nodes.reshape(-1, 3), mesh, near.reshape(-1, 3), cloud])
+    exact = cKDTree(cloud).query(places)[0]
+    off = np.abs(field.at(places)[0] - exact)
+    assert off[exact < 0.006].max() < 1e-4
+    assert off.mean() < 0.0005
+    np.testing.assert_allclose(field.values.ravel(), field.at(nodes.reshape(-1, 3))[0], atol=1e-7)
+    found, true = (
+        float((d[: len(mesh)] ** 2).sum())
+        for d in (field.at(mesh)[0], cKDTree(cloud).query(mesh)[0])
+    )
+    assert found == pytest.approx(true, rel=0.02)
+
+
+def test_the_slope_of_the_distance_is_its_derivative_inside_and_beyond_the_grid(rng):
+    cloud = rng.uniform(*BOX, size=(40, 3))
+    field = distance_map(cloud, *BOX, spacing_m=0.01)
+    for point in rng.uniform(-0.3, 0.3, size=(60, 3)):
+        check_jacobian(
+            lambda x: field.at(x[None])[0],
+            field.at(point[None])[1],
+            point,
+            step=1e-8,
+            rtol=1e-5,
+            atol=1e-5,
+        )
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_kernel_equals_rows(rng, model, scene, loss):
+    points, bones, mesh = scene
+    moved = model.bones(model.rest_params() + 0.05 * rng.normal(size=len(model.rest_params())))
+    term = replace(CloudEmptinessTerm.at_start(points, mesh, loss=loss, weight=0.3), slack_m=0.001)
+    x = moved.to_world(term.bone, term.local)
+    distance, n = term.distances.at(x)
+    residual = np.maximum(distance - 0.001, 0.0) / 0.004
+    twist = np.where(residual[:, None] > 0, motion_row(x, n / 0.004, moved.reference), 0.0)
+    squared = residual**2
+    cost = 0.15 * float(loss.value(squared).sum())
+    rows = Rows(residual, np.arange(len(x)), term.bone, twist, cost, 0.3 * loss.weight(squared))
+    plain, system = system_of(rows, len(bones.position)), term.linearize(moved)
+    assert system.cost == pytest.approx(plain.cost, rel=1e-12) == term.cost(moved)
+    np.testing.assert_allclose(
+        system.gradient, plain.gradient, atol=1e-9 * np.abs(plain.gradient).max()
+    )
+    np.testing.assert_allclose(system.hessian, plain.hessian, atol=1e-9 * plain.hessian.max())
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_derivatives_by_every_bone_cloud_emptiness(rng, model, scene, loss):
+    points, _, mesh = scene
+    moved = model.bones(model.rest_params() + 0.05 * rng.normal(size=len(model.rest_params())))
+    start = CloudEmptinessTerm.at_start(points, mesh, loss=loss)
+    term = CloudEmptinessTerm(start.distances, start.bone, start.local, loss=loss)
+    check_observation_term(term, moved, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
+
+
+def test_it_pulls_a_finger_out_of_empty_space(model):
+    """Cloud of a bent index, model with a straighter one: E2's gradient bends it."""
+    surface = MetaballSurface.of(model)
+    bent = model.bones(model.params_from({"index_mcp_flex": 1.2}))
+    straight, twist_jacobian, _ = model.linearize(model.params_from({"index_mcp_flex": 0.6}))
+    points, _ = sample_surface(surface, bent, 4000, np.random.default_rng(0))
+    term = CloudEmptinessTerm.at_start(points, surface_mesh(surface, straight, 0.006))
+    moves = twist_jacobian.reshape(-1, twist_jacobian.shape[2])
+    gradient = term.linearize(straight).pull_back(moves).gradient
+    slope = gradient[model.parameter_names.index("index_mcp_flex")]
+    assert slope < 0
+    assert slope == gradient[6:].min()
+
+
+def test_only_what_a_view_can_have_measured_is_asked_for(model):
+    """A flat open hand from the front: no point of its back, none behind, and both cameras of a pair must see."""
+    surface, bones = MetaballSurface.of(model), model.bones(model.params_from({}))
+    mesh = surface_mesh(surface, bones, 0.005)
+    front, side = np.array([[0.0, 0.1, 0.5]]), np.array([[0.5, 0.1, 0.1]])
+    seen = seen_from(mesh.vertices, mesh.normals, [front])
+    assert (mesh.normals[seen] @ [0, 0, 1] > 0).all()
+    assert seen[mesh.normals[:, 2] > 0.8].mean() > 0.9
+    both = seen_from(mesh.vertices, mesh.normals, [np.concatenate([front, side])])
+    either = seen_from(mesh.vertices, mesh.normals, [front, side])
+    by_side = seen_from(mesh.vertices, mesh.normals, [side])
+    np.testing.assert_array_equal(both, seen & by_side)
+    np.testing.assert_array_equal(either, seen | by_side)
+    assert seen_from(mesh.vertices, mesh.normals, []).all()
+    # the thumb's side towards x is hidden from the other side by the palm: little of it may be asked for
+    thumb = np.isin(mesh.bone, [model.skeleton.bone(f"thumb_{b}") for b in ("proximal", "distal")])
+    facing = mesh.normals @ [1, 0, 0] > 0.5
+    assert by_side[thumb & facing].mean() < 0.5 < by_side[~thumb & facing].mean()
+
+
+CENTRE = np.array([0.02, 0.05, 0.6])
+
+
+@pytest.fixture
+def bones(model):
+    return model.bones(model.rest_params())
+
+
+@pytest.fixture
+def term(rng, model, bones):
+    """Points on the hand, each off along its ray; a third of them beside it as well."""
+    surface = MetaballSurface.of(model)
+    points = sample_surface(surface, bones, 300, rng)[0]
+    points = CENTRE + (points - CENTRE) * rng.uniform(0.93, 1.07, size=(300, 1))
+    points[::3] += rng.normal(scale=0.008, size=points[::3].shape)
+    return CloudRaysTerm(points, CENTRE, surface, along_m=0.02, weight=0.7)
+
+
+def test_as_in_the_plain_form(term, bones):
+    costs = ray_costs(term, bones)
+    assert term.cost(bones) == pytest.approx(0.7 * costs.sum(), rel=1e-10)
+
+
+def test_derivatives(term, model):
+    moved = model.bones(model.rest_params() + 0.03)
+    check_observation_term(term, moved, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
+
+
+def one(model, point, **kw):
+    return CloudRaysTerm(np.array([point]), CENTRE, MetaballSurface.of(model), **kw)
+
+
+def test_a_wrong_depth_costs_the_same_wherever_and_pulls_nothing(model, bones):
+    """Even where the hand's far side is: no camera sees that."""
+    palm = bones.position[model.skeleton.bone("middle_proximal")]
+    sight = palm - CENTRE
+    costs = [one(model, CENTRE + share * sight).cost(bones) for share in (0.85, 0.93, 1.03, 1.2)]
+    np.testing.assert_allclose(costs, costs[0], rtol=1e-3)
+    pull = one(model, CENTRE + 0.85 * sight).linearize(bones).gradient
+    assert np.abs(pull).max() < 1e-6
+
+
+def test_a_ray_that_passes_by_pulls_the_hand_across_and_not_along(model, bones):
+    tip = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
+    beside = tip + np.array([0.0, 0.02, 0.0])
+    near, far = (one(model, CENTRE + share * (beside - CENTRE)) for share in (0.9, 1.1))
+    assert near.cost(bones) == pytest.approx(far.cost(bones), rel=1e-12)
+    pull = near.linearize(bones).gradient.reshape(-1, 6)[:, :3].sum(axis=0)
+    ray = (beside - CENTRE) / np.linalg.norm(beside - CENTRE)
+    assert np.linalg.norm(pull) > 1.0
+    assert abs(pull @ ray) < 0.2 * np.linalg.norm(pull)

@@ -1,0 +1,313 @@
+"""Images: texture carried along, edges on the outline, the outline itself, and what is in front."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BonePoses
+from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
+from handtrack.simulation.render import render
+from handtrack.terms.images.carried_texture import (
+    CarriedTextureTerm,
+    Texture,
+    contradicts,
+    still_visible,
+    texture_points,
+)
+from handtrack.terms.images.depth_picture import depth_picture
+from handtrack.terms.images.edge_search import edges_near
+from handtrack.terms.images.model_outline import outline_points
+from handtrack.terms.images.outline_edges import OutlineEdgesTerm
+from handtrack.terms.images.smooth_image import smooth_image
+from handtrack.terms.loss import geman_mcclure, huber, quadratic
+from tests.experiments.scenes.textured_mesh import Pattern, textured_picture
+from tests.terms.appearance_reference import bilinear, edges_system, texture_system
+from tests.terms.image_scene import STEP_M, edges_seen, scene, texture_seen
+from tests.terms.silhouette_scene import (
+    BONES,
+    assert_same_system,
+    bones_of,
+    camera_of,
+    ellipsoids_of,
+    moved_along,
+)
+
+
+def carried(mesh, bones, camera, pixels, smooth_px=1.0):
+    """Return the texture as a camera sees it at `bones`."""
+    bone, local, pixel = texture_points(mesh, bones, depth_picture(mesh, bones, camera), 2)
+    color = smooth_image(pixels, smooth_px, pixel).look_up(pixel)[0]
+    return Texture(camera, bone, local, color), pixel
+
+
+@pytest.fixture
+def patterned(rng):
+    """Return bones, mesh, camera, and a function that draws the patterned model at other poses."""
+    bones, _, mesh, views = scene(rng, cameras=1)
+    camera, room = views[0]
+    paint = Pattern.random(BONES, rng, 0.03)
+    return bones, mesh, camera, lambda at: textured_picture(camera, mesh, at, paint, room)[0]
+
+
+@pytest.mark.parametrize("loss", [quadratic(), huber(1.5), geman_mcclure(3.0)])
+def test_it_is_the_sum_that_numpy_makes(rng, loss):
+    bones, _, mesh, views = scene(rng)
+    term = CarriedTextureTerm(texture_seen(rng, bones, mesh, views), 12.0, loss, 0.3)
+    moved = moved_along(bones, rng.normal(scale=0.002, size=6 * BONES))
+    reference = texture_system(term, moved)
+    assert_same_system(term.linearize(moved), reference)
+    assert term.cost(moved) == pytest.approx(reference.cost)
+
+
+def test_images_are_looked_up_between_and_beyond_their_pixels(rng):
+    pixels = rng.integers(0, 255, (12, 9, 3)).astype(np.uint8)
+    corners = np.array([[2.0, 3.0], [7.0, 10.0]])
+    image = smooth_image(pixels, 0.0, corners)
+    assert image.corner == (2, 3)
+    at = rng.uniform(-3, 14, (300, 2))
+    values, slopes = image.look_up(at)
+    for ours, theirs in zip(
+        (values, slopes), bilinear(image.values, at - image.corner), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs, atol=1e-9)
+    np.testing.assert_array_equal(image.values, pixels[3:11, 2:8])
+    whole = smooth_image(pixels, 1.5, np.array([[0.0, 0.0], [8.0, 11.0]]))
+    part = smooth_image(pixels, 1.5, corners)
+    # a window changes nothing
+    np.testing.assert_allclose(part.values, whole.values[3:11, 2:8], atol=1e-3)
+
+
+def test_a_step_finds_the_texture_where_it_went(patterned):
+    bones, mesh, camera, draw = patterned
+    texture, pixel = carried(mesh, bones, camera, draw(bones), 2.0)
+    now = smooth_image(draw(shifted(bones, camera, 1.5)), 2.0, pixel, 10.0)
+    right = np.concatenate([camera.rotation[0] * 0.5 / 330.0, np.zeros(3)])
+    together = np.tile(right, BONES)
+    pose, moved = bones, 0.0
+    term = CarriedTextureTerm([(texture, now)], 10.0)
+    for _ in range(6):
+        system = term.linearize(pose)
+        step = -(system.gradient @ together) / (together @ system.hessian @ together)
+        pose, moved = shifted(pose, camera, step), moved + step
+    assert moved == pytest.approx(1.5, abs=0.15)
+    assert term.cost(pose) < 0.2 * term.cost(bones)
+
+
+def test_hidden_points_do_not_count(rng, patterned):
+    bones, mesh, camera, draw = patterned
+    texture, _ = carried(mesh, bones, camera, draw(bones))
+    everything = still_visible(texture, bones, depth_picture(mesh, bones, camera), STEP_M)
+    assert len(everything.bone) > 0.97 * len(texture.bone)
+    turned = moved_along(bones, np.tile([0, 0, 0, 0, 2.0, 0], BONES))
+    picture = depth_picture(mesh, turned, camera)
+    left = still_visible(texture, turned, picture, STEP_M)
+    assert 0 < len(left.bone) < 0.8 * len(texture.bone)
+    points = turned.to_world(left.bone, left.local)
+    front = picture.at(camera.project(points))[1]
+    assert (camera.to_camera(points)[:, 2] < front + STEP_M).all()
+
+
+def drawn(mesh, bones, camera, inside=190, outside=50):
+    """Return a picture (H, W, 3) of the plain model before a plain background."""
+    face, _ = depth_picture(mesh, bones, camera).in_image()
+    grey = np.where(face >= 0, inside, outside).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
+
+
+def edges_of(mesh, bones, camera, pixels, search_px=8.0):
+    outline = outline_points(mesh, bones, depth_picture(mesh, bones, camera), STEP_M)
+    return edges_near(outline, smooth_image(pixels, 1.0, outline.pixel, search_px + 2), search_px)
+
+
+def shifted(bones, camera, px, focal=330.0, distance=0.5):
+    """Return all bones moved across a camera's image, to the right by about `px` pixels."""
+    step = camera.rotation.T @ np.array([px * distance / focal, 0.0, 0.0])
+    return BonePoses(bones.reference + step, bones.rotation, bones.position + step)
+
+
+@pytest.mark.parametrize("from_unexplained", [True, False])
+def test_it_is_the_sum_that_numpy_makes_outline_edges(rng, from_unexplained):
+    bones, _, mesh, views = scene(rng)
+    seen = edges_seen(bones, mesh, views)
+    term = OutlineEdgesTerm(seen, 2.0, 8.0, 0.2, 0.7, from_unexplained)
+    moved = moved_along(bones, rng.normal(scale=0.002, size=6 * len(bones.position)))
+    reference = edges_system(term, moved)
+    assert_same_system(term.linearize(moved), reference)
+    assert term.cost(moved) == pytest.approx(reference.cost)
+
+
+def test_edges_are_where_the_picture_changes(rng):
+    bones, _, mesh, views = scene(rng, cameras=1, parts=1)
+    camera = views[0][0]
+    seen = edges_of(mesh, bones, camera, drawn(mesh, bones, camera))
+    best = seen.place[:, 0][seen.strength[:, 0] > 0]
+    assert seen.found > 0.9
+    assert abs(np.median(best)) < 0.3
+    assert np.percentile(np.abs(best), 80) < 1.0
+
+
+def test_a_step_moves_the_outline_to_the_edge(rng):
+    """Three pixels beside it, one Gauss-Newton step of all bones together leads back."""
+    bones, _, mesh, views = scene(rng, cameras=1, parts=1)
+    camera = views[0][0]
+    pixels = drawn(mesh, bones, camera)
+    beside = shifted(bones, camera, 3.0)
+    seen = edges_of(mesh, beside, camera, pixels)
+    term = OutlineEdgesTerm([seen], sigma_px=3.0)
+    system = term.linearize(beside)
+    right = camera.rotation[0] * 0.5 / 330.0  # a pixel to the right
+    together = np.tile(np.concatenate([right, np.zeros(3)]), len(bones.position))
+    step = -(system.gradient @ together) / (together @ system.hessian @ together)
+    assert step == pytest.approx(-3.0, abs=0.6)
+    assert term.cost(shifted(beside, camera, step)) < 0.7 * term.cost(beside)
+
+
+def test_clutter_far_from_the_outline_does_not_pull(rng):
+    """Beside the outline's own edge another one: narrow, the far one has hardly any say."""
+    bones, _, mesh, views = scene(rng, cameras=1, parts=1)
+    camera = views[0][0]
+    seen = edges_of(mesh, bones, camera, drawn(mesh, bones, camera))
+    place, strength = np.zeros_like(seen.place), np.zeros_like(seen.strength)
+    strength[:, :2], place[:, 1] = (0.5, 0.9), 6.0
+    both = replace(seen, place=place, strength=strength)
+    strength = strength.copy()
+    strength[:, 1] = 0.0
+    alone = replace(seen, place=place, strength=strength)
+    narrow = [OutlineEdgesTerm([s], sigma_px=1.0).linearize(bones) for s in (both, alone)]
+    wide = [OutlineEdgesTerm([s], sigma_px=8.0).linearize(bones) for s in (both, alone)]
+    pull = [np.abs(s[0].gradient - s[1].gradient).max() / 6.0 for s in (narrow, wide)]
+    assert pull[0] < 1e-4 * pull[1]
+
+
+OUTLINE_STEP_M = 0.005
+
+
+@pytest.fixture
+def camera():
+    matrix = np.array([[600.0, 0, 159.5], [0, 600, 119.5], [0, 0, 1]])
+    return Camera("cam", (320, 240), matrix, np.zeros(5), np.eye(3), np.zeros(3))
+
+
+def balls(*places):
+    """Return bones, one ball of 20 mm radius on each, at places (3,) [m]."""
+    count = len(places)
+    position = np.array(places, dtype=float)
+    bones = BonePoses(position[0].copy(), np.tile(np.eye(3), (count, 1, 1)), position)
+    flesh = Ellipsoids(
+        tuple("abc"[:count]), np.arange(count), np.zeros((count, 3)), bones.rotation, np.full((count, 3), 0.02)
+    )  # fmt: skip
+    return bones, flesh
+
+
+def outline(camera, bones, flesh):
+    mesh = ellipsoid_mesh(flesh, 3)
+    return outline_points(mesh, bones, depth_picture(mesh, bones, camera), OUTLINE_STEP_M)
+
+
+def test_a_balls_outline_is_its_ellipse(camera):
+    bones, flesh = balls((0.03, -0.01, 0.5))
+    found = outline(camera, bones, flesh)
+    shape = shape_matrix(flesh.posed(bones).rotation, flesh.radii)
+    middle, spread = ellipse(dual_conic(camera.projection, bones.position, shape))
+    off = found.pixel - middle[0]
+    level = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread[0]), off)
+    np.testing.assert_allclose(level, 1.0, atol=0.02)  # ± 0.25 px of 24
+    across = off @ np.linalg.inv(spread[0])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    assert ((across * found.normal).sum(axis=1) > 0.99).all()
+    around = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(spread[0]).mean())
+    assert found.length_px.sum() == pytest.approx(around, rel=0.02)
+    np.testing.assert_allclose(camera.project(bones.to_world(found.bone, found.local)), found.pixel)
+
+
+def test_what_is_hidden_has_no_outline_and_what_hides_has(camera):
+    bones, flesh = balls((0.0, 0.0, 0.4), (0.02, 0.0, 0.5))
+    found = outline(camera, bones, flesh)
+    front, back = found.subset(found.bone == 0), found.subset(found.bone == 1)
+    # whole, also before the other
+    assert front.length_px.sum() == pytest.approx(2 * np.pi * 30.04, rel=0.02)
+    inside = np.linalg.norm(back.pixel - camera.project(bones.position[0]), axis=1) < 29.0
+    assert len(back.bone) > 20
+    assert not inside.any()
+
+
+def test_parts_that_are_one_limb_show_no_edge_between_them(camera):
+    bones, flesh = balls((0.0, 0.0, 0.5), (0.02, 0.0, 0.5))
+    found = outline(camera, bones, flesh)
+    middle = np.abs(found.pixel[:, 0] - camera.project(np.array([0.01, 0.0, 0.5]))[0])
+    assert (middle > 1.0).all() or np.abs(found.pixel[middle < 1.0, 1] - 119.5).min() > 18.0
+    assert 0.6 < found.length_px.sum() / (4 * np.pi * 24) < 0.8  # two thirds of two circles
+
+
+def test_the_outline_of_a_coarse_mesh_is_where_its_normals_turn_away(camera):
+    """Between a corner that looks to the camera and one that looks away: on their edge, nearer to whichever is nearer to turning."""
+    bones, flesh = balls((0.03, -0.01, 0.5))
+    mesh = ellipsoid_mesh(flesh, 1)
+    found = outline_points(mesh, bones, depth_picture(mesh, bones, camera), OUTLINE_STEP_M)
+    place = bones.to_world(found.bone, found.local)
+    out = place - bones.position[0]
+    across = (out / np.linalg.norm(out, axis=1)[:, None] * (camera.centre - place)).sum(axis=1)
+    assert np.abs(across).max() / 0.5 < 0.06
+
+
+def test_it_agrees_with_exact_rays(rng):
+    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
+    camera = camera_of(rng, (200, 160), focal=330.0)
+    picture = depth_picture(ellipsoid_mesh(flesh, 3), bones, camera)
+    face, depth = picture.in_image()
+    front, exact, _ = render(camera, flesh.posed(bones))
+    both = (face >= 0) & (front >= 0)
+    assert both.sum() > 1000
+    assert ((face >= 0) != (front >= 0)).sum() < 0.01 * both.sum()  # along the outline
+    assert np.percentile(np.abs(depth - exact)[both], 95) < 2e-4
+    same = face[both] // 1280 == front[both]  # 20 · 4³ faces an ellipsoid
+    assert same.mean() > 0.97
+
+
+def test_a_window_holds_the_model_and_nothing_is_around_it(rng):
+    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
+    camera = camera_of(rng, (200, 160), focal=330.0)
+    picture = depth_picture(ellipsoid_mesh(flesh), bones, camera)
+    face, depth = picture.in_image()
+    v, u = np.mgrid[:160, :200]
+    every = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    faces, depths = picture.at(every)
+    np.testing.assert_array_equal(faces, face.ravel())
+    np.testing.assert_array_equal(depths, depth.ravel())
+    outside = picture.at(np.array([[-5.0, 3.0], [3.0, 1e9], [np.nan, 2.0]]))
+    assert (outside[0] == -1).all()
+    assert np.isinf(outside[1]).all()
+
+
+@pytest.fixture
+def known(rng):
+    """Return a grid of points 4 mm apart on two bones that lie in each other, red and blue."""
+    grid = np.stack(np.meshgrid(*2 * [np.arange(10) * 0.004], [0.0]), axis=-1).reshape(-1, 3)
+    bone = np.repeat([0, 1], len(grid))
+    color = np.where(bone[:, None] == 0, [30.0, 30.0, 200.0], [200.0, 30.0, 30.0])
+    return Texture(camera_of(rng), bone, np.concatenate([grid, grid]), color)
+
+
+def test_only_other_colours_on_known_places_contradict(rng, known):
+    moved = known.local + rng.uniform(-0.001, 0.001, known.local.shape)
+    color = known.color + rng.normal(scale=5.0, size=known.color.shape)
+    slipped = np.arange(len(color)) % 7 == 0
+    color[slipped] = 120.0
+    texture = Texture(known.camera, known.bone, moved, color)
+    np.testing.assert_array_equal(contradicts(texture, known, 0.004, 60.0), slipped)
+    assert not contradicts(texture, known, 0.004, 500.0).any()
+
+
+def test_other_bones_and_far_points_know_nothing(known):
+    elsewhere = Texture(known.camera, known.bone + 2, known.local, 255.0 - known.color)
+    assert not contradicts(elsewhere, known, 0.004, 60.0).any()
+    behind = Texture(known.camera, known.bone, known.local + [0, 0, 0.02], 255.0 - known.color)
+    assert not contradicts(behind, known, 0.004, 60.0).any()
+    assert contradicts(behind, known, 0.03, 60.0).all()
+    nothing = known.subset(np.zeros(len(known.bone), bool))
+    assert contradicts(nothing, known, 0.004, 60.0).shape == (0,)
+    assert not contradicts(known, nothing, 0.004, 60.0).any()

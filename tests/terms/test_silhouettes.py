@@ -1,0 +1,325 @@
+"""Silhouettes: the conic field and the coverage ramp by moments against dense forms; overlap, shape, and what stays unexplained."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import HandScale
+from handtrack.model.flesh import Ellipsoids
+from handtrack.model.kinematics import BoneFields, BonePoses
+from handtrack.model.model_file import load_model
+from handtrack.model.size import SizeParameters
+from handtrack.observation.observation import Observation, Silhouette
+from handtrack.simulation.render import render_mask
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
+from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from handtrack.terms.silhouettes.coverage import CoverageTerm
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
+from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
+from handtrack.tracking.frame.assessment import assess, outline_fit
+from handtrack.tracking.frame.constants import DOUBTFUL_PIECE_MM2
+from handtrack.tracking.frame.frame_terms import frame_terms
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.settings import TrackerSettings
+from tests.derivatives import check_gradient
+from tests.terms.conic_field_reference import dense_field
+from tests.terms.silhouette_scene import (
+    assert_same_system,
+    bones_of,
+    ellipsoids_of,
+    moved_along,
+    silhouettes_of,
+)
+
+
+@pytest.mark.parametrize("normalised", [True, False])
+@pytest.mark.parametrize("seed", range(2))
+def test_moments_equal_the_dense_jacobian(seed, normalised):
+    rng = np.random.default_rng(seed)
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
+    ours = ConicFieldTerm(seen, flesh, weight=1.7, normalised=normalised).linearize(bones)
+    dense = dense_field(seen, flesh, bones, depth_scaled=not normalised).system(1.7)
+    assert_same_system(ours, dense)
+
+
+def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng):
+    radii = np.array(
+        [[1e-3] * 3, [2e-3, 4e-3, 1e-3], [0.3, 0.2, 0.3], [0.02, 0.2, 0.02], [0.01] * 3]
+    )
+    flesh = Ellipsoids(
+        tuple("abcde"),
+        np.arange(5),
+        np.zeros((5, 3)),
+        Rotation.random(5, rng=rng).as_matrix(),
+        radii,
+    )
+    position = np.array(
+        [[0.01, 0, 0], [-0.03, 0.02, 0], [0, 0.1, 0.2], [0.2, 0, 0], [0.24, 0.15, 0]]
+    )
+    bones = BonePoses(position[0], Rotation.random(5, rng=rng).as_matrix(), position)
+    seen = silhouettes_of(rng, 4, distance=0.8)
+    for normalised in (True, False):
+        ours = ConicFieldTerm(seen, flesh, normalised=normalised).linearize(bones)
+        assert_same_system(
+            ours, dense_field(seen, flesh, bones, depth_scaled=not normalised).system()
+        )
+
+
+def test_moving_hand_and_cameras_together_changes_nothing(rng):
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
+    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
+
+    def carried(silhouette):
+        camera = silhouette.camera
+        rotation = camera.rotation @ turn.T
+        moved = replace(
+            camera, rotation=rotation, translation=camera.translation - rotation @ shift
+        )
+        return replace(silhouette, camera=moved)
+
+    there = BonePoses(
+        turn @ bones.reference + shift, turn @ bones.rotation, bones.position @ turn.T + shift
+    )
+    here = ConicFieldTerm(seen, flesh).linearize(bones)
+    other = ConicFieldTerm([carried(s) for s in seen], flesh).linearize(there)
+    both = np.kron(np.eye(10), turn)
+    assert other.cost == pytest.approx(here.cost, rel=1e-9)
+    np.testing.assert_allclose(
+        both.T @ other.gradient, here.gradient, atol=1e-8 * np.abs(here.gradient).max()
+    )
+    np.testing.assert_allclose(
+        both.T @ other.hessian @ both, here.hessian, atol=1e-8 * np.abs(here.hessian).max()
+    )
+
+
+def test_ellipsoids_behind_around_and_beside_the_camera_are_skipped(rng):
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
+    centre = seen[0].camera.centre
+    back = -seen[0].camera.rotation[2]
+    places = np.stack(
+        [centre, centre + 0.3 * back, centre - 0.01 * back, centre + 5 * seen[0].camera.rotation[0]]
+    )
+    bones = replace(bones, position=np.concatenate([places, bones.position[:1]]))
+    flesh = replace(flesh, centre=np.zeros_like(flesh.centre))
+    system = ConicFieldTerm(seen, flesh).linearize(bones)
+    assert_same_system(system, dense_field(seen, flesh, bones).system())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        (1, 0, -10),
+        (-1, 0, 10),
+        (0, 1, -20),
+        (0, -1, 20),
+        (0.3, -1.1, 7.0),
+        (-2.0, 0.7, 31),
+        (0, 0, -1),
+        (0, 0, 1),
+    ],
+)
+def test_spans_are_cut_where_the_line_says(rng, line):
+    valid = silhouettes_of(rng, 1)[0].valid
+    u, v = np.arange(96), np.arange(72)[:, None]
+    seen = (u >= valid[:, :1]) & (u < valid[:, 1:]) & (line[0] * u + line[1] * v + line[2] >= 0)
+    cut = clip_spans(valid, line)
+    assert cut.dtype == np.int32
+    np.testing.assert_array_equal((u >= cut[:, :1]) & (u < cut[:, 1:]), seen)
+
+
+@pytest.mark.parametrize("unknown", [True, False])
+def test_overlap_counts_pixels(rng, unknown):
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, unknown=unknown)
+    seen = [replace(s, mask=np.sign(np.round(s.mask))) for s in seen]
+    overlap = outline_overlap(seen, flesh, bones)
+    for i, silhouette in enumerate(seen):
+        dense = dense_field([silhouette], flesh, bones)
+        model, mask = dense.predicted < 0, dense.observed < 0
+        assert overlap.model[i] == model.sum()
+        assert overlap.mask[i] == mask.sum()
+        assert overlap.both[i] == (model & mask).sum()
+        assert overlap.iou[i] == pytest.approx((model & mask).sum() / (model | mask).sum())
+
+
+def test_one_circle_by_hand():
+    """A sphere seen along the axis: the field at the centre pixel is −1, the gradient has no sideways part."""
+    camera = Camera(
+        "c",
+        (41, 41),
+        np.array([[100.0, 0, 20], [0, 100, 20], [0, 0, 1]]),
+        np.zeros(5),
+        np.eye(3),
+        np.zeros(3),
+    )
+    valid = np.tile(np.array([20, 21], np.int32), (41, 1))
+    valid[np.arange(41) != 20] = 0
+    silhouette = Silhouette(camera, np.zeros((41, 41), np.float32), valid)
+    flesh = Ellipsoids(
+        ("ball",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 0.1)
+    )
+    bones = BonePoses(np.array([0, 0, 1.0]), np.eye(3)[None], np.array([[0, 0, 1.0]]))
+    system = ConicFieldTerm([silhouette], flesh).linearize(bones)
+    assert system.cost == pytest.approx(0.5)
+    np.testing.assert_allclose(system.gradient, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("antisymmetric", [True, False])
+@pytest.mark.parametrize(("seed", "band_px"), [(0, 0.5), (1, 2.0), (2, 6.0)])
+def test_moments_equal_the_dense_jacobian_coverage(seed, band_px, antisymmetric):
+    rng = np.random.default_rng(seed)
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
+    start = moved_along(bones, 0.01 * rng.normal(size=30))
+    term = CoverageTerm(seen, flesh, band_px, start, antisymmetric, weight=0.3)
+    dense = dense_field(seen, flesh, bones, term.shape.levels, clamp=True).system(0.3)
+    assert_same_system(term.linearize(bones), dense)
+    assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
+
+
+@pytest.mark.parametrize("step", [1, 3])
+@pytest.mark.parametrize("antisymmetric", [True, False])
+def test_what_nobody_knows_counts_for_nothing(rng, antisymmetric, step):
+    """As if those pixels were not observed, which the dense form leaves out one by one."""
+    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, unknown=True)
+    steps = (step,) * len(seen)
+    term = CoverageTerm(seen, flesh, 4.0, bones, antisymmetric, weight=0.3, row_steps=steps)
+    rows = [replace(s, valid=s.valid * (np.arange(72) % step == step // 2)[:, None]) for s in seen]
+    dense = dense_field(rows, flesh, bones, term.shape.levels, clamp=True).system(0.3 * step)
+    assert_same_system(term.linearize(bones), dense)
+    assert term.cost(bones) == pytest.approx(dense.cost, rel=1e-12)
+    as_background = [replace(s, mask=np.maximum(s.mask, 0)) for s in seen]
+    other = CoverageTerm(
+        as_background, flesh, 4.0, bones, antisymmetric, weight=0.3, row_steps=steps
+    )
+    assert other.cost(bones) > 1.01 * term.cost(bones)
+
+
+@pytest.mark.parametrize("antisymmetric", [True, False])
+def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian_coverage(rng, antisymmetric):
+    bones, seen = bones_of(rng), silhouettes_of(rng, 4, distance=0.8)
+    flesh = ellipsoids_of(rng, 12, radii=(0.0005, 0.004)), ellipsoids_of(rng, 6, radii=(0.15, 0.4))
+    for part in flesh:
+        term = CoverageTerm(seen, part, 2.0, bones, antisymmetric)
+        dense = dense_field(seen, part, bones, term.shape.levels, clamp=True).system()
+        assert_same_system(term.linearize(bones), dense)
+
+
+@pytest.mark.parametrize(("antisymmetric", "expected"), [(True, 0.0), (False, 6.0**2 / 60.0)])
+def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric_form(
+    antisymmetric, expected
+):
+    """The wide form is −½ − α/4 at the outline: one edge alone comes to lie w²/2R off."""
+    band, radius, far = 6.0, 30.0, 20.0
+    camera = Camera(
+        "c", (121, 41), np.array([[1000.0, 0, 0.3], [0, 1000.0, 20], [0, 0, 1]]), np.zeros(5), np.eye(3), np.zeros(3)
+    )  # fmt: skip
+    u = np.arange(121.0)
+    mask = np.tile(np.clip(radius - (u - 0.3) + 0.5, 0, 1), (41, 1)).astype(np.float32)
+    silhouette = Silhouette(camera, mask, np.tile(np.array([0, 121], np.int32), (41, 1)))
+    radii = np.array([[radius, 10 * radius, radius]]) * far / 1000.0
+    flesh = Ellipsoids(("finger",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], radii)
+
+    def at(shift_px):
+        place = np.array([[shift_px * far / 1000.0, 0, far]])
+        return BonePoses(place[0], np.eye(3)[None], place)
+
+    term = CoverageTerm([silhouette], flesh, band, at(0.0), antisymmetric)
+    shifts = np.linspace(-2, 2, 81)
+    best = shifts[np.argmin([term.cost(at(s)) for s in shifts])]
+    assert abs(best) == pytest.approx(expected, abs=0.1)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_coverage_by_pose_shape_and_outline(rng, side):
+    """Pixels change hands between ellipsoids: steps are short, as for twists."""
+    size = SizeParameters(load_model("hand26", side, HandScale(1.04, {}, {"thenar": 0.5})))
+    pose = size.model.rest_params()
+    cameras = simulated_rig(3, size=(160, 120)).cameras
+    bones = size.model.bones(pose)
+    masks = [render_mask(camera, size.model.flesh["fine"].posed(bones)) for camera in cameras]
+    seen = [Silhouette(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
+    term = CoverageTerm(seen, size.model.flesh["fine"], 4.0, bones, True)
+    deviations = size.deviations(size.model.scale) + rng.normal(scale=0.7, size=len(size.names))
+    moved = pose + rng.normal(scale=0.01, size=len(pose))
+
+    wider = 0.0015
+
+    def cost(both):
+        model = size.rescaled(both[len(pose) : -1])
+        return term.wider(both[-1]).cost(model.bones(both[: len(pose)]))
+
+    model = size.rescaled(deviations)
+    placed, twists, _ = model.linearize(moved)
+    fields = BoneFields.of_twists(twists @ model.transform.matrix, len(model.joint_names))
+    fields = fields.beside(size.fields(placed)).with_outline()
+    term = term.wider(wider)
+    system = term.linearize(placed, fields)
+    both = np.concatenate([moved, deviations, [wider]])
+    assert system.cost == pytest.approx(cost(both), rel=1e-10)
+    names = (*model.transform.names, *size.names, "outline")
+    check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=2e-3)
+    moves = (twists @ model.transform.matrix).reshape(-1, len(pose))
+    by_pose = term.linearize(placed).pull_back(moves)
+    count, largest = len(pose), np.abs(by_pose.hessian).max()
+    np.testing.assert_allclose(system.hessian[:count, :count], by_pose.hessian, atol=1e-9 * largest)
+    np.testing.assert_allclose(system.gradient[:count], by_pose.gradient, rtol=1e-7)
+
+
+MODEL = load_model("hand26")
+POSE = MODEL.rest_params()
+POSE[1] = -0.09
+
+
+def elsewhere(**angles: float) -> np.ndarray:
+    pose = POSE.copy()
+    for name, angle in angles.items():
+        pose[MODEL.skeleton.parameter(name)] += angle
+    return MODEL.clipped(pose)
+
+
+def seen(wider_px: int = 0) -> Observation:
+    """Return what three cameras see of the hand at rest, with a rim."""
+    rig = simulated_rig(3, (320, 240))
+    observation = mask_views(MODEL, POSE, rig.cameras, 0)
+    if not wider_px:
+        return observation
+    kernel = np.ones((2 * wider_px + 1,) * 2, np.uint8)
+    masks = [replace(s, mask=cv2.dilate(s.mask, kernel)) for s in observation.silhouettes]
+    return replace(observation, silhouettes=tuple(masks))
+
+
+def looked_at(observation: Observation, pose: np.ndarray):
+    bones = MODEL.bones(pose)
+    terms = frame_terms(MODEL, TrackerSettings(), observation, bones, None)
+    fit = outline_fit(terms, bones)
+    assert fit is not None
+    return fit, assess(terms, bones, 0.0, ())
+
+
+@pytest.mark.parametrize("wider_px", [0, 1])
+def test_the_right_pose_leaves_no_piece(wider_px):
+    fit, (status, reason) = looked_at(seen(wider_px), POSE)
+    assert fit.piece_mm2 < 0.2 * DOUBTFUL_PIECE_MM2
+    assert (status, reason) == (Status.TRACKED, None)
+
+
+@pytest.mark.parametrize(
+    "angles",
+    [
+        {"thumb_cmc_abd": -0.7, "thumb_cmc_flex": 0.6, "thumb_ip_flex": 0.9},
+        {"index_mcp_flex": 1.2, "index_pip_flex": 1.2, "index_dip_flex": 0.8},
+    ],
+    ids=["thumb", "index"],
+)
+def test_a_finger_that_is_elsewhere_is_doubtful_in_a_single_frame(angles):
+    pose = elsewhere(**angles)
+    moved = MODEL.joint_positions(MODEL.bones(pose)) - MODEL.joint_positions(MODEL.bones(POSE))
+    assert np.linalg.norm(moved, axis=1).max() > 0.04
+    fit, (status, reason) = looked_at(seen(), pose)
+    assert fit.piece_mm2 > DOUBTFUL_PIECE_MM2
+    assert status == Status.DOUBTFUL
+    assert reason is not None
