@@ -16,7 +16,7 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.session.formats.given_truth import read_given_truth
 from tests.capture.calibration_forms.writers import WRITERS, kalibr, rig_of_two
 from tests.capture.joints.writers import LIBRARIES, WITH_CONFIDENCE, WITHOUT, hand
-from tests.session.test_given_truth import WRITERS as TRUTHS
+from tests.session.test_truth import WRITERS as TRUTHS
 
 _TIMES = 30
 _PIECES = [

@@ -3,19 +3,12 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from tests.session.small_session import make_session
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return make_session(tmp_path)
 
 
 def add(folder: Path, clouds: str, camera: str = "") -> None:

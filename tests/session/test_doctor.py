@@ -1,26 +1,34 @@
-"""The doctor says what is odd without refusing it."""
+"""The doctor says what is odd without refusing it: files, masks, joints, cameras, before tracking and after it."""
 
+import json
+import re
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from handtrack.arrays import Floats
+from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.model.model_file import load_model
 from handtrack.session.doctor import check_hand
+from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
+from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
 from handtrack.session.doctor.examine import examine
 from handtrack.session.doctor.finding import SEVERITIES
+from handtrack.session.formats.tables import write_result
+from handtrack.session.layout import POSES_FILE
+from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.simulation.motion import MOTIONS
+from handtrack.simulation.simulate import Simulation, simulate
 from tests.conftest import REPOSITORY
-from tests.session.small_session import edit, keypoints, make_session, write_init, write_truth
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    return make_session(tmp_path)
+from tests.session.small_session import add_joints, edit, keypoints, write_init, write_truth
 
 
 def masks(folder: Path, camera: str, mask: np.ndarray, frames: range = range(4)) -> None:
@@ -235,3 +243,227 @@ def depth_session(folder: Path, value: int) -> Session:
 )
 def test_odd_depth_is_found(value, text, folder):
     assert any(text in finding.text for finding in examine(depth_session(folder, value)))
+
+
+FRAMES, NOISE_PX = 60, 1.5
+SIZE = (640, 480)
+DISTORTION = [-0.25, 0.12, 0.0, 0.0, 0.4]
+
+
+def camera(name: str, degrees: float, tilt: float = 15.0) -> Camera:
+    """A camera that looks at the hand, 50 cm away, from the side by so many degrees."""
+    turn = rotation_matrix(np.deg2rad([tilt, 0.0, 0.0])) @ rotation_matrix(
+        np.deg2rad([0.0, degrees, 0.0])
+    )
+    matrix = [[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]]
+    return Camera(name, SIZE, matrix, DISTORTION, turn, [0.0, 0.0, 0.5])
+
+
+def moving_hand(side: str = "right") -> Floats:
+    """(F, 21, 3) keypoints of a hand that sweeps through the images, bends and turns, world [m]."""
+    model = load_model("hand26", side)
+    frames = []
+    for phase in np.linspace(0.0, 2 * np.pi, FRAMES):
+        params = model.rest_params()
+        params[: len(params)] += 0.25 * np.sin(phase + np.arange(len(params)))
+        joints = model.keypoints21(model.bones(model.clipped(params)))
+        joints = joints - joints.mean(axis=0)
+        frames.append(
+            joints + [0.13 * np.sin(phase), 0.09 * np.sin(2 * phase), 0.06 * np.cos(phase)]
+        )
+    return np.array(frames)
+
+
+@dataclass
+class Recording:
+    """What the cameras saw, and what the session says of them."""
+
+    cameras: dict[str, Camera]
+    pixels: dict[str, Floats]
+    unit: float = 1.0
+    side: str = "right"
+
+    def write(self, folder: Path) -> Path:
+        lines = [
+            "[session]",
+            "format = 1",
+            'name = "joints"',
+            "fps = 30.0",
+            f"world_unit_m = {self.unit}",
+        ]
+        lines += ["[hand]", 'model = "hand26"', f'side = "{self.side}"']
+        for name, pixels in self.pixels.items():
+            (folder / name).mkdir(parents=True)
+            for frame, rows in enumerate(pixels):
+                points = np.concatenate([rows, np.full((21, 1), 0.9)], axis=1).ravel().tolist()
+                person = {f"hand_{self.side}_keypoints_2d": points}
+                (folder / name / f"{frame:04d}.json").write_text(json.dumps({"people": [person]}))
+            lines += ["[[camera]]", f'name = "{name}"', f'keypoints = "{name}/*.json"']
+            lines += [f'keypoint_layout = "hand_{self.side}"']
+        (folder / "session.toml").write_text("\n".join(lines) + "\n")
+        write_rig(folder / "calibration.toml", CameraRig(tuple(self.cameras.values())))
+        return folder
+
+
+def recorded(degrees: tuple[float, ...] = (-35.0, 10.0, 50.0), seed: int = 5) -> Recording:
+    rng = np.random.default_rng(seed)
+    tilts = (15.0, 25.0, -10.0)
+    cameras = {f"cam{i}": camera(f"cam{i}", d, tilts[i]) for i, d in enumerate(degrees)}
+    hand = moving_hand()
+    pixels = {
+        name: one.project(hand) + rng.normal(0, NOISE_PX, (*hand.shape[:2], 2))
+        for name, one in cameras.items()
+    }
+    return Recording(cameras, pixels)
+
+
+def turned_round(it: Recording) -> None:
+    for name, one in it.cameras.items():
+        turn = one.rotation.T
+        it.cameras[name] = replace(one, rotation=turn, translation=-turn @ one.translation)
+
+
+def exchanged(it: Recording) -> None:
+    it.pixels["cam0"], it.pixels["cam2"] = it.pixels["cam2"], it.pixels["cam0"]
+
+
+def mirrored(it: Recording) -> None:
+    it.pixels["cam1"] = it.pixels["cam1"] * (-1, 1) + (SIZE[0] - 1, 0)
+
+
+def late(it: Recording) -> None:
+    it.pixels["cam1"] = np.concatenate([it.pixels["cam1"][:1], it.pixels["cam1"][:-1]])
+
+
+def of_another_size(it: Recording) -> None:
+    one = it.cameras["cam2"]
+    it.cameras["cam2"] = replace(one, matrix=one.matrix * [[1.5], [1.5], [1.0]])
+
+
+def in_millimetres(it: Recording) -> None:
+    for name, one in it.cameras.items():
+        it.cameras[name] = replace(one, translation=1000 * one.translation)
+
+
+def of_the_other_side(it: Recording) -> None:
+    it.side = "left"
+
+
+MISTAKES: dict[str, tuple[Callable[[Recording], None], str]] = {
+    "C27 inverse": (turned_round, "led from the camera to the world"),
+    "C28 exchanged": (exchanged, "if cameras 'cam0' and 'cam2' were exchanged"),
+    "C29 mirrored": (mirrored, "if the images of camera 'cam1' were mirrored"),
+    "late by one": (late, "with camera 'cam1' 1 frame late"),
+    "another size": (of_another_size, "if the matrix of camera 'cam2' were 0.667 times what it is"),
+    "millimetres": (in_millimetres, "With world_unit_m = 0.001 (millimetres) it were"),
+    "other side": (of_the_other_side, "its joints are a right hand's"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named_and_no_other(tmp_path, mistake):
+    make, words = MISTAKES[mistake]
+    it = recorded()
+    make(it)
+    said = [
+        f.text for f in check_joints(Session.open(it.write(tmp_path))) if f.severity == "warning"
+    ]
+    assert len(said) == 1 and words in said[0], said
+
+
+def test_a_camera_that_sees_one_finger_elsewhere_is_named(tmp_path):
+    """In most frames the detector takes something else for the ring finger, in one camera."""
+    it = recorded()
+    ring = slice(13, 17)
+    it.pixels["cam1"][: FRAMES * 3 // 4, ring] += (30.0, -25.0)
+    said = [f for f in check_joints(Session.open(it.write(tmp_path))) if f.severity == "warning"]
+    assert len(said) == 1
+    assert "'cam1'" in said[0].text and "ring" in said[0].text and "'cam0'" not in said[0].text
+
+
+@pytest.mark.parametrize("degrees", [(-35.0, 10.0, 50.0), (-20.0, 20.0), (0.0, 90.0)])
+def test_a_sound_calibration_is_left_alone(tmp_path, degrees):
+    found = list(check_joints(Session.open(recorded(degrees).write(tmp_path))))
+    assert [f.severity for f in found] == ["ok"] and "meet in space to" in found[0].text, found
+
+
+def simulated(folder: Path, seed: int, cameras: int = 3, joints_px: float = 0.0) -> Path:
+    """A hand before small cameras: its masks, or joints with so much noise."""
+    what = Simulation(
+        cameras=cameras, frames=5, size=(320, 240), images=False, seed=seed, motion=sorted(MOTIONS["hand"])[seed % len(MOTIONS["hand"])],
+        init_noise_m=0.0, distance_m=0.4,
+    )  # fmt: skip
+    simulate(folder, what)
+    return with_joints(folder, seed, joints_px) if joints_px else folder
+
+
+def with_joints(folder: Path, seed: int, noise_px: float) -> Path:
+    rng, points = np.random.default_rng(seed), np.load(folder / "truth.npz")["keypoints21"]
+    return add_joints(folder, {
+        camera.name: {
+            frame: camera.project(hand) + rng.normal(scale=noise_px, size=(21, 2))
+            for frame, hand in enumerate(points)
+        }
+        for camera in Session.open(folder).rig
+    })  # fmt: skip
+
+
+def turned(folder: Path, number: int, degrees: tuple[float, float, float]) -> None:
+    cameras = list(Session.open(folder).rig.cameras)
+    one, turn = cameras[number], rotation_matrix(np.deg2rad(degrees))
+    cameras[number] = replace(one, rotation=turn @ one.rotation, translation=turn @ one.translation)
+    write_rig(folder / "calibration.toml", CameraRig(tuple(cameras)))
+
+
+def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
+    """Return what is said after tracking, and the run."""
+    run = TrackingRun.open(Session.open(folder), QUICK | use)
+    tracked = {r.frame: r for r in run.track(run.session.frame_range, *run.initial())}
+    results = [tracked[frame] for frame in sorted(tracked)]
+    (folder / POSES_FILE).parent.mkdir(exist_ok=True)
+    write_result(folder / POSES_FILE, run.result(results))
+    return inconsistency_of_cameras(run, results), run
+
+
+LENS = [-0.014, 1.42, 0.0, 0.0, -6.39]  # a real camera's
+QUICK: dict[str, object] = {"model.fit_size": "false", "tracker.escape": False}
+JOINTS_ALONE: dict[str, object] = {"silhouettes.weight": 0}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_cameras_that_agree_are_not_questioned(tmp_path, seed):
+    joints = seed % 2 == 1
+    folder = simulated(tmp_path / "session", seed, 2 + seed % 3 // 2, 1.0 if joints else 0.0)
+    said, _ = tracked(folder, JOINTS_ALONE if joints else {})
+    assert said == ""
+
+
+@pytest.mark.parametrize(("number", "degrees"), [(2, (0.7, -0.7, 0.0))])
+def test_a_camera_turned_by_a_degree_is_named(tmp_path, number, degrees):
+    folder = simulated(tmp_path / "session", number)
+    turned(folder, number, degrees)
+    said, run = tracked(folder, {})
+    assert said.startswith(f"camera 'cam{number}' "), said
+    angle = re.search(r"turned by about (\d\.\d)°", said)
+    assert angle and float(angle[1]) == pytest.approx(1.0, abs=0.45), said
+    (found,) = check_tracked_cameras(run.session)
+    assert (found.severity, found.text) == ("warning", f"{POSES_FILE}: {said}")
+
+
+@pytest.mark.parametrize(("cameras", "lost"), [(3, [1])])
+def test_a_lens_that_lost_its_k3_is_named(tmp_path, cameras, lost):
+    """The hand is seen beside the middle, where the coefficient counts; the same with the whole lens is no fault."""
+    folder = simulated(tmp_path / "session", 1, cameras)
+    rig = []
+    for number, one in enumerate(Session.open(folder).rig.cameras):
+        turn = rotation_matrix(np.deg2rad([0.0, 14.0 * (-1) ** number, 0.0]))
+        pose = turn @ one.rotation, turn @ one.translation
+        rig.append(replace(one, rotation=pose[0], translation=pose[1], distortions=np.array(LENS)))
+    write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
+    with_joints(folder, 1, 1.0)
+    assert tracked(folder, JOINTS_ALONE)[0] == ""
+    for number in lost:
+        rig[number] = replace(rig[number], distortions=np.array([*LENS[:4], 0.0]))
+    write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
+    said, _ = tracked(folder, JOINTS_ALONE)
+    assert "camera 'cam1'" in said and "with another lens" in said, said

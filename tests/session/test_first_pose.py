@@ -1,12 +1,23 @@
-"""init.json: both forms read and written, everything else refused."""
+"""First poses: init.json, joints in images, and what the program finds by itself."""
 
 from typing import Any
 
 import numpy as np
+import pytest
 
+from handtrack.detector.hand_detector import DetectedHand
 from handtrack.model.articulated import HandScale
+from handtrack.session import detection
+from handtrack.session.bundled import bundled_session
+from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
-from tests.session.small_session import keypoints, write_init
+from handtrack.session.first_pose.first_pose_search import find_first_poses
+from handtrack.session.run import TrackingRun, given_in_images
+from handtrack.session.session import Session
+from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.tracking.frame.settings import TrackerSettings
+from tests.detector.fake_detector import FakeDetector
+from tests.session.small_session import add_joints, edit, keypoints, make_session, write_init
 
 XYZ: list[Any] = keypoints().tolist()
 NAMES = ("root_tx", "index_mcp_flex")
@@ -46,3 +57,113 @@ def test_what_is_written_reads_back(tmp_path):
         if pose.xyz is not None:
             assert again.xyz is not None
             np.testing.assert_array_equal(again.xyz, pose.xyz)
+
+
+@pytest.fixture(scope="module")
+def session():
+    return Session.open(bundled_session("open_fist_open"))
+
+
+def points(session, frame):
+    row = int(np.flatnonzero(session.truth.frame == frame)[0])
+    return session.truth.keypoints21[row]
+
+
+def error_mm(candidate, truth):
+    found = candidate.model.keypoints21(candidate.model.bones(candidate.params))
+    return 1e3 * np.linalg.norm(found - truth, axis=1).mean()
+
+
+def test_a_childs_hand_is_found_as_a_childs(tmp_path):
+    what = Simulation(frames=1, size=(320, 240), scale=0.77, motion="still", images=False)
+    folder = simulate(tmp_path / "child", what)
+    edit(folder / "session.toml", "scale = 0.77", 'scale = "fit"')
+    session, shares = Session.open(folder), []
+    run = TrackingRun.open(session, use_init=False)
+    assert run.first is None
+    best, *_ = find_first_poses(run, 0, on_progress=lambda share, _: shares.append(share))
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert "times the usual size" in best.note
+    assert best.confidence > 0.7
+    assert best.model.scale.overall == pytest.approx(0.77, rel=0.01)
+    assert error_mm(best, points(session, 0)) < 2.0
+    joints = best.first_pose.xyz
+    np.testing.assert_allclose(joints, best.model.keypoints21(best.model.bones(best.params)))
+    opened = TrackingRun.open(session, {"model.fit_size": False}, best.first_pose)
+    frame, params = opened.initial()
+    assert frame == 0
+    found = opened.model.keypoints21(opened.model.bones(params))
+    assert 1e3 * np.linalg.norm(found - points(session, 0), axis=1).mean() < 5.0
+
+
+def in_images(session, cameras, frame=0):
+    truth = points(session, frame)
+    return FirstPose(
+        frame, {}, None, "openpose21", {c: session.rig[c].project(truth) for c in cameras}
+    )
+
+
+def test_joints_in_several_images_are_points_in_space(session):
+    first = in_images(session, ("cam0", "cam2"))
+    run = TrackingRun.open(session, {}, first)
+    assert run.first is not None
+    assert run.first.xyz == pytest.approx(points(session, 0), abs=1e-6)
+
+
+def test_joints_in_one_image_are_settled_by_the_silhouettes(session):
+    first = in_images(session, ("cam0",), 30)
+    found = given_in_images(session, TrackerSettings(), first)
+    assert error_mm(found[0], points(session, 30)) < 6.0
+    assert found[0].confidence > 0.5
+    assert "one camera" in found[0].note
+
+
+def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatch):
+    """Frame 0 has them in one camera only; by the session's masks nothing would be found."""
+    folder = make_session(tmp_path)
+    rig = Session.open(folder).rig
+    pixels = {camera.name: camera.project(keypoints()) for camera in rig}
+    add_joints(folder, {"cam0": dict.fromkeys((0, 2), pixels["cam0"]), "cam1": {2: pixels["cam1"]}})
+    searched = []
+    monkeypatch.setattr(
+        first_pose_search, "auto_start", lambda *given: searched.append(given) or []
+    )
+    run = TrackingRun.open(Session.open(folder), use_init=False)
+    (best,) = find_first_poses(run)
+    assert searched == []  # the frames with joints in two images come first
+    assert best.frame == 2
+    assert best.note == "2 cameras agree on 21 of 21 joints"
+    np.testing.assert_allclose(best.first_pose.xyz, keypoints(), atol=1e-5)
+    assert find_first_poses(run, 0) == []
+    assert find_first_poses(run.with_values({"keypoints.weight": 0.0})) == []
+
+
+class SeesTheTruth(FakeDetector):
+    """Sees the true joints of the camera whose image it is handed."""
+
+    def __init__(self, session: Session, frame: int) -> None:
+        super().__init__()
+        row = int(np.flatnonzero(session.truth.frame == frame)[0])
+        truth = session.truth.keypoints21[row]
+        self._images = [
+            (view.image(frame), DetectedHand(view.camera.project(truth), 0.9, 0.99))
+            for view in session.views
+        ]
+
+    def find(self, image, most):
+        self.hands = [hand for own, hand in self._images if np.array_equal(own, image)]
+        return super().find(image, most)
+
+
+def test_a_hand_is_found_where_the_detector_sees_it(session, monkeypatch):
+    frame = 60  # half closed; searching silhouettes for it takes a minute
+    monkeypatch.setattr(detection, "usable_detector", lambda _: SeesTheTruth(session, frame))
+    run = TrackingRun.open(session, use_init=False)
+    monkeypatch.setattr(
+        "handtrack.session.first_pose.first_pose_search.auto_start", None
+    )  # not asked
+    (best,) = find_first_poses(run, frame)
+    row = int(np.flatnonzero(session.truth.frame == frame)[0])
+    found = best.model.keypoints21(best.model.bones(best.params))
+    assert 1e3 * np.linalg.norm(found - session.truth.keypoints21[row], axis=1).mean() < 8.0

@@ -16,7 +16,7 @@ from handtrack_app.commands import track
 from handtrack_app.commands.detection import detect
 from tests.app.command_line import refused
 from tests.session.small_session import edit
-from tests.session.test_given_truth import moving, trc
+from tests.session.test_truth import moving, trc
 
 
 def video(path: Path, fps: float, count: int, size: tuple[int, int]) -> Path:

@@ -15,7 +15,7 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 from tests.app.command_line import PROGRAM, listing
-from tests.session.test_bad_sessions import contains
+from tests.session.test_hostile_sessions import contains
 
 resource = pytest.importorskip("resource", reason="this system has no such limits")
 _PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE = 24, 1

@@ -10,7 +10,7 @@ from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.desk import Listener
 from tests.session.small_session import edit, make_session
-from tests.session.test_video_audits import FRAMES, cut, write_video
+from tests.session.test_times import FRAMES, cut, write_video
 
 
 def opened(

@@ -1,0 +1,263 @@
+"""Results written and read, what they say of their model, versions, tracks as takes, and what a take is made from."""
+
+import os
+import shutil
+import time
+import zipfile
+from dataclasses import MISSING, fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from handtrack.capture.calibration.rig_file import rig_from_json
+from handtrack.errors import HandtrackError
+from handtrack.files.versions import keep_version, versions
+from handtrack.session.formats.tables import read_npz, write_npz, write_result
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.takes.take_about import about_take
+from handtrack.session.takes.track_files import import_track
+from handtrack.store.record import Record
+from handtrack.store.spans import Span
+from handtrack.store.step_record import read_result, result_content
+from handtrack.store.store import Store, WritableStore
+from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.result import PARTS, Alternative, FrameResult, Status, TrackResult
+from handtrack.tracking.frame.tables.track_model import model_of
+from tests.export.sequences import KINDS, sample_rig, sample_sequence
+from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked
+from tests.session.small_session import edit
+
+
+def assert_same(one: TrackResult, other: TrackResult) -> None:
+    for field in fields(TrackResult):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def altered(path, **changes):
+    """Write poses.npz again with some arrays changed; None leaves one out."""
+    with np.load(path) as data:
+        arrays = {name: data[name] for name in data.files} | changes
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+
+
+def test_a_result_comes_back_as_it_was(rng, tmp_path):
+    track = sample_track(rng, range(4, 9))
+    track.parameter_std[1] = np.inf
+    track.energy[1] = np.nan
+    track.joint_covariance[2] = np.nan
+    write_npz(tmp_path / "poses.npz", track)
+    back = read_npz(tmp_path / "poses.npz")
+    assert_same(track, back)
+    assert isinstance(back.session, str)
+    assert np.isnan(back[2].joint_covariance).all()
+    assert isinstance(back.joint_names, tuple)
+
+
+def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
+    """Each field that may be left out is given, whatever there will be."""
+    poses = rng.normal(size=(1, len(PARAMETERS)))
+    whole = replace(
+        sample_frame(rng, 7, Status.DOUBTFUL),
+        energies={"cloud": 1.5},
+        reason=Reason("overlap", "", "cam0", 0.5, 0.25),
+        p_off_25mm=0.4,
+        p_off_10mm=rng.uniform(size=len(PARTS)),
+        views=3,
+        alternatives=(Alternative(poses[0], 3.0, 1.0, -1, "start"),),
+    )
+    write_npz(tmp_path / "poses.npz", stacked([sample_frame(rng, 6), whole]))
+    record = Record(1, "frame", *result_content(whole))
+    for back in (read_npz(tmp_path / "poses.npz").at(7), read_result(record)):
+        for field in fields(FrameResult):
+            value, read = getattr(whole, field.name), getattr(back, field.name)
+            assert field.default is MISSING or repr(value) != repr(field.default), field.name
+            if field.name == "alternatives":
+                assert list(map(repr, read)) == list(map(repr, value))
+            else:
+                np.testing.assert_array_equal(read, value)
+
+
+def test_the_same_result_gives_the_same_bytes(rng, tmp_path):
+    track = sample_track(rng)
+    write_npz(tmp_path / "a.npz", track)
+    write_npz(tmp_path / "b.npz", track)
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive:
+        assert {entry.date_time for entry in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": np.array(3)}, "format 3; this version of handtrack reads formats 1 and 2"),
+        ({"format": None}, "no array `format`, so this is no tracked sequence"),
+        ({"energy": None, "status": None}, "arrays are missing: status, energy. Found: "),
+        ({"energy": np.zeros(3)}, r"energy has the shape (3,); expected (5,)"),
+        ({"T_world_bone": np.zeros((5, 4, 4))}, "expected (5, 2, 4, 4)"),
+        ({"status": np.zeros(5)}, "status holds float64; expected whole numbers"),
+        ({"status": np.full(5, 9)}, "status has values other than 0 to 3"),
+        ({"frame": np.array([0, 1, 1, 2, 3])}, "frame numbers do not ascend"),
+        ({"model": np.array(3)}, "model holds int64; expected text"),
+        ({"frame": np.array([-1, 1, 2, 3, 4])}, "frame -1; expected numbers from 0"),
+        ({"time_s": np.array([0, 1, np.nan, 3, 4])}, "time_s of frame "),
+        ({"settings": np.array({"a": 1}, dtype=object)}, "not a readable .npz of plain arrays"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(rng, tmp_path, changes, message):
+    path = tmp_path / "poses.npz"
+    write_npz(path, sample_track(rng))
+    altered(path, **changes)
+    with pytest.raises(HandtrackError) as error:
+        read_npz(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+
+
+def test_what_is_written_over_is_kept(rng, tmp_path):
+    """Fault C64."""
+    path = tmp_path / "poses.npz"
+    first, second = sample_track(rng), sample_track(rng)
+    assert write_result(path, first) is None
+    os.utime(path, (1_700_000_000, 1_700_000_000))
+    kept = write_result(path, second)
+    assert kept is not None
+    assert kept.parent == tmp_path / "versions"
+    assert kept.name.startswith("poses_2023111")
+    assert_same(read_npz(kept), first)
+    assert_same(read_npz(path), second)
+
+
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="this system's time zone cannot be changed")
+def test_c59_versions_stay_in_order_when_clocks_are_put_back(tmp_path, monkeypatch):
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    path = tmp_path / "poses.npz"
+    before_s = 1_792_889_340  # 2026-10-25, 02:49 there; a quarter of an hour later it is 02:04
+    try:
+        for number, written_s in enumerate((before_s, before_s + 900)):
+            path.write_text(str(number))
+            os.utime(path, (written_s, written_s))
+            keep_version(path)
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    assert [version.read_text() for version in versions(path)] == ["0", "1"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_file_alone_tells_where_every_joint_is(kind, tmp_path):
+    """A stranger's forward kinematics, from the arrays of the file and SciPy's rotations."""
+    _, track = sample_sequence(kind)
+    write_npz(tmp_path / "poses.npz", track)
+    with np.load(tmp_path / "poses.npz") as file:
+        data = dict(file)
+    assert (int(data["format"]), str(data["unit"]), float(data["fps"])) == (2, "m", 50.0)
+    rest, parents = data["rest_T_bone"], data["parents"]
+    for row, values in enumerate(data["parameters"]):
+        poses = np.tile(np.eye(4), (len(parents), 1, 1))
+        poses[0, :3, :3] = Rotation.from_rotvec(values[3:6]).as_matrix()
+        poses[0, :3, 3] = values[:3]
+        for bone in range(1, len(parents)):
+            local = np.linalg.inv(rest[parents[bone]]) @ rest[bone]
+            for hinge in np.flatnonzero(data["hinge_bone"] == bone):
+                turn = np.eye(4)
+                axis = data["hinge_axis"][hinge] * values[6 + hinge]
+                turn[:3, :3] = Rotation.from_rotvec(axis).as_matrix()
+                local = local @ turn
+            poses[bone] = poses[parents[bone]] @ local
+        np.testing.assert_allclose(poses, data["T_world_bone"][row], atol=1e-9)
+        carried = poses[data["joint_bone"]]
+        joints = (
+            np.einsum("jab,jb->ja", carried[:, :3, :3], data["joint_point"]) + carried[:, :3, 3]
+        )
+        np.testing.assert_allclose(joints, data["joint_positions"][row], atol=1e-9)
+    low, high = data["parameter_limits"].T
+    assert ((data["parameters"] >= low) & (data["parameters"] <= high)).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_model_is_built_again_from_the_file(kind, tmp_path):
+    model, track = sample_sequence(kind)
+    write_npz(tmp_path / "poses.npz", replace(track, take=7, pins='{"pins": []}'))
+    back = read_npz(tmp_path / "poses.npz")
+    assert (back.take, back.pins, back.fps) == (7, '{"pins": []}', 50.0)
+    again = model_of(back)
+    assert (again.side, again.kind, again.scale) == (model.side, model.kind, model.scale)
+    bones = again.bones(again.transform.solver_params(back.parameters[-1]))
+    np.testing.assert_allclose(bones.T_world_bone, back.T_world_bone[-1], atol=1e-12)
+    np.testing.assert_array_equal(again.flesh["fine"].radii, model.flesh["fine"].radii)
+    rig = rig_from_json(back.cameras, "cameras")
+    assert rig.names == ("front", "side")
+    np.testing.assert_allclose(rig["side"].rotation, sample_rig()["side"].rotation, atol=1e-12)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "tracks").mkdir()
+    return tmp_path
+
+
+def imported(folder: Path) -> str:
+    with WritableStore(folder / "tracks", "a test") as store:
+        return import_track(store, folder)
+
+
+def test_a_track_file_is_a_take_from_now_on(folder, rng):
+    poses = folder / "tracks/poses.npz"
+    write_npz(poses, sample_track(rng, range(3, 9)))
+    before, bytes_ = read_npz(poses), poses.read_bytes()
+    assert imported(folder) == f"{poses} is kept as take 1."
+    assert not imported(folder)
+    store = Store(folder / "tracks")
+    assert store.current() == (Span(1, 3, 9),)
+    track = store.current_track()
+    assert track is not None
+    for field in fields(track):
+        assert np.array_equal(getattr(track, field.name), getattr(before, field.name)), field.name
+    again = folder / "again.npz"
+    write_npz(again, track)
+    assert again.read_bytes() == poses.read_bytes() == bytes_
+
+
+def test_a12_whatever_was_put_there_is_kept_whenever_it_was_written(folder, rng):
+    for _ in range(2):
+        write_npz(folder / "tracks/poses.npz", sample_track(rng))
+        assert imported(folder)
+    takes = Store(folder / "tracks").takes()
+    assert [take.about.by for take in takes] == ["tracks/poses.npz", "tracks/poses.npz"]
+    assert Store(folder / "tracks").current() == (Span(1, 0, 5),), (
+        "what is current is the user's choice"
+    )
+
+
+def made_from(folder: Path, frames: range = range(4), **overrides: object) -> dict[str, str]:
+    values = {"model.fit_size": False} | {k.replace("__", "."): v for k, v in overrides.items()}
+    run = TrackingRun.open(Session.open(folder), values)
+    return dict(about_take(run, "a test", frames, *run.initial()).inputs)
+
+
+def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
+    return {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
+
+
+def test_the_same_is_the_same_wherever_it_lies(folder, tmp_path_factory):
+    before = made_from(folder)
+    assert made_from(folder) == before
+    copy = tmp_path_factory.mktemp("copy") / "session"
+    assert made_from(Path(shutil.copytree(folder, copy))) == before
+
+
+def test_whatever_may_change_poses_is_another_beginning(folder):
+    before = made_from(folder)
+    assert changed(before, made_from(folder, range(3))) == {"frames"}
+    assert changed(before, made_from(folder, solver__iterations=7)) == {"settings"}
+    edit(folder / "session.toml", "fps = 10.0", "fps = 20.0")
+    edit(folder / "calibration.toml", "80.0", "81.0")
+    assert changed(before, made_from(folder)) == {"session.toml", "calibration.toml"}
+    os.utime(folder / "masks/cam0/002.png")
+    (folder / "cam0/003.png").unlink()
+    now = changed(before, made_from(folder))
+    assert now == {"session.toml", "calibration.toml", "masks of cam0", "images of cam0"}
