@@ -1,15 +1,19 @@
-"""Others' files with some bytes changed: read, or refused in words, and nothing else."""
+"""Damaged and hostile files of every form."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+import handtrack.capture.images.video as video_module
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import named, sized, unit_of
+from handtrack.capture.images.containers import CAPTURE_OPTIONS
+from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
@@ -102,3 +106,72 @@ def test_damaged_joints(form, tmp_path):
 def test_damaged_truth(form, tmp_path):
     path = TRUTHS[form](tmp_path / f"t.{form}")
     survives([path], lambda: read_given_truth(path, "right"))
+
+
+MADE = {
+    "a.mp4": "mp4v", "a.mov": "mp4v", "a.3gp": "mp4v", "a.avi": "MJPG", "a.mkv": "mp4v", "a.webm": "VP80", "a.mpg": "mpg1", "a.m2ts": "mp4v",
+    "a.flv": "FLV1", "a.wmv": "WMV2", "a.mjpeg": "MJPG", "a.ivf": "VP80", "a.mxf": "mpg2", "a.y4m": "I420",
+}  # fmt: skip
+PLAYLISTS = {
+    "hls.m3u8": "#EXTM3U\n#EXT-X-VERSION:3\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{other}\n#EXT-X-ENDLIST\n",
+    "endless.m3u8": "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{other}\n",
+    "renamed.mp4": "#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\n{other}\n#EXT-X-ENDLIST\n",
+    "concat.ffconcat": "ffconcat version 1.0\nfile {other}\n",
+    "beside.ffconcat": "ffconcat version 1.0\nfile a.mp4\n",
+    "session.sdp": "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nc=IN IP4 127.0.0.1\nt=0 0\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
+    "dash.mpd": '<?xml version="1.0"?><MPD profiles="urn:mpeg:dash:profile:isoff-on-demand:2011" type="static">'
+    '<Period><AdaptationSet mimeType="video/mp4"><Representation id="1" bandwidth="1"><BaseURL>{other}</BaseURL>'
+    "</Representation></AdaptationSet></Period></MPD>",
+    "list.asx": '<asx version="3.0"><entry><ref href="{other}"/></entry></asx>',
+    "list.pls": "[playlist]\nFile1={other}\n",
+    "script.avs": 'DirectShowSource("{other}")\n',
+    "imf.xml": '<?xml version="1.0"?><CompositionPlaylist xmlns="http://www.smpte-ra.org/schemas/2067-3/2013"/>',
+}
+
+
+def write_video(path: Path, code: str = "mp4v") -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 30.0, (64, 48))
+    for grey in range(5):
+        writer.write(np.full((48, 64, 3), grey * 40, np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def playlist(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    elsewhere, here = tmp_path / "elsewhere", tmp_path / "session"
+    elsewhere.mkdir()
+    here.mkdir()
+    other = write_video(elsewhere / "secret.mp4")
+    write_video(here / "a.mp4")
+    path = here / request.param
+    path.write_text(PLAYLISTS[request.param].replace("{other}", str(other)))
+    return path
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_containers_that_people_have_are_opened_also_by_our_programs(name, tmp_path, monkeypatch):
+    path = write_video(tmp_path / name, MADE[name])
+    if not path.exists() or not cv2.VideoCapture(str(path)).isOpened():
+        pytest.skip("this OpenCV writes no such file")
+    VideoFile(path).read(3)
+    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
+    assert VideoFile(path).read(3) is not None
+
+
+@pytest.mark.parametrize("playlist", PLAYLISTS, indirect=True)
+def test_nothing_that_names_other_files_is_opened(playlist, monkeypatch):
+    monkeypatch.setattr(cv2, "VideoCapture", None)  # OpenCV does not get to see it
+    with pytest.raises(HandtrackError, match=playlist.name):
+        VideoFile(playlist)
+
+
+def test_opening_ends_in_time(tmp_path, monkeypatch):
+    """FFmpeg looks for a beginning in 8 TB of zeros."""
+    monkeypatch.setattr(video_module, "_OPEN_MS", 200)
+    path = write_video(tmp_path / "a.mkv")
+    path.write_bytes(path.read_bytes()[:40])
+    with path.open("r+b") as file:
+        file.truncate(8 << 40)
+    with pytest.raises(HandtrackError, match="cannot be opened"):
+        VideoFile(path)

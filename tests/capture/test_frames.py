@@ -1,13 +1,26 @@
-"""Numbered image files: numbers, gaps, kinds, damage."""
+"""Frames: numbered files, videos, raw mosaics, and images that are cut off."""
 
+import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, frame_number
+import handtrack.capture.images.video as video_module
+from handtrack.capture.images.bayer import (
+    METHODS,
+    PATTERNS,
+    demosaic,
+    level_line_at,
+    level_line_green,
+)
+from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, announced_size, frame_number
+from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
+from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError
+from tests.capture.level_line_reference import level_line_value
+from tests.capture.mosaics import mosaic_of
 
 
 def picture(value: int, dtype: type = np.uint8) -> np.ndarray:
@@ -92,3 +105,214 @@ def test_what_only_looks_like_a_mask_is_refused(image, expected, tmp_path):
     cv2.imwrite(str(tmp_path / "0.png"), image)
     with pytest.raises(HandtrackError, match=expected):
         ImageFiles([tmp_path / "0.png"], MASK).read(0)
+
+
+FRAMES = 90
+
+
+def striped(frame: int) -> np.ndarray:
+    """The frame's number as eight black and white stripes, which no codec can blur away."""
+    bits = [(frame >> bit) & 1 for bit in range(8)]
+    stripes = np.repeat(np.array(bits, np.uint8) * 255, 8)
+    return np.broadcast_to(stripes[None, :, None], (48, 64, 3)).copy()
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    """A video whose stripes tell its frame."""
+    path = tmp_path / "clip.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (64, 48))
+    assert writer.isOpened()
+    for frame in range(FRAMES):
+        writer.write(striped(frame))
+    writer.release()
+    return path
+
+
+def shown(source: VideoFile, frame: int) -> int:
+    image = source.read(frame)
+    assert image is not None
+    bright = image.mean(axis=(0, 2)).reshape(8, 8).mean(axis=1) > 128
+    return sum(1 << bit for bit in range(8) if bright[bit])
+
+
+def test_any_order_gives_the_frame_that_was_asked_for(clip, rng, monkeypatch):
+    monkeypatch.setattr(video_module, "_CACHE_BYTES", 0)
+    monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
+    source = VideoFile(clip)
+    assert source.frames == range(FRAMES)
+    forward = list(range(0, 30))
+    backward = list(range(80, 40, -1))
+    anywhere = [int(frame) for frame in rng.integers(0, FRAMES, 60)]
+    for frame in forward + backward + anywhere:
+        assert shown(source, frame) == frame
+
+
+def test_a_seek_that_arrives_elsewhere_is_noticed(clip, monkeypatch):
+    monkeypatch.setattr(video_module, "_CACHE_BYTES", 0)
+    monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
+    source = VideoFile(clip)
+    assert source.frames == range(FRAMES)
+    lying = {
+        at: mark._replace(checksum=mark.checksum ^ 1) for at, mark in source._checkpoints.items()
+    }
+    source._checkpoints = lying
+    assert [shown(source, frame) for frame in (70, 25, 60, 24)] == [70, 25, 60, 24]
+
+
+def test_a_cut_video_misses_its_end_and_says_so(clip):
+    """Fault C2."""
+    data = clip.read_bytes()
+    clip.write_bytes(data[: len(data) // 2])
+    source = VideoFile(clip)
+    count = len(source.frames)
+    assert 10 < count < FRAMES - 10
+    assert source.read(count) is None
+    assert shown(source, count - 1) == count - 1
+    assert len(source.warnings) == 1
+    expected = (
+        f"announces {FRAMES} frames, but only {count} can be decoded; it is cut off or damaged"
+    )
+    assert expected in source.warnings[0]
+
+
+@pytest.mark.parametrize(("turn", "size"), [(90, (48, 64)), (180, (64, 48)), (270, (48, 64))])
+def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(turn, size, tmp_path):
+    path = tmp_path / "portrait.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (64, 48))
+    picture = np.zeros((48, 64, 3), np.uint8)
+    picture[:24, :32] = 255
+    for _ in range(3):
+        writer.write(picture)
+    writer.release()
+    assert VideoFile(path).warnings == ()
+    data, (cos, sin) = bytearray(path.read_bytes()), {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[turn]
+    matrix = (
+        cos,
+        sin,
+        0,
+        -sin,
+        cos,
+        0,
+        0,
+        0,
+        1 << 14,
+    )  # of 16 bits behind the point, the last of 30
+    struct.pack_into(">9i", data, data.index(b"tkhd") + 44, *(value << 16 for value in matrix))
+    path.write_bytes(data)
+    source = VideoFile(path, size)
+    image = source.read(0)
+    assert image is not None
+    assert np.argwhere(image.mean(axis=2) > 128).min(axis=0).tolist() == {
+        90: [0, 24], 180: [24, 32], 270: [32, 0],
+    }[turn]  # fmt: skip
+    assert [f"asks to be turned by {turn}°" in text for text in source.warnings] == [True]
+
+
+def raw_picture(level: float = 1.0) -> np.ndarray:
+    """(48, 64, 3) uint8 BGR: smooth ramps, another one in each colour."""
+    v, u = np.mgrid[:48, :64] / 64.0
+    channels = [60 + 120 * u, 200 - 90 * v, 40 + 80 * (u + v)]
+    return (level * np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def written(folder: Path, images: list[np.ndarray]) -> list[Path]:
+    for frame, image in enumerate(images):
+        cv2.imwrite(str(folder / f"{frame:03d}.png"), image)
+    return sorted(folder.glob("*.png"))
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_eight_bits_come_back_in_colour(pattern, tmp_path):
+    source = MosaicFiles(
+        written(tmp_path, [mosaic_of(raw_picture(), pattern)]), MosaicSettings(pattern)
+    )
+    off = source.read(0)[4:-4, 4:-4].astype(int) - raw_picture()[4:-4, 4:-4]
+    assert np.abs(off).max() <= 3
+    assert source.size == (64, 48)
+    assert source.warnings == ()
+
+
+def test_sixteen_bits_have_one_white_level_for_all_frames(tmp_path):
+    """Twelve bits in sixteen; the second frame is half as bright, and stays so."""
+    images = [
+        mosaic_of(raw_picture(level), "RGGB").astype(np.uint16) * 16 for level in (1.0, 0.5)
+    ]
+    files = written(tmp_path, images)
+    bright, dark = (MosaicFiles(files, MosaicSettings("RGGB")).read(frame) for frame in (0, 1))
+    assert bright.dtype == np.uint8
+    assert 250 <= bright.max() <= 255
+    assert bright.mean() / dark.mean() == pytest.approx(2.0, rel=0.03)
+    backwards = MosaicFiles(files, MosaicSettings("RGGB"))
+    assert np.array_equal(backwards.read(1), dark)  # whatever is read first
+
+
+KINDS = [".png", ".jpg", ".bmp", ".tif", ".webp", ".ppm", ".pgm", ".jp2"]
+WIDTH, HEIGHT = 300, 200
+
+
+def encoded(kind: str, *options: int) -> bytes:
+    shape = (HEIGHT, WIDTH) if kind == ".pgm" else (HEIGHT, WIDTH, 3)
+    picture = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+    done, data = cv2.imencode(kind, picture, options)
+    assert done
+    return data.tobytes()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_size_is_in_the_first_bytes(kind):
+    assert announced_size(encoded(kind)) == (WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_c15_an_image_larger_than_its_camera_is_not_unpacked(kind, tmp_path, monkeypatch):
+    (tmp_path / f"0{kind}").write_bytes(encoded(kind))
+    files = ImageFiles([tmp_path / f"0{kind}"], expected_size=(299, 200))
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was unpacked"))
+    with pytest.raises(
+        HandtrackError, match="300 x 200, but the camera is calibrated for 299 x 200"
+    ):
+        files.read(0)
+
+
+def test_the_closed_form_is_the_paper_s_rule(rng):
+    """At a pixel without green, from its four neighbours: left, above, below, right."""
+    mosaic = rng.integers(0, 4095, (20, 26)).astype(float)
+    green = level_line_green(mosaic, "RGGB")
+    for row, column in ((2, 2), (3, 5), (10, 12), (17, 23)):  # red or blue
+        around = (
+            mosaic[row, column - 1],
+            mosaic[row - 1, column],
+            mosaic[row + 1, column],
+            mosaic[row, column + 1],
+        )
+        assert green[row, column] == pytest.approx(float(level_line_value(*around, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_the_picture_stays_where_it_was(pattern, method):
+    """OpenCV's VNG moves the picture down by two rows before 4.12; that would spoil a calibration."""
+    image = np.full((40, 44, 3), 40, np.uint8)
+    image[17:, 23:] = 180
+    off = np.abs(demosaic(mosaic_of(image, pattern), pattern, method).astype(int) - image).max(
+        axis=2
+    )
+    far = np.ones((40, 44), dtype=bool)
+    far[15:19, 21:] = far[15:, 21:25] = False
+    assert off[far].max() <= 1
+
+
+def test_at_any_place_it_is_the_paper_s_rule(rng):
+    image = rng.integers(0, 255, (12, 15)).astype(np.uint8)
+    image[:4, :4] = 90  # flat: no line is the level line
+    x, y = rng.uniform(0, 14, (5, 40)), rng.uniform(0, 11, (5, 40))
+    column, row = np.floor(x).astype(int), np.floor(y).astype(int)
+    corners = [
+        image[row + b, column + a].astype(float) for b, a in ((0, 0), (0, 1), (1, 0), (1, 1))
+    ]
+    expected = level_line_value(*corners, 2 * (x - column) - 1, 2 * (y - row) - 1)
+    np.testing.assert_allclose(level_line_at(image, x, y), expected, atol=1e-9)
+    colour = np.stack([image, 255 - image, image // 2], axis=-1)
+    each = np.stack([level_line_at(colour[..., c], x, y) for c in range(3)], axis=-1)
+    np.testing.assert_array_equal(level_line_at(colour, x, y), each)

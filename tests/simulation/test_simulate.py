@@ -1,14 +1,23 @@
-"""Simulated recordings: cameras that look at the hand, sessions that open, exact truth, the same bytes."""
+"""Simulated recordings: motion, rendering, textures, sessions."""
 
 import cv2
 import numpy as np
 import pytest
 
 from handtrack.diagnostics.residual_image import model_mask
+from handtrack.geometry.camera import Camera
+from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose, pose_names
+from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
+from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.simulation.motion import motion
-from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.simulation.motion import MOTIONS, motion
+from handtrack.simulation.render import render_mask
+from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
+from handtrack.terms.collision import CollisionTerm
+from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
+from tests.terms.silhouette_scene import BONES, bones_of, camera_of, ellipsoids_of
 
 SMALL = {"frames": 3, "size": (160, 120), "cameras": 2}
 
@@ -52,3 +61,129 @@ def test_the_same_seed_gives_the_same_files(tmp_path):
     for file in sorted(p.relative_to(folders[0]) for p in folders[0].rglob("*") if p.is_file()):
         if file.suffix != ".npz":  # a zip holds the time of writing
             assert (folders[0] / file).read_bytes() == (folders[1] / file).read_bytes()
+
+
+MODEL = load_model()
+
+
+def moved(name, frames=61, seed=0, **more):
+    return motion(MODEL, name, frames, np.random.default_rng(seed), **more)
+
+
+@pytest.mark.parametrize("name", MOTIONS["hand"])
+def test_it_passes_through_its_poses_within_limits(name):
+    joint = moved(name)
+    assert joint.shape == (61, 26)
+    poses = MOTIONS["hand"][name]
+    for pose, frame in zip(poses, np.linspace(0, 60, len(poses)), strict=True):
+        if frame == int(frame):
+            angles = named_pose(MODEL, pose)[6:]
+            np.testing.assert_allclose(joint[int(frame), 6:], angles, atol=1e-12)
+    for params in joint:
+        limits = MODEL.limits.bounds(params)
+        assert (params >= limits[:, 0]).all()
+        assert (params <= limits[:, 1]).all()
+
+
+FOCAL, SIZE = 200.0, (101, 81)
+
+
+def camera(lens=(0.0,) * 5):
+    matrix = np.array([[FOCAL, 0, 50], [0, FOCAL, 40], [0, 0, 1.0]])
+    return Camera("cam0", SIZE, matrix, np.array(lens), np.eye(3), np.zeros(3))
+
+
+def balls(*centres_radii):
+    count = len(centres_radii)
+    centre = np.array([c for c, _ in centres_radii], dtype=float)
+    radii = np.array([[r] * 3 for _, r in centres_radii], dtype=float)
+    return PosedEllipsoids(np.zeros(count, int), centre, np.tile(np.eye(3), (count, 1, 1)), radii)
+
+
+def test_a_ball_on_the_axis_is_a_disc_of_its_tangent_cone():
+    """Radius r at distance d is seen under tan = r/√(d² − r²)."""
+    mask = render_mask(camera(), balls(((0, 0, 1.0), 0.1)))
+    assert mask.dtype == np.uint8
+    v, u = np.mgrid[: SIZE[1], : SIZE[0]]
+    reach = FOCAL * 0.1 / np.sqrt(1.0 - 0.01)
+    disc = (u - 50) ** 2 + (v - 40) ** 2 < reach**2
+    np.testing.assert_array_equal(mask > 0, disc)
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_the_hands_mask_is_that_of_its_conics(rng, count):
+    """Rays cut with ellipsoids, and ellipses filled: two ways to the same silhouette."""
+    model = load_model()
+    params = model.clipped(
+        model.rest_params() + rng.normal(scale=0.2, size=26) * ([0.02] * 3 + [1] * 23)
+    )
+    params[1] -= 0.09
+    flesh = model.flesh["fine"].posed(model.bones(params))
+    for view in simulated_rig(count, (320, 240)).cameras:
+        cut = render_mask(view, flesh) > 0
+        assert cut.sum() > 2000
+        assert (cut != model_mask(view, flesh)).sum() <= 1  # a pixel exactly on an outline
+
+
+def test_a_lens_bends_the_picture_as_it_bends_points():
+    lens = camera((-1.5, 0.5, 0.001, -0.002, 0.0))
+    centre = np.array([0.17, 0.12, 1.0])
+    mask = render_mask(lens, balls((centre, 0.02)))
+    v, u = np.nonzero(mask)
+    np.testing.assert_allclose([u.mean(), v.mean()], lens.project(centre), atol=0.3)
+    plain = camera().project(centre)
+    assert np.hypot(*(lens.project(centre) - plain)) > 2.0
+
+
+def test_the_model_covers_its_silhouette_and_the_room_the_rest(rng):
+    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
+    camera = camera_of(rng, (200, 160), focal=330.0)
+    room = cluttered_background(camera.size, rng)
+    paint = Pattern.random(BONES, rng, 0.03)
+    picture, share = textured_picture(camera, ellipsoid_mesh(flesh, 3), bones, paint, room)
+    assert picture.shape == (160, 200, 3)
+    assert picture.dtype == np.uint8
+    mask = render_mask(camera, flesh.posed(bones)) > 0
+    assert ((share > 0.5) != mask).sum() < 0.02 * mask.sum()
+    assert ((share > 0) & (share < 1)).sum() > 50  # soft edges
+    outside = share == 0
+    off = np.abs(picture.astype(int) - room)[outside]
+    assert np.percentile(off, 99) <= 12  # sampled finer and back: nearly the same
+    assert np.abs(picture.astype(int) - room)[share == 1].mean() > 20
+
+
+BODY = load_model("body34")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    """Somebody who stands and sways, seen by three small cameras."""
+    what = Simulation(
+        cameras=3, frames=30, size=(160, 120), motion="still", model="body34", scale=0.95, distance_m=3.5, images=False
+    )  # fmt: skip
+    return Session.open(simulate(tmp_path_factory.mktemp("body") / "new", what))
+
+
+@pytest.mark.parametrize("name", pose_names("body"))
+def test_poses_are_within_limits_and_hardly_collide(name):
+    joint = named_pose(BODY, name)
+    low, high = BODY.limits.interval.T
+    assert ((joint >= low) & (joint <= high)).all()
+    assert CollisionTerm.of(BODY).depths(BODY.bones(joint)).max() < 0.03
+
+
+def test_a_simulated_body_is_tracked_from_its_parameters(session):
+    run = TrackingRun.open(session)
+    assert run.model.kind == "body"
+    assert not run.forearm
+    first, params = run.initial()
+    results = list(run.track(range(5), first, params))
+    truth = session.truth
+    assert truth is not None
+    assert truth.keypoints21 is None
+    for result in results:
+        off = np.linalg.norm(result.joint_positions - truth.joint_positions[result.frame], axis=1)
+        assert np.median(off) < 0.02, result.frame
+        assert result.keypoints21 is None
+    saved = run.result(results)
+    assert saved.model == "body34"

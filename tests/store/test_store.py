@@ -1,17 +1,28 @@
-"""The store: takes are kept, the current track is composed of them, and what happens to the disk is told."""
+"""The store: takes, records, history and the lease."""
 
 import errno
+import io
+import json
 import os
 import shutil
+import subprocess
+import sys
+import tracemalloc
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.store import lease as lease_file
+from handtrack.store.history import Action, Change, History
+from handtrack.store.lease import Lease, LeaseTaken, holder_of
+from handtrack.store.record import Gap, Record, encoded, scan
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
-from tests.store.made import about, add_take, same, step
+from tests.store.made import about, add_take, files_of, same, step
 
 
 @pytest.fixture
@@ -163,3 +174,200 @@ def test_a13_a_thousand_flipped_bits_none_is_accepted_silently(folder):
         assert store.current() in ((), (Span(1, 0, 2),))
         assert all(same(before[r.frame], r) for r in store.take(1).results())
         files[which].write_bytes(contents[which])
+
+
+RECORDS = [
+    Record(1, "current", {"spans": [[1, 0, 100]], "name": "Größe\n"}),
+    Record(2, "step", {"frame": 0}, bytes(range(256)) + b'\n00000000 {"seq":9,"kind":"x"}\n'),
+    Record(3, "step", {"frame": 1, "energy": float("nan")}, b"\n" * 300),
+    Record(4, "end"),
+]
+FILE = b"".join(map(encoded, RECORDS))
+
+
+def read(content: bytes, payloads: bool = True) -> list[Record | Gap]:
+    return list(scan(io.BytesIO(content), payloads))
+
+
+def same_record(one: Record | Gap, other: Record | Gap) -> bool:
+    """Whether they hold the same, wherever they stand."""
+    unplaced = [replace(r, offset=0) if isinstance(r, Record) else r for r in (one, other)]
+    return repr(unplaced[0]) == repr(unplaced[1])
+
+
+def test_what_is_written_is_read():
+    assert all(map(same, read(FILE), RECORDS))
+    assert [r.payload for r in read(FILE, payloads=False) if isinstance(r, Record)] == [b""] * 4
+
+
+def test_a13_no_flipped_bit_is_taken_for_data():
+    """Bits of a file, one by one: the record is gone and the damage told; all others are as they were."""
+    last = len(FILE) - len(encoded(RECORDS[-1]))
+    for bit in range(0, 8 * len(FILE), 3):
+        damaged = bytearray(FILE)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        found = read(bytes(damaged))
+        gaps = [entry for entry in found if isinstance(entry, Gap)]
+        assert {gap.at_end for gap in gaps} == {bit // 8 >= last}
+        kept = [entry for entry in found if isinstance(entry, Record)]
+        assert len(kept) == 3
+        assert all(any(same_record(entry, record) for record in RECORDS) for entry in kept)
+
+
+@pytest.mark.parametrize("length", range(0, len(FILE), 7))
+def test_a_cut_file_loses_its_end_alone(length):
+    ends = np.cumsum([len(encoded(record)) for record in RECORDS])
+    whole = int((ends <= length).sum())
+    found = read(FILE[:length])
+    assert all(map(same, found[:whole], RECORDS))
+    rest = length - int(ends[whole - 1] if whole else 0)
+    gaps = found[whole:]
+    assert sum(gap.length for gap in gaps if isinstance(gap, Gap)) == rest
+    assert all(isinstance(gap, Gap) for gap in gaps)
+    assert not gaps or (isinstance(gaps[-1], Gap) and gaps[-1].at_end)
+
+
+def do(history: History, key: str, after: Any, kind: str = "do", joins: bool = False) -> Action:
+    change = Change(key, history.state.get(key), after)
+    action = history.next(f"{key} to {after}", [change], kind, joins)
+    history.take(action)
+    return action
+
+
+def travel(history: History, action: Action | None) -> str:
+    assert action is not None
+    history.take(action)
+    return action.words
+
+
+def test_what_is_read_again_is_the_same():
+    history = History()
+    actions = [do(history, "a", 1), do(history, "b", [2]), do(history, "a", None)]
+    undo = history.undoing()
+    travel(history, undo)
+    assert history.state == {"a": 1, "b": [2]}
+    again = History.of(Action.of(action.content) for action in (*actions, undo) if action)
+    assert again == history
+
+
+def test_undo_and_redo_go_along_the_steps():
+    history = History()
+    for value in (1, 2, 3):
+        do(history, "a", value)
+    assert travel(history, history.undoing()) == "a to 3"
+    assert travel(history, history.undoing()) == "a to 2"
+    assert history.state == {"a": 1}
+    assert travel(history, history.redoing()) == "a to 2"
+    do(history, "b", 1)
+    assert history.redoing() is None, "a new step drops what was undone"
+    for _ in range(3):
+        travel(history, history.undoing())
+    assert history.undoing() is None and history.state == {}
+
+
+def test_a_drag_is_one_step_back_to_where_it_began():
+    history = History()
+    do(history, "a", 1)
+    for value in (2, 3, 4):
+        do(history, "a", value, joins=value > 2)
+    travel(history, history.undoing())
+    assert history.state == {"a": 1}
+    travel(history, history.redoing())
+    assert history.state == {"a": 4}
+
+
+def test_history_has_no_end():
+    history = History()
+    for value in range(1, 2001):
+        do(history, "a", value)
+    for value in range(2000, 0, -1):
+        assert history.state == {"a": value}
+        travel(history, history.undoing())
+    assert history.state == {} and len(history.future) == 2000
+    for value in range(1, 2001):
+        travel(history, history.redoing())
+        assert history.state == {"a": value}
+
+
+def test_c60_a_long_history_is_small():
+    pose, history = [0.1 * i for i in range(26)], History()
+    tracemalloc.start()
+    for shift in range(1000):
+        do(history, "pose/3", [value + shift for value in pose])
+    rescaled = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert rescaled < 1.2e6, "about 1 kB a pose, written out 3"
+
+
+def change(folder: Path, **changed: object) -> Path:
+    """Make the lease of a folder one of another program."""
+    (path,) = folder.glob("lease-*.json")
+    path.write_text(json.dumps(json.loads(path.read_text()) | changed))
+    return path
+
+
+def test_a2_a_second_writer_is_told_who_holds_the_store_and_may_read(tmp_path):
+    with WritableStore(tmp_path, "handtrack track") as store:
+        add_take(store, range(3))
+        with pytest.raises(LeaseTaken) as told:
+            WritableStore(tmp_path, "handtrack open")
+        assert f"`handtrack track` (process {os.getpid()} on " in str(told.value)
+        assert "so nothing was changed" in str(told.value)
+        assert Store(tmp_path).takes()[0].frames == (0, 1, 2)
+        assert store.lease.holder == holder_of(tmp_path)
+    assert holder_of(tmp_path) is None
+    assert not [name for name in files_of(tmp_path) if "lease" in name]
+
+
+def test_a2_who_is_taken_over_is_told_and_nothing_of_either_is_lost(tmp_path):
+    first = WritableStore(tmp_path, "the first")
+    begun = first.begin(about())
+    rng = np.random.default_rng(0)
+    begun.add(step(rng, 0))
+    with WritableStore(tmp_path, "the second", take_over=True) as second:
+        assert second.lease.generation == 2
+        with pytest.raises(
+            HandtrackError, match="`the second` .* took over, so this change was not saved"
+        ):
+            begun.add(step(rng, 1))
+        second.go_on(second.take(1)).add(step(rng, 1))
+    first.close()
+    assert Store(tmp_path).take(1).frames == (0, 1)
+    assert files_of(tmp_path) == ["takes/0001/000001.log", "takes/0001/000002.log"]
+    assert not Store(tmp_path).damage()
+
+
+def test_a_lease_of_a_program_that_was_killed_is_stale(tmp_path):
+    code = "import sys,os; from handtrack.store.lease import Lease; from pathlib import Path; " \
+        "Lease.acquire(Path(sys.argv[1]), 'killed'); os._exit(9)"  # fmt: skip
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    assert files_of(tmp_path) == ["lease-000001.json"]
+    assert holder_of(tmp_path) is None
+    with WritableStore(tmp_path, "the next") as store:
+        assert files_of(tmp_path) == ["lease-000002.json"]
+        assert store.lease.generation == 2
+
+
+def test_a_torn_lease_is_no_reason_to_write(tmp_path):
+    (tmp_path / "lease-000004.json").write_text('{"generation": 4, "pro')
+    with pytest.raises(LeaseTaken, match="an unknown program"):
+        WritableStore(tmp_path, "here")
+    os.utime(tmp_path / "lease-000004.json", (0, 0))  # whoever wrote that was killed at it
+    with WritableStore(tmp_path, "here") as store:
+        assert store.lease.generation == 5
+
+
+def test_of_two_that_find_a_stale_lease_one_gets_it(tmp_path, monkeypatch):
+    really, others = lease_file._newest, []
+
+    def newest(folder: Path) -> Path | None:
+        found = really(folder)
+        if not others:
+            others.append(None)
+            others[0] = Lease.acquire(folder, "the quicker")
+        return found
+
+    monkeypatch.setattr(lease_file, "_newest", newest)
+    with pytest.raises(LeaseTaken, match="`the quicker`"):
+        Lease.acquire(tmp_path, "the slower")
+    others[0].release()

@@ -19,7 +19,7 @@ def test_c31_the_side_is_told_by_silhouettes(wrong):
     joint = named_pose(hands[0], "open")
     joint[1] -= 0.09
     seen = mask_views(
-        hands[0], hands[0].transform.solver_params(joint), simulated_rig(3, (320, 240)).cameras
+        hands[0], hands[0].transform.solver_params(joint), simulated_rig(3, (160, 120)).cameras
     )
     if wrong:
         turn = rotation_matrix(joint[3:6]) @ rotation_matrix(np.array([0.0, np.pi, 0.0]))

@@ -55,7 +55,7 @@ def known():
 
 def test_a_hand_that_moved_on_unseen_is_found_again():
     """Faults C32, C33."""
-    runs = gap_runs(0, (320, 240))
+    runs = gap_runs(0, (160, 120))
     without, jumps = runs[False], runs[True]
     assert without.moved_mm > 100.0
     assert not without.is_back

@@ -9,7 +9,7 @@ import pytest
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
 from tests.app.command_line import refused
-from tests.capture.demosaicing_quality import mosaic_of
+from tests.capture.mosaics import mosaic_of
 from tests.session.small_session import edit
 
 FRAMES = 3

@@ -1,0 +1,311 @@
+"""Clouds: files of others, filters, and depth images."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from handtrack.capture.clouds import cloud_files
+from handtrack.capture.clouds import cloud_filters as filters
+from handtrack.capture.clouds.cloud_files import read_cloud, write_cloud
+from handtrack.capture.clouds.cloud_filters import CloudFilters
+from handtrack.capture.clouds.depth import DepthSettings, depth_cloud, surface_pixels
+from handtrack.capture.clouds.ply import read_ply
+from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix
+
+
+@pytest.fixture
+def cloud(rng) -> PointCloud:
+    points = rng.normal(size=(50, 3)).astype(np.float32).astype(float)
+    return PointCloud(points, rng.integers(0, 256, (50, 3)).astype(np.uint8))
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".npz"])
+def test_written_clouds_read_back(suffix, cloud, tmp_path):
+    for colors in (cloud.colors, None):
+        path = tmp_path / f"0{suffix}"
+        write_cloud(path, PointCloud(cloud.points * 0.01, colors), 0.01)
+        back = read_cloud(path, 0.01)
+        assert back.warnings == ()
+        assert np.allclose(back.cloud.points, cloud.points * 0.01, atol=1e-7)
+        if colors is None:
+            assert back.cloud.colors is None
+        else:
+            assert np.array_equal(back.cloud.colors, colors)
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_what_trimesh_writes_is_read_and_the_other_way_round(encoding, cloud, tmp_path):
+    path = tmp_path / "0.ply"
+    path.write_bytes(
+        trimesh.PointCloud(cloud.points, cloud.colors).export(file_type="ply", encoding=encoding)
+    )
+    points, colors, count = read_ply(path, 1000)
+    assert count == 50
+    assert np.allclose(points, cloud.points, atol=1e-5)
+    assert np.array_equal(colors, cloud.colors)
+    write_cloud(path, cloud)
+    assert np.allclose(trimesh.load(path).vertices, cloud.points, atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".npz"])
+def test_huge_clouds_are_read_in_part(suffix, tmp_path, monkeypatch, rng):
+    monkeypatch.setattr(cloud_files, "MOST_POINTS", 1000)
+    write_cloud(tmp_path / f"0{suffix}", PointCloud(rng.uniform(size=(25_000, 3))))
+    back = read_cloud(tmp_path / f"0{suffix}")
+    assert len(back.cloud) == 1000
+    assert "25000 points; an even part of 1000 is used" in back.warnings[0]
+    assert np.array_equal(back.cloud.points, read_cloud(tmp_path / f"0{suffix}").cloud.points)
+
+
+PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("0.ply", b"no", "not a .ply file"),
+        (
+            "0.ply",
+            (PLY + "1 2 3\n").encode(),
+            "announces 2 points, but holds 1; the file is cut off",
+        ),
+        ("0.ply", (PLY + "1 2 3\n1 b 3\n").encode(), "the points cannot be read"),
+        (
+            "0.ply",
+            PLY.replace("float z", "float w").encode(),
+            "no x, y, z; properties there: x, y, w",
+        ),
+        ("0.ply", PLY.replace("ascii", "xml").encode(), "no known format"),
+        ("0.ply", PLY.replace("vertex", "face").encode(), "expected the vertices first"),
+        (
+            "0.ply",
+            PLY.replace("vertex 2", "vertex 99999999999999999999999").encode(),
+            "announces 99999999999999999999999 points, but holds fewer",
+        ),
+        (
+            "0.ply",
+            PLY.replace("float y", "float y\nproperty float x").encode(),
+            "a vertex property is named twice: x, y, x, z",
+        ),
+        ("0.ply", (PLY + "1,2,3\n1,2,3\n").encode(), "Expected numbers with spaces between them."),
+        ("0.npz", b"no", "not a readable .npz"),
+        ("0.xyz", b"", "neither .ply nor .npz"),
+    ],
+)
+def test_files_that_cannot_be_used(name, content, words, tmp_path):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(HandtrackError, match=words):
+        read_cloud(tmp_path / name)
+
+
+def test_arrays_of_an_npz(tmp_path):
+    path = tmp_path / "0.npz"
+    np.savez(path, xyz=np.zeros((2, 3)))
+    with pytest.raises(HandtrackError, match="no array `points`; arrays there: xyz"):
+        read_cloud(path)
+    np.savez(path, points=np.zeros((2, 4)))
+    with pytest.raises(HandtrackError, match=r"`points` has the shape \(2, 4\)"):
+        read_cloud(path)
+    np.savez(path, points=np.zeros((2, 3)), colors=np.zeros((1, 3)))
+    with pytest.raises(HandtrackError, match=r"`colors` has the shape \(1, 3\)"):
+        read_cloud(path)
+    np.savez(path, points=np.zeros((2, 3)), colors=np.full((2, 3), 0.5))
+    assert (read_cloud(path).cloud.colors == 127).all()
+
+
+EYE = np.zeros((1, 3))
+
+
+def patch(rng: np.random.Generator, centre, count=2000, side=0.1):
+    """A square of points facing the camera."""
+    flat = rng.uniform(-side / 2, side / 2, (count, 2))
+    return np.column_stack([flat, rng.normal(0, 1e-4, count)]) + np.array(centre)
+
+
+def test_finite_and_range():
+    points = np.array([[0, 0, 0.05], [0, 0, 0.5], [0, 0, 2.0], [np.nan, 0, 1]])
+    assert filters.finite(points).tolist() == [True, True, True, False]
+    keep = filters.within_range(points[:3], EYE, 0.1, 1.5)
+    assert keep.tolist() == [False, True, False]
+    second = np.array([[0, 0, 0], [0, 0, 3.0]])
+    assert filters.within_range(points[:3], second, 0.1, 1.5).tolist() == [False, True, True]
+
+
+def test_crop_to_the_previous_hand(rng):
+    points = rng.uniform(-1, 1, (250_000, 3))
+    calls = []
+
+    def distance(part):
+        calls.append(len(part))
+        return np.linalg.norm(part, axis=1)
+
+    keep = filters.near_hand(points, distance, 0.1)
+    assert np.array_equal(keep, np.linalg.norm(points, axis=1) <= 0.1)
+    assert max(calls) <= 100_000  # bounded memory, whatever the distance costs
+    assert filters.near_hand(points[:0], distance, 0.1).shape == (0,)
+
+
+def test_thinning_keeps_a_fixed_number_per_cell_and_is_the_same_each_time(rng):
+    points = rng.uniform(0, 0.1, (20_000, 3))
+    cell = filters.cell_numbers(points, 0.02)
+    for count in (1, 3):
+        keep = filters.thinned(points, 0.02, count)
+        assert np.array_equal(keep, filters.thinned(points, 0.02, count))
+        _, left = np.unique(cell[keep], return_counts=True)
+        assert len(left) == len(np.unique(cell))
+        assert (left == count).all()
+
+
+def test_outliers_stand_off(rng):
+    points = np.vstack([patch(rng, (0, 0, 0.5)), [[0, 0, 0.55], [0.2, 0, 0.5]]])
+    keep = filters.inliers(points, 8, 2.5)
+    assert not keep[-2:].any()
+    assert keep[:-2].mean() > 0.97
+    assert filters.inliers(points[:5], 8, 2.5).all()
+
+
+def test_the_nearest_and_the_largest_part(rng):
+    hand, body = patch(rng, (0, 0, 0.5), 1500), patch(rng, (0.1, 0, 0.9), 20_000, 0.5)
+    stray = np.array([[0, 0, 0.2], [0.3, 0, 0.3]])
+    points = np.vstack([hand, body, stray])
+    near = filters.nearest_part(points, EYE)
+    assert near[:1500].all()
+    assert not near[1500:].any()
+    large = filters.largest_part(points)
+    assert large[1500:21_500].all()
+    assert not large[:1500].any()
+
+
+def test_an_object_before_a_hand_that_is_known_is_not_taken_for_it(rng):
+    """Both stay, what is behind does not: the object tells what it hides."""
+    parts = ((0, 0, 0.42), 800), ((0, 0, 0.5), 1500), ((0.1, 0, 0.9), 5000)
+    points = np.vstack([patch(rng, middle, count) for middle, count in parts])
+
+    def away(asked):
+        return np.abs(asked[:, 2] - 0.5)
+
+    for front in (None, 0.1):
+        near = filters.nearest_part(points, EYE, front, hand_distance=away)
+        assert near[:2300].all()
+        assert not near[2300:].any()
+
+
+def test_a_hand_is_cut_from_the_body_it_hangs_on(rng):
+    arm = np.column_stack([rng.uniform(-0.03, 0.03, (20_000, 2)), np.linspace(0.5, 0.9, 20_000)])
+    points = np.vstack([patch(rng, (0, 0, 0.5), 2000), arm, patch(rng, (0, 0, 0.9), 50_000, 0.5)])
+    assert filters.nearest_part(points, EYE).all()
+    keep = filters.nearest_part(points, EYE, front_m=0.12)
+    assert keep[:2000].all()
+    assert points[keep, 2].max() == pytest.approx(0.62, abs=0.01)
+
+
+def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
+    tone = np.clip(rng.normal((190, 140, 115), 6, (500, 3)), 0, 255)
+    shade = np.linspace(0.4, 1.0, 500)[:, None]  # brightness drops out
+    background = rng.normal((60, 90, 200), 5, (60, 3))
+    ellipse = fit_skin_ellipse(np.vstack([tone * shade, background]).astype(np.uint8), size=3.0)
+    skin = (tone * 0.7).astype(np.uint8)
+    assert filters.skin_coloured(skin, 500, ellipse).mean() > 0.95
+    assert not filters.skin_coloured(background.astype(np.uint8), 60, ellipse).any()
+    tight = filters.skin_coloured(skin, 500, replace(ellipse, size=0.5)).mean()
+    assert tight < 0.4
+    assert not filters.skin_coloured(np.zeros((2, 3), np.uint8), 2, ellipse).any()
+    assert filters.skin_coloured(None, 4, ellipse).all()
+    with pytest.raises(
+        HandtrackError, match="at least 20 sampled pixels that are not black; found 3"
+    ):
+        fit_skin_ellipse(tone[:3].astype(np.uint8))
+
+
+def test_the_chain_reports_every_step(rng):
+    cloud = PointCloud(np.vstack([patch(rng, (0, 0, 0.5), 30_000), patch(rng, (0, 0, 3.0))]))
+    chain = CloudFilters(component="nearest", max_points=500)
+    left, reports = chain.apply(cloud, lambda p: np.abs(p[:, 2] - 0.5), EYE)
+    assert [r.name for r in reports] == ["range", "crop", "component", "voxel", "outliers", "most"]
+    assert reports[0].before == 32_000
+    assert reports[0].after == 30_000
+    assert str(reports[0]) == "0.1 to 1.5 m from a camera: 32000 → 30000 points"
+    assert [r.before for r in reports[1:]] == [r.after for r in reports[:-1]]
+    assert len(left) == reports[-1].after == 500
+    again, _ = chain.apply(cloud, lambda p: np.abs(p[:, 2] - 0.5), EYE)
+    assert np.array_equal(left.points, again.points)
+
+
+def camera(distortions=(0, 0, 0, 0, 0)) -> Camera:
+    matrix = np.array([[300.0, 0, 79.5], [0, 310.0, 59.5], [0, 0, 1]])
+    return Camera(
+        "kinect",
+        (160, 120),
+        matrix,
+        np.array(distortions),
+        rotation_matrix(np.array([0.3, -0.2, 0.1])),
+        np.array([0.1, 0.2, 0.3]),
+    )
+
+
+@pytest.mark.parametrize("distortions", [(0, 0, 0, 0, 0), (-0.3, 0.1, 0.002, -0.001, 0.0)])
+def test_points_project_back_to_their_pixels(distortions):
+    seen = camera(distortions)
+    depth = np.full((120, 160), 0.5)
+    depth[:, :40] = 0
+    cloud = depth_cloud(seen, depth, settings=None)
+    assert len(cloud) == 120 * 120
+    assert np.allclose(seen.to_camera(cloud.points)[:, 2], 0.5)
+    rows, columns = np.nonzero(depth)
+    assert np.allclose(seen.project(cloud.points), np.column_stack([columns, rows]), atol=1e-4)
+
+
+def test_what_is_no_measurement_is_left_out():
+    depth = np.full((120, 160), 0.5)
+    depth[0, 0], depth[0, 1], depth[0, 2], depth[0, 3] = 0, -1, np.nan, np.inf
+    cloud = depth_cloud(camera(), depth, settings=None)
+    assert len(cloud) == 120 * 160 - 4
+    assert np.isfinite(cloud.points).all()
+    assert len(depth_cloud(camera(), np.zeros((120, 160)))) == 0
+
+
+def test_flying_pixels_go_and_surfaces_stay(rng):
+    depth = np.full((120, 160), 0.9)
+    depth[30:90, 40:120] = 0.5
+    flying = np.zeros(depth.shape, bool)
+    flying[30:90, 40] = rng.random(60) < 0.5
+    flying[30:90, 119] = rng.random(60) < 0.5
+    depth += rng.normal(0, 0.0008, depth.shape)
+    depth[flying] = rng.uniform(0.6, 0.8, flying.sum())
+    keep = surface_pixels(depth, 300.0)
+    assert keep[flying].mean() < 0.15
+    assert keep[~flying].mean() > 0.99
+
+
+def test_grazing_surfaces_go():
+    angle = np.radians(85)
+    slope = np.tan(angle) / 300.0
+    depth = 0.5 * np.exp(slope * np.arange(40))[None].repeat(50, axis=0)
+    settings = DepthSettings(grazing_deg=80, jump_share=0.0)
+    assert not surface_pixels(depth, 300.0, settings).any()
+    flat = 0.5 * np.exp(np.tan(np.radians(60)) / 300.0 * np.arange(40))[None].repeat(50, axis=0)
+    assert surface_pixels(flat, 300.0, settings)[1:-1, 1:-1].all()
+
+
+def test_a_real_hand_before_a_body(data_dir):
+    from handtrack.capture.clouds.cloud_filters import CloudFilters
+
+    files = sorted((data_dir / "sr305_depth_hand" / "20210326-230536").glob("*.png"))
+    if not files:
+        pytest.skip("no sr305_depth_hand among the shared data")
+    matrix = np.array([[476.007, 0, 313.683], [0, 476.007, 242.755], [0, 0, 1]])
+    sr305 = Camera("sr305", (640, 480), matrix, np.zeros(5), np.eye(3), np.zeros(3))
+    chain = CloudFilters(component="nearest", front_m=0.12)
+    for path in files:
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * 0.000125
+        hand, _ = chain.apply(depth_cloud(sr305, depth), centres=np.zeros((1, 3)))
+        low, high = np.quantile(hand.points, [0.01, 0.99], axis=0)
+        assert 2500 <= len(hand) <= 4000, path.name
+        assert 0.15 < np.linalg.norm(high - low) < 0.5, path.name  # hand and some forearm

@@ -1,0 +1,190 @@
+"""The detector beside its networks: palms, regions, and the hand that is followed."""
+
+import numpy as np
+import pytest
+
+from handtrack.detector.hand_detector import (
+    PALM_SIZE,
+    DetectedHand,
+    Region,
+    palms,
+    region_of_hand,
+    region_of_palm,
+)
+from handtrack.detector.hand_follower import HandFollower
+from handtrack.detector.identity import SeenHand, epipolar_miss, log_odds, our_hands
+from handtrack.geometry.camera import Camera
+from tests.detector.fake_detector import FakeDetector, columns, hand_at
+from tests.session.small_session import keypoints
+
+ANCHORS = 2016
+SURE, UNSURE = 3.0, -0.01
+
+
+def outputs(**boxes):
+    """Return the network's numbers and logits: boxes as anchor → (logit, box's offset and size [px of the network])."""
+    numbers, logits = np.zeros((ANCHORS, 18), np.float32), np.full(ANCHORS, -9.0, np.float32)
+    for name, (logit, box) in boxes.items():
+        anchor = int(name.removeprefix("at"))
+        numbers[anchor, :4], logits[anchor] = box, logit
+        numbers[anchor, 4:] = np.tile([0.0, 19.2], 7)
+    return numbers, logits
+
+
+def test_a_box_is_decoded():
+    (palm,) = palms(*outputs(at0=(SURE, (19.2, 0.0, 38.4, 57.6))), most=2)
+    assert palm.score == pytest.approx(1 / (1 + np.exp(-SURE)))
+    assert palm.box == pytest.approx(
+        [0.5 / 24 + 0.1, 0.5 / 24, 0.2, 0.3]
+    )  # the size has no anchor added
+    assert palm.points == pytest.approx(np.tile([0.5 / 24, 0.5 / 24 + 0.1], (7, 1)))
+
+
+def test_overlapping_boxes_are_averaged_by_their_scores():
+    size = 0.5 * PALM_SIZE
+    given = outputs(
+        at0=(0.0 + 1e-3, (0.0, 0.0, size, size)), at2=(np.log(3.0), (0.0, 0.0, size, size))
+    )
+    (palm,) = palms(*given, most=2)
+    weights = np.array([1 / (1 + np.exp(-1e-3)), 0.75])
+    across = weights @ np.array([0.5, 1.5]) / 24 / weights.sum()
+    assert palm.box == pytest.approx([across, 0.5 / 24, 0.5, 0.5])
+    assert palm.score == pytest.approx(0.75)  # the best one's
+
+
+def test_boxes_apart_are_two_palms_the_surest_first():
+    box = (0.0, 0.0, 19.2, 19.2)
+    given = outputs(at0=(SURE, box), **{f"at{ANCHORS - 1}": (2 * SURE, box)})
+    assert [palm.box[0] for palm in palms(*given, most=2)] == pytest.approx([11.5 / 12, 0.5 / 24])
+    assert len(palms(*given, most=1)) == 1
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, -2.5])
+@pytest.mark.parametrize("spot", [(40, 30), (33, 52)])
+def test_a_spot_of_the_crop_is_where_it_was_in_the_image(turn, spot):
+    """To a tenth of a pixel: half a pixel is what creeps in."""
+    image = np.zeros((90, 80, 3), np.uint8)
+    image[spot[1], spot[0]] = 255
+    region = Region(np.array([41.0, 40.0]), 50.0, turn)
+    size = 100
+    crop = region.crop(image, size)[..., 0]
+    rows, columns = np.mgrid[:size, :size]
+    seen = np.array([(columns * crop).sum(), (rows * crop).sum()]) / crop.sum()
+    assert region.to_image((seen + 0.5) / size) == pytest.approx(np.array(spot, float), abs=0.1)
+
+
+def test_a_palms_region_by_hand():
+    """Wrist left, middle knuckle right: up in the crop is right in the image."""
+    points = np.zeros((7, 2))
+    points[0], points[2] = (10.0, 50.0), (30.0, 50.0)
+    region = region_of_palm(np.array([20.0, 50.0, 16.0, 20.0]), points)
+    assert region.turn == pytest.approx(np.pi / 2)
+    assert region.centre == pytest.approx([30.0, 50.0])  # by half of the height towards the fingers
+    assert region.side == pytest.approx(52.0)
+    assert region.to_image(np.array([0.5, 0.0])) == pytest.approx([56.0, 50.0])
+
+
+def hand_pointing(direction):
+    """Return 21 points: fingers of 40 px beside one another, from a wrist at (100, 100)."""
+    up = np.array(direction, float)
+    right = np.array([-up[1], up[0]])
+    points = [np.zeros(2)]
+    for finger in range(5):
+        points += [right * 10 * (finger - 2) + up * (20 + 10 * k) for k in range(4)]
+    return np.array(points) + 100.0
+
+
+@pytest.mark.parametrize("angle", [0.3, 2.0, -1.2])
+def test_a_hands_region_turns_with_it(angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    turning = np.array([[cos, -sin], [sin, cos]])
+    straight = hand_pointing((0, -1))
+    before, after = region_of_hand(straight), region_of_hand((straight - 100) @ turning.T + 100)
+    assert after.side == pytest.approx(before.side)
+    assert after.centre == pytest.approx(turning @ (before.centre - 100) + 100)
+    assert np.cos(after.turn - before.turn - angle) == pytest.approx(1.0)
+
+
+IMAGE = np.zeros((200, 400, 3), np.uint8)
+
+
+@pytest.fixture
+def fake() -> FakeDetector:
+    return FakeDetector()
+
+
+def test_a_hand_is_followed_without_searching_again(fake):
+    follower = HandFollower(fake)
+    for step in range(6):
+        fake.hands = [hand_at(100 + 5 * step, 100)]
+        assert columns(follower.step(IMAGE)) == {0: 100 + 5 * step}
+    assert fake.searches == 1
+
+
+def test_a_lost_hand_is_searched_in_the_same_image_and_gets_a_new_number(fake):
+    follower = HandFollower(fake)
+    fake.hands = [hand_at(100, 100)]
+    follower.step(IMAGE)
+    fake.hands = [hand_at(300, 100)]
+    assert columns(follower.step(IMAGE)) == {1: 300}
+    fake.hands = []
+    assert follower.step(IMAGE) == {}
+    assert fake.searches == 3
+
+
+def test_a_second_hand_is_found_soon_and_both_keep_their_numbers(fake):
+    follower = HandFollower(fake)
+    fake.hands = [hand_at(100, 100)]
+    follower.step(IMAGE)
+    fake.hands = [hand_at(300, 100), hand_at(100, 100)]
+    seen = [columns(follower.step(IMAGE)) for _ in range(12)]
+    assert seen[0] == {0: 100}
+    assert seen[-1] == {0: 100, 1: 300}
+    assert fake.searches == 2  # with both followed there is nothing to look for
+
+
+LEFT_PLACE, RIGHT_PLACE = np.array([-0.15, 0.05, 0.0]), np.array([0.12, -0.06, 0.05])
+
+
+def camera(name: str, angle: float) -> Camera:
+    """A distorted camera 0.8 m away, turned about the vertical."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    rotation = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
+    matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
+    return Camera(
+        name, (640, 480), matrix, np.array([-0.1, 0.02, 0, 0, 0]), rotation, np.array([0, 0, 0.8])
+    )
+
+
+CAMERAS = {name: camera(name, angle) for name, angle in (("a", 0.0), ("b", 0.6), ("c", -0.5))}
+
+
+def seen(name: str, place: np.ndarray, right: float = 0.99, noise: float = 1.0) -> SeenHand:
+    rng = np.random.default_rng(5)
+    points = keypoints() * [1, 1, 1] + [[0, 0, 0.002 * i] for i in range(21)]
+    pixels = CAMERAS[name].project(points + place) + noise * rng.normal(size=(21, 2))
+    return SeenHand(CAMERAS[name], DetectedHand(pixels, 0.9, right), log_odds(right, "right"))
+
+
+def chosen(hands: dict[str, list[SeenHand]]) -> dict[str, int]:
+    return {n: hands[n].index(one) for n, one in our_hands(hands).items()}
+
+
+def test_one_hand_lies_on_its_epipolar_lines_another_does_not():
+    a, b = seen("a", RIGHT_PLACE, noise=0.0), seen("b", RIGHT_PLACE, noise=0.0)
+    assert epipolar_miss(a, b) == pytest.approx(0.0, abs=1e-4)
+    assert epipolar_miss(a, b) == pytest.approx(epipolar_miss(b, a))
+    assert epipolar_miss(a, seen("b", LEFT_PLACE)) > 0.2
+
+
+def test_of_two_hands_the_one_of_our_side_is_ours_in_every_view():
+    hands = {
+        "a": [seen("a", RIGHT_PLACE), seen("a", LEFT_PLACE, right=0.02)],
+        "b": [seen("b", LEFT_PLACE, right=0.02), seen("b", RIGHT_PLACE)],
+    }
+    assert chosen(hands) == {"a": 0, "b": 1}
+
+
+def test_a_hand_of_the_other_side_is_not_ours():
+    assert chosen({"a": [seen("a", RIGHT_PLACE, right=0.1)], "b": []}) == {}
+    assert chosen({"a": [seen("a", RIGHT_PLACE)]}) == {"a": 0}

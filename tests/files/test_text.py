@@ -1,0 +1,205 @@
+"""Texts: TOML, YAML and JSON, read, written and edited."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.files.text_files import read_json
+from handtrack.files.toml_edit import changed_toml
+from handtrack.files.toml_text import read_toml, toml_item
+from handtrack.files.yaml_text import parse_yaml
+
+BIG = "1" + "0" * 400
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xef\xbb\xbfa = 1\r\nb = 2\r\n", b"a = 1\nb = 2"], ids=["mark and CRLF", "plain"]
+)
+def test_what_editors_add_does_not_matter(content, tmp_path):
+    (tmp_path / "x.toml").write_bytes(content)
+    assert read_toml(tmp_path / "x.toml", "settings") == {"a": 1, "b": 2}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (
+            "a = 1".encode("utf-16"),
+            "x: not UTF-8 text (invalid start byte at byte 0). Save it as UTF-8.",
+        ),
+        (
+            f"a = {BIG}".encode(),
+            "x: not valid TOML: a whole number of 1329 bits; expected at most 64.",
+        ),
+        (f"a = [[{BIG}]]".encode(), "a whole number of 1329 bits"),
+        (b"a = " + b"[" * 100_000, "x: not valid TOML: maximum recursion depth"),
+        (b"a = 1\na = 2", "x: not valid TOML: Cannot overwrite a value"),
+    ],
+    ids=["UTF-16", "huge", "huge within", "deep", "twice"],
+)
+def test_toml_that_cannot_be_used(content, words, tmp_path):
+    (tmp_path / "x").write_bytes(content)
+    with pytest.raises(HandtrackError) as caught:
+        read_toml(tmp_path / "x", "settings")
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("", "x: not valid JSON at line 1: Expecting value; expected a pose there."),
+        (
+            '{"a": NaN}',
+            "x: cannot be read as JSON: NaN is no JSON number; write null where a value is unknown.",
+        ),
+        ("[" * 100_000, "x: cannot be read as JSON: maximum recursion depth"),
+    ],
+    ids=["empty", "NaN", "deep"],
+)
+def test_json_that_cannot_be_used(content, words, tmp_path):
+    (tmp_path / "x").write_text(content)
+    with pytest.raises(HandtrackError) as caught:
+        read_json(tmp_path / "x", "a pose")
+    assert words in str(caught.value)
+
+
+TEXT = """# my recording
+[session]
+format = 1  # of the file
+fps = 25.0
+
+[tracking]   # what I found out
+solver.iterations = 20  # enough, "really"
+  silhouettes.bands_mm = [6, 3, 1]
+"model"."forearm" = "a # b"# odd
+
+[tracking.prior]
+posture = 4.0
+
+[[camera]]
+name = "left"
+"""
+REST = "# mine\n[session]\nformat = 1  # of the file\n\n[[camera]]\nname = 'left' # west\n"
+SPELLINGS: dict[str, tuple[str, str, Any, str]] = {
+    "plain": ("[tracking]\ncloud.weight = 2.0 # T\n", "tracking.cloud.weight", 0.5, "0.5"),
+    "own table": ("[tracking.cloud] # T\nweight = 2.0\n", "tracking.cloud.weight", 0.5, "0.5"),
+    "at the root": ("tracking.cloud.weight = 2.0 # T\n", "tracking.cloud.weight", 0.5, "0.5"),
+    "quoted key": ("[tracking]\n'cloud'.\"weight\" = 2.0 # T\n", "tracking.cloud.weight", 0.5, "0.5"),
+    "spaces": ("[ tracking ]\ncloud.weight = 2.0 # T\n", "tracking.cloud.weight", 0.5, "0.5"),
+    "quoted table": ('["tracking"]\ncloud.weight = 2.0 # T\n', "tracking.cloud.weight", 0.5, "0.5"),
+    "inline": ("tracking = { cloud = { weight = 2.0 } } # T\n", "tracking.cloud.weight", 0.5, "0.5"),
+    "inline below": ("[tracking]\ncloud = { weight = 2.0 } # T\n", "tracking.cloud.weight", 0.5, "0.5"),
+    "over lines": (
+        "[tracking]\nsilhouettes.bands_mm = [\n 8, # first\n 2.0,\n] # T\n",
+        "tracking.silhouettes.bands_mm", (8.0, 0.5), "0.5",
+    ),
+    "clouds": ("[clouds]\ncrop_m = 2.0 # T\n", "clouds.crop_m", 0.5, "0.5"),
+    "clouds, array over lines": (
+        "[clouds]\nstereo = [\n  ['a', 'b'], # front\n]\ncrop_m = 2.0 # T\n", "clouds.crop_m", 0.5, "0.5",
+    ),
+    "clouds inline": ("clouds = { files = 'c', crop_m = 2.0 } # T\n", "clouds.crop_m", 0.5, "0.5"),
+    "clouds, spaces": ("[ clouds ]\ncrop_m = 2.0 # T\n", "clouds.crop_m", 0.5, "0.5"),
+    "clouds, skin a table": (
+        "[clouds]\nfiles = 'c'\n[clouds.skin] # T\nmean = [0.4, 0.3]\nsize = 2.0\n",
+        "clouds.skin", {"mean": (0.4, 0.3), "size": 0.5}, "0.5",
+    ),
+    "scale": ('[hand]\nscale = "fit" # T\n', "hand.scale", "hand.json", '"hand.json"'),
+    "scale, single quotes": ("[hand]\nscale = 'fit' # T\n", "hand.scale", "hand.json", '"hand.json"'),
+    "scale at the root": ('hand.scale = "fit" # T\n', "hand.scale", "hand.json", '"hand.json"'),
+    "scale inline": ('hand = { scale = "fit" } # T\n', "hand.scale", "hand.json", '"hand.json"'),
+    "scale, quoted key": ('[hand]\n"scale" = "fit" # T\n', "hand.scale", "hand.json", '"hand.json"'),
+}  # fmt: skip
+"""text, name, new value, how it is written"""
+
+
+@pytest.mark.parametrize("way", SPELLINGS)
+def test_every_spelling_is_edited(way):
+    given, name, value, written = SPELLINGS[way]
+    text = REST.replace("\n[[camera]]", f"\n{given}\n[[camera]]")
+    if not given.startswith("["):
+        text = given + REST
+    changed = changed_toml(text, {name: value})
+    old = next(word for word in ("2.0", '"fit"', "'fit'") if word in given)
+    expected = given.replace(" 8,", " 8.0,").replace(old, written)
+    assert changed == text.replace(given, expected), "this value alone differs, all comments stay"
+    table, *keys = name.split(".")
+    found = tomllib.loads(changed)[table]
+    for key in keys:
+        found = found[key]
+    assert found == (
+        {"mean": [0.4, 0.3], "size": 0.5}
+        if isinstance(value, dict)
+        else list(value)
+        if isinstance(value, tuple)
+        else value
+    )
+
+
+def test_without_a_change_the_text_stays():
+    assert changed_toml(TEXT, {}) == TEXT
+    assert changed_toml(TEXT, {"tracking.prior.posture": 4, "hand.scale": None}) == TEXT
+
+
+VALUES: list[Any] = [
+    'a "quoted" \\ text\twith ünïcode 🖐 and \x7f',
+    True,
+    -3,
+    0.1,
+    1e-300,
+    float("inf"),
+    [1, [2.5, "x"]],
+    {"method": "m", "cr": [1, 2], "odd key": False},
+]
+
+
+@pytest.mark.parametrize("value", VALUES, ids=str)
+def test_values_read_back(value):
+    assert tomllib.loads(f"key = {toml_item(value).as_string()}") == {"key": value}
+
+
+def test_a_file_far_larger_than_settings_are_is_not_read(tmp_path, monkeypatch):
+    path = tmp_path / "session.toml"
+    path.write_text("[session]\n")
+    with path.open("r+b") as file:
+        file.truncate(200 << 20)
+    monkeypatch.setattr(Path, "read_text", None)
+    with pytest.raises(HandtrackError, match=r"session.toml has 210 MB"):
+        read_toml(path, "settings")
+
+
+@pytest.mark.parametrize(("text", "expected"), [
+    ("", None),
+    ("%YAML:1.0\n---\na: 1\n...\n", {"a": 1}),
+    ("a: 1.\nb: -2e-3\nc: 007\nd: 1.5.2", {"a": 1.0, "b": -0.002, "c": 7, "d": "1.5.2"}),
+    ("a: true\nb: null\nc: ~\nd:", {"a": True, "b": None, "c": None, "d": None}),
+    ("a: 'x: # y'  # z\n# all\nb: c#d", {"a": "x: # y", "b": "c#d"}),
+    ("a:\n  b:\n    - 1\n    - [2, 3]\n  c: {d: 4, e: [5]}", {"a": {"b": [1, [2, 3]], "c": {"d": 4, "e": [5]}}}),
+    ("a:\n- 1\n- 2\nb: 3", {"a": [1, 2], "b": 3}),
+    ("- a: 1\n  b: 2\n-\n  a: 3\n- - 4\n  - 5", [{"a": 1, "b": 2}, {"a": 3}, [4, 5]]),
+    ("m: !!opencv-matrix\n   rows: 1\n   data: [ 1.,\n     2. ]", {"m": {"rows": 1, "data": [1.0, 2.0]}}),
+    ("topic: /cam0/image_raw\ntime: Tue 01 Feb 10:11:12", {"topic": "/cam0/image_raw", "time": "Tue 01 Feb 10:11:12"}),
+    ("on: yes\nat: 12:30\nday: 2001-01-01\nn: 010\nc: 1e3", {"on": "yes", "at": "12:30", "day": "2001-01-01", "n": 10, "c": 1000.0}),
+    ("a: |\n  text", {"a": "text"}),
+])  # fmt: skip
+def test_what_is_read(text, expected):
+    assert parse_yaml(text) == expected
+
+
+@pytest.mark.parametrize(("text", "line"), [
+    ("a: &b 1", 1),
+    ("a: [1, *b]", 1),
+    ("a: 1\na: 2", 2),
+    ("a: [1, 2}", 1),
+    ("a: [1\nb: 2", 2),
+    ("a: 1\n   b: 2", 2),
+    ("? [1]\n: 2", 1),
+    ("\n".join(" " * i + "a:" for i in range(60)), 40),
+    ("a: " + "[" * 5000, 1),
+    ("a: [\n" + "1, # 2\n" * 2_000, 2001),
+])  # fmt: skip
+def test_what_is_refused_by_its_line(text, line):
+    with pytest.raises(ValueError, match=rf"^line {line}: "):
+        parse_yaml(text)

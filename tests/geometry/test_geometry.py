@@ -1,0 +1,212 @@
+"""Cameras, rotations, quadrics and triangulation."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from handtrack.arrays import Floats
+from handtrack.errors import HandtrackError
+from handtrack.geometry import quadric as q
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.lens import field_radius
+from handtrack.geometry.rotation import (
+    matrix_from_quaternion,
+    quaternion_wxyz,
+    rotation_matrix,
+    rotation_vector,
+)
+from handtrack.geometry.triangulation import robustly_triangulated, triangulated
+from handtrack.simulation.simulate import simulated_rig
+
+MATRIX = np.array([[800.0, 0, 310], [0, 790, 245], [0, 0, 1]])
+BARREL = np.array([-0.3, 0.1, 0.001, -0.002, -0.01])
+
+
+def make(distortions: Floats | None = None, **changes: object) -> Camera:
+    values: dict[str, object] = {
+        "name": "cam0",
+        "size": (640, 480),
+        "matrix": MATRIX,
+        "distortions": np.zeros(5) if distortions is None else distortions,
+        "rotation": rotation_matrix(np.array([0.1, -0.2, 0.3])),
+        "translation": np.array([0.02, -0.01, 0.6]),
+    }
+    return Camera(**{**values, **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
+def test_projects_as_opencv_with_every_number_of_coefficients(count, rng):
+    """Fault C30."""
+    camera = make(rng.normal(0, 0.02, count))
+    points = rng.uniform(-0.15, 0.15, (40, 3))
+    expected, _ = cv2.projectPoints(
+        points, camera.rotation, camera.translation, camera.matrix, camera.distortions
+    )
+    np.testing.assert_allclose(camera.project(points), expected[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
+def test_undistorting_undoes_the_lens(count, rng):
+    camera = make(rng.normal(0, 0.02, count))
+    points = rng.uniform(-0.15, 0.15, (6, 7, 3))
+    straight = camera.without_distortion().project(points)
+    np.testing.assert_allclose(camera.undistort_points(camera.project(points)), straight, atol=1e-8)
+    np.testing.assert_allclose(camera.distort_points(straight), camera.project(points), atol=1e-8)
+
+
+def test_far_off_points_do_not_fold_back_into_the_image():
+    camera = make(np.array([-0.3, 0, 0, 0, 0]), rotation=np.eye(3), translation=np.zeros(3))
+    limit = field_radius(camera.distortions)
+    assert limit == pytest.approx(np.sqrt(1 / 0.9))
+    seen = camera.project(np.array([[0.99 * limit, 0, 1], [1.01 * limit, 0, 1], [30.0, 0, 1]]))
+    assert np.isfinite(seen[0]).all()
+    assert np.isnan(seen[1:]).all()
+
+
+def test_jacobian_agrees_with_differences(rng):
+    camera = make(BARREL)
+    straight = camera.without_distortion()
+    points = rng.uniform(-0.2, 0.2, (4, 5, 3))
+    jacobian = camera.project_jacobian(points)
+    assert jacobian.shape == (4, 5, 2, 3)
+    for axis in range(3):
+        step = 1e-6 * np.eye(3)[axis]
+        change = (straight.project(points + step) - straight.project(points - step)) / 2e-6
+        np.testing.assert_allclose(jacobian[..., axis], change, rtol=1e-6, atol=1e-3)
+
+
+def test_centre_projection_and_rays_belong_together(rng):
+    camera = make(BARREL)
+    np.testing.assert_allclose(camera.to_camera(camera.centre), 0, atol=1e-12)
+    points = rng.uniform(-0.1, 0.1, (9, 3))
+    homogeneous = np.column_stack([points, np.ones(9)]) @ camera.projection.T
+    straight = camera.without_distortion().project(points)
+    np.testing.assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], straight, atol=1e-9)
+    towards = points - camera.centre
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    np.testing.assert_allclose(camera.rays(camera.project(points)), towards, atol=1e-10)
+
+
+SKEWED = MATRIX + np.array([[0, 0.5, 0], [0, 0, 0], [0, 0, 0]])
+SINGULAR = np.diag([1.0, 1.0, 0.0])
+BAD_CAMERAS = {
+    "skew": ({"matrix": SKEWED}, "camera 'cam0': the matrix has a skew of 0.5; expected 0"),
+    "no focal length": ({"matrix": np.diag([0.0, 800, 1])}, "focal lengths 0, 800; expected pos"),
+    "focal length in another unit": (
+        {"matrix": np.diag([800, 1e12, 1.0])},
+        "focal lengths 800, 1e.12",
+    ),
+    "transposed": ({"matrix": MATRIX.T}, "the matrix must read .* Is it transposed"),
+    "mirrored": ({"rotation": np.diag([-1.0, 1, 1])}, "mirrored .determinant -1, expected 1"),
+    "singular": ({"rotation": SINGULAR}, "no rotation: .*determinant 0.*singular or scaled"),
+    "scaled": ({"rotation": 2 * np.eye(3)}, "no rotation: .*determinant 8"),
+    "NaN": ({"translation": np.array([0, np.nan, 1])}, "translation has values that are not fin"),
+    "infinite": ({"rotation": np.full((3, 3), np.inf)}, "rotation has values that are not finite"),
+    "coefficients": ({"distortions": np.zeros(6)}, "6 distortion coefficients; .* 4, 5, 8, 12 or"),
+    "shape": ({"translation": np.zeros(4)}, r"translation has the shape \(4,\), expected \(3,\)"),
+    "size": ({"size": (640, 0)}, r"size \(640, 0\); expected width and height in pixels"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_CAMERAS)
+def test_impossible_cameras_are_refused(case):
+    changes, message = BAD_CAMERAS[case]
+    with pytest.raises(HandtrackError, match=message):
+        make(**changes)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-13, 1e-9, 1e-3])
+@pytest.mark.parametrize("angle", [0.0, 1e-6, 1e-3, 2.0, np.pi - 1e-9])
+def test_matrices_give_the_vectors_and_quaternions_of_scipy(rng, angle, off):
+    axes = rng.normal(size=(300, 3))
+    turns = rotation_matrix(angle * axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    turns = turns + off * rng.normal(size=turns.shape)
+    known = Rotation.from_matrix(turns)
+    np.testing.assert_array_equal(rotation_vector(turns), known.as_rotvec())
+    np.testing.assert_array_equal(quaternion_wxyz(turns), known.as_quat(scalar_first=True))
+    assert rotation_vector(turns[0]).shape == (3,)
+    assert quaternion_wxyz(turns.reshape(30, 10, 3, 3)).shape == (30, 10, 4)
+
+
+def test_quaternions_of_any_length_give_the_matrices_of_scipy(rng):
+    wxyz = rng.normal(size=(300, 4))
+    known = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
+    np.testing.assert_array_equal(matrix_from_quaternion(wxyz), known)
+
+
+def test_a_sphere_shows_as_the_circle_that_is_known():
+    projection = np.column_stack([np.eye(3), [0, 0, 2.0]])
+    centre, shape = q.ellipse(q.dual_conic(projection, np.zeros((1, 3)), np.eye(3)[None]))
+    np.testing.assert_allclose(centre[0], 0, atol=1e-15)
+    np.testing.assert_allclose(shape[0], np.eye(2) / 3, rtol=1e-14)  # tan² of asin(1/2)
+
+
+def test_sight_lines_that_touch_an_ellipsoid_are_on_its_ellipse(rng):
+    """A ray x + t d touches where the quadratic t ↦ value on the ellipsoid has a double root: no dual conic needed."""
+    count = 12
+    turn = Rotation.random(rng=rng).as_matrix()
+    matrix = np.array([[5.0, 0, 0.2], [0, 6.0, -0.1], [0, 0, 1]])
+    projection = matrix @ np.column_stack([turn, [0.02, -0.01, 0.5]])
+    centre = rng.normal(scale=0.03, size=(count, 3))
+    axes = Rotation.random(count, rng=rng).as_matrix()
+    radii = rng.uniform(0.005, 0.03, (count, 3))
+    shape = q.shape_matrix(axes, radii)
+    assert q.is_ellipse(projection, centre, shape).all()
+    middle, spread = q.ellipse(q.dual_conic(projection, centre, shape))
+    eye = -turn.T @ [0.02, -0.01, 0.5]
+    angle = np.linspace(0, 2 * np.pi, 8)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    for e in range(count):
+        inner = np.linalg.inv(shape[e])
+        outline = middle[e] + (np.linalg.cholesky(spread[e]) @ circle).T
+        for pixel, inside in [*((x, False) for x in outline), (middle[e], True)]:
+            ray = turn.T @ np.linalg.solve(matrix, [*pixel, 1.0])
+            a, b = ray @ inner @ ray, ray @ inner @ (eye - centre[e])
+            c = (eye - centre[e]) @ inner @ (eye - centre[e]) - 1.0
+            discriminant = (b * b - a * c) / (b * b)
+            assert discriminant > 1e-6 if inside else abs(discriminant) < 1e-9
+
+
+def test_behind_and_around_the_camera_there_is_no_ellipse():
+    projection = np.column_stack([np.eye(3), np.zeros(3)])
+    centre = np.array([[0, 0, 2.0], [0, 0, -2.0], [0, 0, 0.5], [3.0, 0, 0.5], [0, 0, 0.0]])
+    shape = np.broadcast_to(np.eye(3), (5, 3, 3))
+    assert q.is_ellipse(projection, centre, shape).tolist() == [True, False, False, False, False]
+
+
+@pytest.fixture
+def seen(rng):
+    """Twenty points within a hand's breadth as five cameras see them, to half a pixel."""
+    cameras = [camera.without_distortion() for camera in simulated_rig(5).cameras]
+    points = rng.uniform(-0.06, 0.06, (20, 3))
+    pixels = np.array([camera.project(points) for camera in cameras])
+    return cameras, points, pixels + rng.normal(scale=0.5, size=pixels.shape)
+
+
+def test_a_camera_that_sees_something_else_is_outvoted(seen):
+    cameras, points, pixels = seen
+    pixels[2] += (50.0, -20.0)
+    plain, robust = (
+        1e3 * np.linalg.norm(found - points, axis=1)
+        for found in (triangulated(cameras, pixels), robustly_triangulated(cameras, pixels, 3.0))
+    )
+    assert plain.min() > 5.0
+    assert robust.max() < 1.0
+
+
+def test_without_errors_it_is_plain_triangulation(seen):
+    cameras, points, _ = seen
+    exact = np.array([camera.project(points) for camera in cameras])
+    exact[1:, 0] = np.nan
+    found = robustly_triangulated(cameras, exact, 3.0)
+    assert np.isnan(found[0]).all(), "one camera alone says nothing of depth"
+    np.testing.assert_allclose(found[1:], points[1:], atol=1e-9)
+
+
+def test_weights_count_for_as_much_as_repeated_cameras(seen):
+    cameras, _, pixels = seen
+    weights = np.ones(pixels.shape[:2])
+    weights[0] = 2.0
+    twice = triangulated([cameras[0], *cameras], np.concatenate([pixels[:1], pixels]))
+    np.testing.assert_allclose(triangulated(cameras, pixels, weights=weights), twice, atol=1e-12)
