@@ -196,23 +196,6 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):
     assert sent_to[3].name == f"fake_frame{store.document.frame}_init.json"
 
 
-def test_a7_what_could_not_be_written_is_tried_again(tmp_path, monkeypatch):
-    store = opened(tmp_path)
-    assert store.store is not None
-    with monkeypatch.context() as patch:
-        patch.setattr(store.store, "write", _full)
-        with pytest.raises(HandtrackError, match="full"):
-            posed(store, 5)
-        assert not store.is_saved
-    posed(store, 8)
-    assert store.is_saved
-    assert sorted(opened(tmp_path).document.by_hand) == [5, 8]
-
-
-def _full(*_: object) -> None:
-    raise HandtrackError("the disk is full")
-
-
 def test_a13_c35_a_damaged_action_is_told_and_kept(tmp_path):
     store = opened(tmp_path)
     for frame in (5, 7):
