@@ -79,7 +79,11 @@ def main() -> int:
     different = []
     for name in chosen.names or list(table):
         entry: Any = table[name]
-        found = measured(entry)
+        try:
+            found = measured(entry)
+        except (OSError, subprocess.CalledProcessError) as error:
+            different.append(f"{name}: {error}")
+            continue
         if chosen.action == "check":
             different += drift(name, entry["values"], found)
             continue

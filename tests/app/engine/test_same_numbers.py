@@ -22,7 +22,7 @@ from tests.app.command_line import small_recording
 from tests.app.waiting import eventually
 from tests.session.small_session import edit
 
-COUNT = 3
+COUNT = 2
 FRAMES = range(COUNT)
 
 MASKS, DEPTH = "another_hand", "webxr_depth_640"
