@@ -235,9 +235,7 @@ def test_eight_bits_come_back_in_colour(pattern, tmp_path):
 
 def test_sixteen_bits_have_one_white_level_for_all_frames(tmp_path):
     """Twelve bits in sixteen; the second frame is half as bright, and stays so."""
-    images = [
-        mosaic_of(raw_picture(level), "RGGB").astype(np.uint16) * 16 for level in (1.0, 0.5)
-    ]
+    images = [mosaic_of(raw_picture(level), "RGGB").astype(np.uint16) * 16 for level in (1.0, 0.5)]
     files = written(tmp_path, images)
     bright, dark = (MosaicFiles(files, MosaicSettings("RGGB")).read(frame) for frame in (0, 1))
     assert bright.dtype == np.uint8

@@ -200,9 +200,7 @@ def test_signs_of_wrists(body38, side):
     for knuckle, ahead in (("index", 1), ("pinky", -1)):
         assert (placed(body38, f"{side}_{knuckle}") - still)[2] * ahead > 0.02
     # a flexed hand still turns to the thumb: flexion first, abduction about the axis that it carried along
-    both = placed(
-        body38, f"{side}_hand", **{f"{side}_wrist_flex": 60, f"{side}_wrist_abd": 20}
-    )
+    both = placed(body38, f"{side}_hand", **{f"{side}_wrist_flex": 60, f"{side}_wrist_abd": 20})
     assert both[2] - still[2] == pytest.approx(towards_thumb[2], abs=1e-9)
 
 
@@ -211,9 +209,7 @@ def test_left_and_right_wrists_are_mirror_images(body38):
     right = {name.replace("left", "right"): value for name, value in left.items()}
     for joint in ("hand", "index", "pinky"):
         mirrored = placed(body38, f"left_{joint}", **left) * (-1.0, 1.0, 1.0)
-        np.testing.assert_allclose(
-            placed(body38, f"right_{joint}", **right), mirrored, atol=1e-12
-        )
+        np.testing.assert_allclose(placed(body38, f"right_{joint}", **right), mirrored, atol=1e-12)
 
 
 TEXT = resources.files("handtrack.model.definitions").joinpath("glove9.toml").read_text("utf-8")

@@ -426,7 +426,7 @@ def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
 
 
 LENS = [-0.014, 1.42, 0.0, 0.0, -6.39]  # a real camera's
-QUICK: dict[str, object] = {"model.fit_size": "false", "tracker.escape": False, "tracker.recovery": False}
+QUICK: dict[str, object] = {"model.fit_size": "false", "tracker.escape": False}
 JOINTS_ALONE: dict[str, object] = {"silhouettes.weight": 0}
 
 

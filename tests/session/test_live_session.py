@@ -14,7 +14,6 @@ from handtrack.session.live.live_session import LIVE_SETTINGS, open_live
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from tests.live_cameras import ScriptedDevice
-from tests.session.small_session import make_session
 
 SKIN = (105, 135, 205)  # BGR
 
@@ -57,12 +56,6 @@ class Studio:
         for device in self.devices.values():
             device.fail(9)
         feed.close()
-
-
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    (tmp_path / "desk").mkdir()
-    return make_session(tmp_path / "desk")
 
 
 @pytest.fixture

@@ -195,40 +195,40 @@ def test_the_model_is_built_again_from_the_file(kind, tmp_path):
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def kept(tmp_path: Path) -> Path:
     (tmp_path / "tracks").mkdir()
     return tmp_path
 
 
-def imported(folder: Path) -> str:
-    with WritableStore(folder / "tracks", "a test") as store:
-        return import_track(store, folder)
+def imported(kept: Path) -> str:
+    with WritableStore(kept / "tracks", "a test") as store:
+        return import_track(store, kept)
 
 
-def test_a_track_file_is_a_take_from_now_on(folder, rng):
-    poses = folder / "tracks/poses.npz"
+def test_a_track_file_is_a_take_from_now_on(kept, rng):
+    poses = kept / "tracks/poses.npz"
     write_npz(poses, sample_track(rng, range(3, 9)))
     before, bytes_ = read_npz(poses), poses.read_bytes()
-    assert imported(folder) == f"{poses} is kept as take 1."
-    assert not imported(folder)
-    store = Store(folder / "tracks")
+    assert imported(kept) == f"{poses} is kept as take 1."
+    assert not imported(kept)
+    store = Store(kept / "tracks")
     assert store.current() == (Span(1, 3, 9),)
     track = store.current_track()
     assert track is not None
     for field in fields(track):
         assert np.array_equal(getattr(track, field.name), getattr(before, field.name)), field.name
-    again = folder / "again.npz"
+    again = kept / "again.npz"
     write_npz(again, track)
     assert again.read_bytes() == poses.read_bytes() == bytes_
 
 
-def test_a12_whatever_was_put_there_is_kept_whenever_it_was_written(folder, rng):
+def test_a12_whatever_was_put_there_is_kept_whenever_it_was_written(kept, rng):
     for _ in range(2):
-        write_npz(folder / "tracks/poses.npz", sample_track(rng))
-        assert imported(folder)
-    takes = Store(folder / "tracks").takes()
+        write_npz(kept / "tracks/poses.npz", sample_track(rng))
+        assert imported(kept)
+    takes = Store(kept / "tracks").takes()
     assert [take.about.by for take in takes] == ["tracks/poses.npz", "tracks/poses.npz"]
-    assert Store(folder / "tracks").current() == (Span(1, 0, 5),), (
+    assert Store(kept / "tracks").current() == (Span(1, 0, 5),), (
         "what is current is the user's choice"
     )
 

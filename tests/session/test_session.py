@@ -137,22 +137,22 @@ def test_defaults(tmp_path):
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def halved(tmp_path: Path) -> Path:
     """Of the second camera half as large masks as it is calibrated for."""
-    folder = make_session(tmp_path)
+    halved = make_session(tmp_path)
     mask = np.zeros((24, 32), np.uint8)
     mask[3:22, 9:24] = 255
     for frame in range(4):
-        cv2.imwrite(str(folder / f"masks/cam1/{frame:03d}.png"), mask)
-    return folder
+        cv2.imwrite(str(halved / f"masks/cam1/{frame:03d}.png"), mask)
+    return halved
 
 
-def test_c11_the_line_to_write_is_said_and_does_it(folder):
+def test_c11_the_line_to_write_is_said_and_does_it(halved):
     contains(
-        refusal(folder), "32 x 24", "calibrated for 64 x 48", "0.5 times", "image_size = [32, 24]"
+        refusal(halved), "32 x 24", "calibrated for 64 x 48", "0.5 times", "image_size = [32, 24]"
     )
-    edit(folder / "session.toml", 'name = "cam1"', 'name = "cam1"\nimage_size = [32, 24]')
-    session = Session.open(folder)
+    edit(halved / "session.toml", 'name = "cam1"', 'name = "cam1"\nimage_size = [32, 24]')
+    session = Session.open(halved)
     assert session.rig["cam1"].size == (32, 24)
     assert session.rig["cam1"].matrix.tolist() == [[40, 0, 15.5], [0, 40, 11.5], [0, 0, 1]]
     assert session.rig["cam0"].size == (64, 48)

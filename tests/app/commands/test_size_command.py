@@ -88,7 +88,7 @@ def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, lar
     def person_of(*more):
         out = tmp_path / "few.npz"
         out.unlink(missing_ok=True)
-        assert handtrack("track", larger, "--frames", "0:2", "--out", out, *more).code == 0
+        assert handtrack("track", larger, "--frames", "0:3", "--out", out, *more).code == 0
         return scale_from(json.loads(read_npz(out).scale), "track")
 
     both = person_of("--person", str(larger / "person.toml"))
