@@ -196,7 +196,7 @@ def same_record(one: Record | Gap, other: Record | Gap) -> bool:
 
 
 def test_what_is_written_is_read():
-    assert all(map(same, read(FILE), RECORDS))
+    assert all(map(same_record, read(FILE), RECORDS))
     assert [r.payload for r in read(FILE, payloads=False) if isinstance(r, Record)] == [b""] * 4
 
 
@@ -219,7 +219,7 @@ def test_a_cut_file_loses_its_end_alone(length):
     ends = np.cumsum([len(encoded(record)) for record in RECORDS])
     whole = int((ends <= length).sum())
     found = read(FILE[:length])
-    assert all(map(same, found[:whole], RECORDS))
+    assert all(map(same_record, found[:whole], RECORDS))
     rest = length - int(ends[whole - 1] if whole else 0)
     gaps = found[whole:]
     assert sum(gap.length for gap in gaps if isinstance(gap, Gap)) == rest
