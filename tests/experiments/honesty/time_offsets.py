@@ -1,7 +1,7 @@
 """Time offsets of one camera, estimated: python -m tests.experiments.honesty.time_offsets DATA OUT [MOTION:MESH ...]
 
-Recordings as `recordings` makes them, by three cameras of which the second is late, and their clean twins: which offset is estimated, why
-the estimate ended, and the error beside the twin's.
+Recordings as `recordings` makes them, by three cameras of which the second is late, or the last one turned, and their clean twins: which
+offset is estimated, why the estimate ended, and the error beside the twin's.
 """
 
 from __future__ import annotations
@@ -22,17 +22,25 @@ from tests.experiments.honesty import motions, recordings
 from tests.experiments.honesty.meshes import read_meshes
 from tests.experiments.honesty.people import as_person, somebody
 
-OFFSETS = (0.0, 0.3, 0.5, 1.0, 1.5)
-"""[frames] by which the second camera is late"""
+FAULTS = (
+    ("", 0.0),
+    ("late", 0.3),
+    ("late", 0.5),
+    ("late", 1.0),
+    ("late", 1.5),
+    ("turned", 0.0),
+    ("turned late", 0.5),
+)
+"""and by how many frames the second camera is late; the first has none"""
 CASES = ("curls:webxr", "waves:umetrack", "fist:webxr", "letters:umetrack")
 CAMERAS = 3
 
 
-def write(data: Path, out: Path, case: str) -> Iterator[tuple[float, Path]]:
-    """Yield each offset and its recording, written unless it is there; all are the same but for the second camera's time."""
+def write(data: Path, out: Path, case: str) -> Iterator[Path]:
+    """Yield the recording of each fault, written unless it is there; all are the same but for it."""
     motion, mesh = case.split(":")
-    for offset in OFFSETS:
-        folder = out / f"{motion}_{mesh}_late{offset:g}"
+    for faults, offset in FAULTS:
+        folder = out / "_".join([motion, mesh, *faults.split(), f"{offset:g}"])
         if not folder.exists():
             rng = np.random.default_rng(zlib.crc32(case.encode()))
             who = somebody(rng)
@@ -41,8 +49,8 @@ def write(data: Path, out: Path, case: str) -> Iterator[tuple[float, Path]]:
             moving = recordings.moved(person, angles, motion, rng, who.left)
             rig = recordings.rig_of(CAMERAS, rng)
             recordings.LATE_FRAMES = offset
-            recordings.write(folder, moving, rig, rng, frozenset({"late"}))
-        yield offset, folder
+            recordings.write(folder, moving, rig, rng, frozenset(faults.split()))
+        yield folder
 
 
 def tracked(folder: Path) -> tuple[TrackingRun, list[FrameResult]]:
@@ -66,12 +74,12 @@ def main() -> None:
     data, out = map(Path, sys.argv[1:3])
     for case in sys.argv[3:] or CASES:
         clean = np.nan
-        for offset, folder in write(data, out, case):
+        for folder in write(data, out, case):
             run, live = tracked(folder)
             told: list[str] = []
             found = run.refined(live, Control(on_shared=told.append))
             shared, error = Refinement.read(told[0]), mean_error_mm(folder, found)
-            clean = error if offset == 0.0 else clean
+            clean = error if np.isnan(clean) else clean
             late = " ".join(f"{one.late_frames:+.2f}" for one in shared.cameras)
             print(
                 f"{folder.name:28} late {late}  {shared.why} {shared.sweeps}  {error:5.2f} mm, {error / clean:4.2f} of clean, "
