@@ -26,7 +26,13 @@ from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
 from handtrack.tracking.frame.doubt import figures, judgement
 from handtrack.tracking.frame.doubt.figures import Seen
 from handtrack.tracking.frame.doubt.stated import stated_covariance
-from handtrack.tracking.frame.doubt.wrong import Signs, moved_sign, part_of, probably_off
+from handtrack.tracking.frame.doubt.wrong import (
+    Signs,
+    moved_sign,
+    open_sign,
+    part_of,
+    probably_off,
+)
 from handtrack.tracking.frame.result import PARTS, Status
 from handtrack.tracking.whole import recording_estimate
 from tests.experiments.honesty.recordings import HALVES
@@ -106,6 +112,11 @@ def tracked(session: Path) -> dict[str, Any]:
     return {"track": track, "truth": truth, "frames": frames}
 
 
+def signs_of(one: Judged) -> Signs:
+    """Return the signs that a frame was judged by."""
+    return Signs(float(one.curled.mean()), one.moved, open_sign(one.covariance))
+
+
 @dataclass(frozen=True, eq=False)
 class Half:
     """All frames of a half; those that were lost say nothing but that."""
@@ -170,8 +181,7 @@ class Half:
         frames, parts = np.ones(len(self.frames)), np.ones((len(self.frames), len(PARTS)))
         for n, (one, stated) in enumerate(zip(self.frames, self.covariance(), strict=True)):
             if one is not None:
-                signs = Signs(curled=float(one.curled.mean()), moved=one.moved)
-                found = probably_off(one.model, stated, signs)  # pyright: ignore[reportArgumentType]
+                found = probably_off(one.model, stated, signs_of(one))  # pyright: ignore[reportArgumentType]
                 frames[n] = 1.0 - (1.0 - found.frame) * (1.0 - self.elsewhere[n])
                 parts[n] = found.parts
         return frames, parts
@@ -203,21 +213,22 @@ def fit(half: Half) -> None:
     figures.MASKS = Seen(noise, 0.0, flesh, closed, palm, 0.0)
 
     judged = [one for one in half.frames if one is not None]
-    curled, moved = np.array([(one.curled.mean(), one.moved) for one in judged]).T
+    told = [signs_of(one) for one in judged]
     figures.ALWAYS = -np.inf
     beside = 1.0 - half.said()[0][known]  # that nothing but a gross error makes it wrong
-    signs = np.column_stack([np.ones_like(moved), curled, moved])
+    signs = np.array([[1.0, one.curled, one.moved, one.open] for one in told])
 
     def of_signs(values: Floats) -> float:
         rest = beside / (1.0 + np.exp(signs @ values))
         chance = np.clip(np.where(wrong[known], 1.0 - rest, rest), 1e-4, 1.0)
         return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
 
-    bounds = [(-9.0, 0.0), (0.0, None), (0.0, None)]
-    always, *weights = minimize(of_signs, np.array([-4.0, 1.0, 1.0]), bounds=bounds).x.round(2)
+    bounds = [(-9.0, 0.0), *[(0.0, None)] * len(figures.SIGNS)]
+    start = np.array([-4.0, *[1.0] * len(figures.SIGNS)])
+    always, *weights = minimize(of_signs, start, bounds=bounds).x.round(2)
     figures.ALWAYS = float(always)
-    figures.SIGNS = dict(zip(("curled", "moved"), map(float, weights), strict=True))
-    figures.MOVED_UNKNOWN = float(moved.mean().round(2))
+    figures.SIGNS = dict(zip(figures.SIGNS, map(float, weights), strict=True))
+    figures.MOVED_UNKNOWN = float(signs[:, 2].mean().round(2))
 
     true = half.parts_wrong[known]
 
@@ -227,7 +238,7 @@ def fit(half: Half) -> None:
         chance = np.clip(np.where(true, chance, 1.0 - chance), 1e-4, 1.0)
         return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
 
-    best = minimize(of_parts, np.array([-4.0, 2.4, 0.5]), method="Nelder-Mead", options=options).x
+    best = minimize(of_parts, np.array([-4.0, 2.4]), method="Nelder-Mead", options=options).x
     figures.PART = tuple(best.round(2).tolist())
 
 

@@ -31,7 +31,7 @@ class Seen:
     """exponent of the misfit in all three"""
 
 
-MASKS = Seen(1.05, 0.0, 0.53, 7.41, 0.71, 0.0)
+MASKS = Seen(0.77, 0.0, 0.56, 9.6, 0.99, 0.0)
 """how badly masks fit tells nothing of joints: exponents of 0.26 and 0.41 bring 0.03 of a log-likelihood of 17.8 a frame"""
 CLOUD = Seen(0.7, 0.3, 1.4, 1.45, 0.56, 0.7)
 """a cloud's covariance has the hand's own shape in it already: `cloud.sigma_mm` for each patch"""
@@ -41,11 +41,11 @@ BODY = Seen(1.7, 0.0, 8.0, 0.0, 0.0, 0.0)
 MISSED = 5.0
 """what a wrong frame costs that nobody looks at, where a look costs 1: a look pays above a probability of 1 / MISSED. The least whole
 number by which four of five wrong frames of `tune` are named"""
-ALWAYS = -4.29
-SIGNS = {"curled": 1.61, "moved": 0.98}
+ALWAYS = -4.67
+SIGNS = {"curled": 2.39, "moved": 0.71, "open": 0.84}
 """logarithm of the odds of a gross error: ALWAYS where no sign tells of one, and what each adds times its size; none subtracts"""
-MOVED_UNKNOWN = 0.76
+MOVED_UNKNOWN = 0.6
 """the sign `moved` of a live frame, which the frames after have yet to move: its mean over frames of that half"""
-PART = (-3.79, 2.09, 0.36)
-"""logarithm of the odds that a part is 10 mm off: always, times the logarithm of its least sure joint's stated standard deviation in units
-of 3 mm, and times the sign `moved`"""
+PART = (-3.46, 2.17)
+"""logarithm of the odds that a part is 10 mm off: always, and times the logarithm of its least sure joint's stated standard deviation in
+units of 3 mm. How far later frames moved the part, or all of it, adds nothing"""

@@ -22,6 +22,7 @@ from handtrack.tracking.frame.doubt.wrong import (
     Off,
     Signs,
     moved_sign,
+    open_sign,
     part_of,
     probably_beyond,
     probably_off,
@@ -82,6 +83,7 @@ def judged(
         signs = Signs(
             curled=float(hidden.mean()),
             moved=figures.MOVED_UNKNOWN if moved_m is None else moved_sign(moved_m),
+            open=open_sign(joint_covariance),
         )
         off = probably_off(model, stated, signs)
     if status == Status.TRACKED:

@@ -25,6 +25,8 @@ class Signs:
     """how far the fingers are closed, 0 … 1, on average: those whose joints no two cameras confirm"""
     moved: float = 0.0
     """`moved_sign`"""
+    open: float = 0.0
+    """`open_sign`, if the model were the hand"""
 
 
 @dataclass(frozen=True)
@@ -46,9 +48,8 @@ def probably_off(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], s
     tail = float(probably_beyond(joint_covariance, FRAME_OFF_M).max())
     part, spread = np.array([part_of(n) for n in model.joint_names]), spread_m(joint_covariance)
     least = np.array([spread[part == p].max() if (part == p).any() else 0.0 for p in PARTS])
-    always, by_spread, by_motion = figures.PART
-    open_by = np.log(np.maximum(least / _OPEN_M, _CLOSED))
-    parts = _logistic(always + by_spread * open_by + by_motion * signs.moved)
+    always, by_spread = figures.PART
+    parts = _logistic(always + by_spread * np.log(np.maximum(least / _OPEN_M, _CLOSED)))
     telling = "open" if tail > gross else max(added, key=lambda name: added[name])
     return Off(1 - (1 - tail) * (1 - gross), parts, telling)
 
@@ -56,6 +57,11 @@ def probably_off(model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], s
 def moved_sign(moved_m: float) -> float:
     """Return the logarithm of how far the frames after moved a joint, in units of 5 mm; 0 below."""
     return float(np.log(max(moved_m / _MOVED_M, 1.0)))
+
+
+def open_sign(joint_covariance: Floats[J, D3, D3]) -> float:
+    """Return the logarithm of the largest of joints' standard deviations, in units of 3 mm; 0 below. joint_covariance: [m²]."""
+    return float(np.log(max(spread_m(joint_covariance).max() / _OPEN_M, 1.0)))
 
 
 def part_of(joint: str) -> str:
