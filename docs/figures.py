@@ -76,16 +76,17 @@ def main() -> int:
     parser.add_argument("names", nargs="*", metavar="NAME")
     chosen = parser.parse_args()
     table = tomlkit.parse(FIGURES.read_text(encoding="utf-8"))
-    different = []
+    differs = False
     for name in chosen.names or list(table):
         entry: Any = table[name]
         try:
             found = measured(entry)
+            lines = drift(name, entry["values"], found) if chosen.action == "check" else []
         except (OSError, subprocess.CalledProcessError) as error:
-            different.append(f"{name}: {error}")
-            continue
-        if chosen.action == "check":
-            different += drift(name, entry["values"], found)
+            found, lines = None, [f"{name}: {error}"]
+        differs |= bool(lines)
+        print("\n".join(lines) or f"{name}: done", flush=True)
+        if found is None or chosen.action == "check":
             continue
         head = ["git", "rev-parse", "--short=8", "HEAD"]
         entry["commit"] = subprocess.check_output(head, cwd=ROOT, text=True).strip()
@@ -95,8 +96,7 @@ def main() -> int:
         FIGURES.write_text(tomlkit.dumps(table), encoding="utf-8")
     if chosen.action == "measure":
         generate.main()
-    print("\n".join(different) or "done")
-    return 1 if different else 0
+    return 1 if differs else 0
 
 
 if __name__ == "__main__":
