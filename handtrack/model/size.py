@@ -186,7 +186,8 @@ class SizeParameters:
         skeleton, scale_change = self.model.skeleton, bones.scale_change
         assert scale_change is not None
         turn, above = bones.rotation, np.array(skeleton.parent[1:], int)
-        stretch = np.einsum("bij,bjn,bkj->bikn", turn, self._rates, turn)
+        grown = turn[:, None] * self._rates.transpose(0, 2, 1)[:, :, None]
+        stretch = np.moveaxis(grown @ turn[:, None].swapaxes(2, 3), 1, 3)
         along = bones.position[1:] - bones.position[above]
         further = np.zeros((*bones.position.shape, self._rates.shape[2]))
         further[1:] = np.einsum("bijn,bj->bin", stretch[above], along)

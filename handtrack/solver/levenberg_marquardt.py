@@ -107,7 +107,8 @@ def solve(
         costs.append(system.cost)
         if on_iteration is not None:
             on_iteration(count, params, system.cost)
-        least = settings.cost_tolerance * max(abs(system.cost), 1e-300)
+        share = settings.cost_tolerance * max(abs(system.cost), 1e-300)
+        least = max(share, settings.least_gain)
         if gain <= least or largest < settings.step_tolerance:
             why = "converged"
             break

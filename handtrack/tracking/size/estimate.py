@@ -30,8 +30,12 @@ _ENOUGH, _ENOUGH_ONCE = 0.02, 0.125
 ½ (1/5)², and half of one of any single frame, ½ (1/2)². A hand that moves fast creeps on for long below that: of curling fingers the mean
 error was 4.52 mm after 7 sweeps and 4.51 after 23, when no frame moved by a fifth. In angles of joints that nothing shows a step may be
 large for as little"""
-_DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-9, 1e6
-_AT_LIMIT = 1e-9
+_WIDE = 25.0
+"""times as much for chosen frames' wide bands, which only hand over a start: of the mean frame one standard deviation, ½"""
+_DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-4, 1e6
+"""first damping, as a share of the diagonal; by what it is multiplied after a step that frames fit worse, each further one twice as much
+(Nielsen 1999), and after others. Below the least steps hardly change: of sizing's sweeps a third were spent to come back from 1e-9"""
+_AT_LIMIT = _RIDGE = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
 """share of a frame that is new. Of what they share, all frames together tell as much as one: what a model's flesh is off by,
 they share too, and so many pixels would take it for the cameras'. What is known of these weighs as many times as there are frames;
@@ -93,6 +97,11 @@ class Frames(Protocol):
         """How many frames show one pose."""
         ...
 
+    @property
+    def wide(self) -> bool:
+        """Whether bands or losses are wide: what is found is but a start."""
+        ...
+
     def of(self, frame: int) -> FrameProblem:
         """Return what a frame says."""
         ...
@@ -110,6 +119,7 @@ class ChosenFrames:
     person: PersonChange
     repeated: float = 1.0
     usual: Motion | None = None
+    wide: bool = False
 
     @property
     def model(self) -> ArticulatedModel:
@@ -171,10 +181,11 @@ def estimate_whole(
     """
     model = evidence.model
     usual = motion = evidence.usual
+    times = _WIDE if evidence.wide and usual is None else 1.0
     if usual is not None:
         motion = usual.estimated(poses, (), usual)
     alike = evidence.shared.alike(len(frames), min(evidence.repeated, len(frames)))
-    damping, stiff = np.full(len(frames), _DAMPING), _DAMPING
+    damping, stiff, tighten = np.full(len(frames), _DAMPING), _DAMPING, _TIGHTEN
     why, sweep = "sweeps", 0
 
     def swept(poses: Floats[F, P]) -> _Swept:
@@ -204,7 +215,8 @@ def estimate_whole(
             step, change = system.solve(*right)
             expected_gain = 0.5 * (right[0] * step).sum(axis=1)
             expected_gain += 0.5 * float((right[1] * change / alike).sum())
-            settled = expected_gain.mean() < _ENOUGH and expected_gain.max() < _ENOUGH_ONCE
+            most, most_once = times * _ENOUGH, times * _ENOUGH_ONCE
+            settled = expected_gain.mean() < most and expected_gain.max() < most_once
             predicted = best.systems.predicted(step, change)
             if sweep == 1 and predicted.mean() >= at_most:
                 return None
@@ -213,12 +225,13 @@ def estimate_whole(
             found = swept(_within(model, moved(best.poses, step)))
             gain = best.cost(motion) - found.cost(motion)
             worse = found.costs > np.maximum(predicted, best.costs)
-            damping = np.clip(damping * np.where(worse, _TIGHTEN, _RELAX), _LEAST, _MOST)
+            damping = np.clip(damping * np.where(worse, tighten, _RELAX), _LEAST, _MOST)
             if gain > 0:
-                best = found
+                best, tighten = found, _TIGHTEN
                 stiff = max(_RELAX * stiff, _LEAST)
             elif worse.any() or (best.shared.count and stiff < _MOST):
-                stiff *= _TIGHTEN
+                stiff *= tighten
+                tighten *= 2.0
             else:
                 why = "no descent"
                 break
@@ -321,7 +334,7 @@ def _system(
     if motion is not None:
         motion.add_to(matrix, gradient, swept.poses)
     own = np.diagonal(matrix.blocks[:, 0], axis1=1, axis2=2)
-    extra = (_LEAST if damping is None else damping[:, None]) * own + _LEAST
+    extra = (_RIDGE if damping is None else damping[:, None]) * own + _RIDGE
     stopped = _stopped(swept, gradient)
     free = ~stopped
     for k in range(matrix.blocks.shape[1]):
