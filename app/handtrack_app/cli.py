@@ -44,8 +44,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     try:
-        command = importlib.import_module(f"handtrack_app.commands.{args.module}")
-        code = int(command.run(args) or EXIT_OK)
+        module, name = args.runs.split(":")
+        run = getattr(importlib.import_module(f"handtrack_app.commands.{module}"), name)
+        code = int(run(args) or EXIT_OK)
         sys.stdout.flush()
     except HandtrackError as error:
         return _failed(args, str(error), EXIT_USAGE)
@@ -113,9 +114,10 @@ def _option(*names: str, **how: object) -> _Option:
 
 
 class _Command(NamedTuple):
-    """A command: the module of `commands` that runs it, its help, its options."""
+    """A command: what runs it, its help, its options."""
 
-    module: str
+    runs: str
+    """module of `commands`, and function"""
     help: str
     options: tuple[_Option, ...]
 
@@ -180,7 +182,7 @@ _OF_PERSON = (
     _JSON,
 )  # fmt: skip
 COMMANDS: dict[str, _Command] = {
-    "open": _Command("workbench", "Open the workbench in the browser, on a session folder or on the bundled one.", (
+    "open": _Command("workbench:run", "Open the workbench in the browser, on a session folder or on the bundled one.", (
         _option("session", nargs="?", type=Path, help="session folder; with --live, a folder with a calibration will do"),
         _option("--live", action="store_true", help="track running cameras, by the session's settings and calibration"),
         _option("--camera", action="append", default=[], metavar="NAME=DEVICE",
@@ -191,14 +193,14 @@ COMMANDS: dict[str, _Command] = {
                 help="with --live: how far apart the images of one frame may be (50)"),
         _TAKE_OVER, *_SERVER,
     )),
-    "start": _Command("workbench", "Choose a recording in the browser, or make one from videos, and open the workbench.",
+    "start": _Command("workbench:run", "Choose a recording in the browser, or make one from videos, and open the workbench.",
                       (_TAKE_OVER, *_SERVER)),
-    "demo": _Command("workbench", "Open the workbench on the bundled session and track it.", _SERVER),
-    "sample": _Command("new_session.sample", "Write a bundled sample recording to a folder.", (
+    "demo": _Command("workbench:run", "Open the workbench on the bundled session and track it.", _SERVER),
+    "sample": _Command("new_session.new:save_sample", "Write a bundled sample recording to a folder.", (
         _option("name", metavar="NAME", help="two_videos (the tutorial's material) or another_hand or open_fist_open (sessions)"),
         _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"), _JSON,
     )),
-    "new": _Command("new_session.new", "Make a session folder from recordings and a calibration.", (
+    "new": _Command("new_session.new:make_session", "Make a session folder from recordings and a calibration.", (
         _NEW,
         _option("--project", type=Path, metavar="FOLDER",
                 help="a Pose2Sim project or trial: its calibration, videos, 2D joints and rate, where you name no others"),
@@ -235,7 +237,7 @@ COMMANDS: dict[str, _Command] = {
                 "else skin_ycrcb, by skin colour)"),
         _JSON,
     )),
-    "track": _Command("track", "Track a session and save poses.npz.", (
+    "track": _Command("track:run", "Track a session and save poses.npz.", (
         _SESSION, _INIT, _YES, _FRAMES,
         _option("--use", metavar="NAMES", help="of silhouettes, cloud, keypoints, edges, intensity; comma-separated"),
         _SET, _KNOWN_PERSON,
@@ -250,7 +252,7 @@ COMMANDS: dict[str, _Command] = {
         _TAKE_OVER, _JSON,
         _option("--explain", type=int, metavar="FRAME", help="report the searches made in this frame and why the winner won"),
     )),
-    "batch": _Command("batch.batch", "Track many recordings in parallel and report the worst first.", (
+    "batch": _Command("batch:run", "Track many recordings in parallel and report the worst first.", (
         _option("pattern", nargs="+", metavar="PATTERN", help="session folders, or patterns of them, such as 'takes/*'"),
         _option("--jobs", type=int, default=1, metavar="N", help="recordings at a time on this machine (1)"),
         _option("--dask", metavar="ADDRESS", help="on a dask cluster instead: its scheduler's address"),
@@ -262,7 +264,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--use", metavar="NAMES", help="as for `track`"), _SET,
         _option("--seed", type=int, metavar="N", help="as for `track`"), _JSON,
     )),
-    "takes": _Command("takes", "List, compare, restore or remove the takes of a session.", (
+    "takes": _Command("results:manage_takes", "List, compare, restore or remove the takes of a session.", (
         _SESSION,
         _option("--restore", type=int, metavar="TAKE", help="make a take current again, and save it as tracks/poses.npz"),
         _option("--compare", type=int, nargs=2, metavar="TAKE", help="how far two takes differ"),
@@ -270,9 +272,9 @@ COMMANDS: dict[str, _Command] = {
         _option("--frames", metavar="A:B", help="restore or compare only these (default: all)"),
         _TAKE_OVER, _JSON,
     )),
-    "person": _Command("person.size", "Fit a person's hand or body shape and save it for other recordings.", _OF_PERSON),
-    "size": _Command("person.size", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
-    "export": _Command("export", "Write a tracked sequence for other programs.", (
+    "person": _Command("person:fit_person", "Fit a person's hand or body shape and save it for other recordings.", _OF_PERSON),
+    "size": _Command("person:fit_person", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
+    "export": _Command("results:export_poses", "Write a tracked sequence for other programs.", (
         _POSES,
         _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, bvh-humanik, glb, trc, mot, osim, c3d, urdf, mcap, mano, anipose, netcdf, nwb, mp4, html or report; without it, the formats are described"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
@@ -282,17 +284,17 @@ COMMANDS: dict[str, _Command] = {
         _option("--metadata", type=Path, metavar="FILE.toml", help="what archives (nwb) ask of subject and session: subject_id, species, sex, age, start, description, experimenter, institution, lab"),
         _option("--session", type=Path, metavar="DIR", help="where its images are (default: the session that the poses lie in)"), _JSON,
     )),
-    "evaluate": _Command("evaluate", "Compare a tracked sequence with the truth.", (
+    "evaluate": _Command("checks:compare_with_truth", "Compare a tracked sequence with the truth.", (
         _POSES, _option("--truth", type=Path, required=True, metavar="truth.npz"), _LANDMARKS, _JSON,
     )),
-    "spread": _Command("person.spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
-    "skin": _Command("person.skin", "Fit the skin colour filter of point clouds to manually segmented images.", (
+    "spread": _Command("checks:measure_spread", "Measure how a person's fingers spread together, for coupling 18.", (_POSES, _JSON)),
+    "skin": _Command("person:fit_skin", "Fit the skin colour filter of point clouds to manually segmented images.", (
         _SESSION,
         _option("--segmented", nargs=2, action="append", metavar=("IMAGE", "MASK"),
                 help="an image file and its mask; several times (default: what was painted in the session's masks)"),
         _option("--size", type=float, default=2.5, help="of the ellipse, standard deviations (2.5)"), _JSON,
     )),
-    "simulate": _Command("simulate", "Make a simulated recording with truth.", (
+    "simulate": _Command("simulate:run", "Make a simulated recording with truth.", (
         _NEW,
         _option("--cameras", type=int, default=3),
         _option("--frames", type=int, help="100; of a motion file, all"),
@@ -314,7 +316,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--seed", type=int, default=0, help="of motion and noise"),
         _JSON,
     )),
-    "retarget": _Command("person.retarget", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
+    "retarget": _Command("retarget:run", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
         _option("file", type=Path, metavar="FILE"),
         _option("--out", type=Path, required=True, metavar="SESSION|POSES.npz", help="a session's folder to make, or a file of poses"),
         _option("--model", metavar="NAME", help="body34, hand26 or another (default: what the file's names are of)"),
@@ -322,13 +324,13 @@ COMMANDS: dict[str, _Command] = {
         _option("--fps", dest="motion_fps", type=float, metavar="RATE", help="frames a second, where the file does not say it (AMC)"),
         _option("--scale", type=Path, metavar="FILE.json", help="a person's saved size (default: fitted)"), _JSON,
     )),
-    "model": _Command("model", "Check a model definition, or convert a URDF, MJCF or BVH to one.", (
+    "model": _Command("checks:check_model", "Check a model definition, or convert a URDF, MJCF or BVH to one.", (
         _option("action", choices=("check",), help="what to do"),
         _option("file", type=Path, metavar="FILE", help="a definition (.toml), or a URDF, MJCF or BVH"),
         _option("--out", type=Path, metavar="FILE", help="also write it: as a definition, to be changed by hand (.toml), or as a robot (.urdf)"), _JSON,
     )),
-    "warmup": _Command("warmup", "Compile the kernels now instead of at the first frame.", (_JSON,)),
-    "detect": _Command("detection.detect", "Find the hand in a session's images and write its 21 joints as files.", (
+    "warmup": _Command("checks:compile_kernels", "Compile the kernels now instead of at the first frame.", (_JSON,)),
+    "detect": _Command("detection:detect", "Find the hand in a session's images and write its 21 joints as files.", (
         _SESSION, _FRAMES,
         _option("--weights", type=Path, metavar="FILE",
                 help="the detector's (default: what HANDTRACK_DETECTOR names, or `handtrack detector install` left)"),
@@ -340,7 +342,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--backend", choices=("opencv", "litert"), help="what runs the networks (default: litert where installed)"),
         _JSON,
     )),
-    "masks": _Command("detection.masks", "Re-segment the images with the tracked poses and save the masks.", (
+    "masks": _Command("detection:segment_again", "Re-segment the images with the tracked poses and save the masks.", (
         _SESSION,
         _option("--poses", type=Path, metavar="FILE.npz", help="tracked poses (default: the session's tracks/poses.npz)"),
         _option("--camera", action="append", default=[], metavar="NAME",
@@ -348,16 +350,16 @@ COMMANDS: dict[str, _Command] = {
         _option("--write", action="store_true", help="also use these masks in session.toml"),
         _JSON,
     )),
-    "detector": _Command("detection.detector", "Install the hand detector's weights for all sessions.", (
+    "detector": _Command("detector:install", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",
                 help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"), _JSON,
     )),
-    "stereo": _Command("stereo", "Match calibrated pairs of images and write point clouds.", (
+    "stereo": _Command("stereo:run", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,
         _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"), _JSON,
     )),
-    "calibrate": _Command("calibration.calibrate", "Calibrate cameras from images or videos of a moving board.", (
+    "calibrate": _Command("calibration:calibrate", "Calibrate cameras from images or videos of a moving board.", (
         _option("--out", type=Path, required=True, metavar="FILE.toml", help="calibration to write"),
         _BOARD,
         _option("--camera", action="append", nargs="+", default=[], metavar=("NAME=FILES", "FILES"),
@@ -373,16 +375,16 @@ COMMANDS: dict[str, _Command] = {
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
         _JSON,
     )),
-    "board": _Command("calibration.board", "Write a calibration board to print, in its true size.", (
+    "board": _Command("board:save_board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
         _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
     )),
-    "doctor": _Command("doctor", "Check a session folder and report problems.", (
+    "doctor": _Command("doctor:check_session", "Check a session folder and report problems.", (
         _SESSION,
         _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"), _JSON,
     )),
-    "bench": _Command("bench", "Run the benchmarks: each figure beside its reference, in one run.", (
+    "bench": _Command("checks:run_benchmarks", "Run the benchmarks: each figure beside its reference, in one run.", (
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,
     )),
 }  # fmt: skip
@@ -418,9 +420,9 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", help="see below")
-    for name, (module, words, options) in COMMANDS.items():
+    for name, (runs, words, options) in COMMANDS.items():
         command = commands.add_parser(name, description=words, allow_abbrev=False)
-        command.set_defaults(module=module)
+        command.set_defaults(runs=runs)
         for names, how in options:
             command.add_argument(*names, **how)  # type: ignore[arg-type]
     return parser

@@ -16,20 +16,16 @@ import viser
 from handtrack.session.bundled import working_folder
 from handtrack_app.door.access import Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
-from handtrack_app.door.log import logging_to
-from handtrack_app.engine.live.live_options import LiveOptions
+from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.editing import Editing
 from handtrack_app.page.layout import PageLayout
-from handtrack_app.page.page import Page
+from handtrack_app.page.page import Page, UserState
 from handtrack_app.page.player import Demo, Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.page.state import UserState
-from handtrack_app.process.child import EngineChild
+from handtrack_app.process.child import EngineChild, EnginePlan, LiveOptions
 from handtrack_app.process.engine_process import EngineProcess
-from handtrack_app.process.plan import EnginePlan
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.log_file import LOG_FILE
-from handtrack_app.protocol.mailbox import Mailbox
+from handtrack_app.protocol.calls import Mailbox
 
 if TYPE_CHECKING:
     from handtrack_app.engine.worker import Opener, Worker

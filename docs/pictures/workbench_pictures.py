@@ -17,7 +17,7 @@ from typing import Any
 from PIL import Image
 
 from handtrack.session.bundled import bundled_session
-from handtrack_app.process.plan import EnginePlan
+from handtrack_app.process.child import EnginePlan
 from handtrack_app.workbench import Workbench
 from tests.experiments.workbench.chromium import DRAWN, chromium
 

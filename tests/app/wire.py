@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import viser.transforms as vtf
 
-from handtrack_app.page.views.through import Through
+from handtrack_app.page.scene.looking import Through
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.experiments.workbench.wire import WireClient

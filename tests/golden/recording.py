@@ -33,7 +33,7 @@ from handtrack.store.store import WritableStore
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.result import TrackResult
 from handtrack.tracking.state import Step
-from handtrack_app.commands.batch.outcome import DONE, REFUSED, STARTED, Outcome, append
+from handtrack_app.commands.batch import DONE, REFUSED, STARTED, Outcome, append
 from tests.export.sequences import LOST_ROW, sample_sequence
 
 SCALE = HandScale(0.98, {"index": 1.02}, offsets_mm={"index_tip": (0.1, -2.0, 0.5)}, std={"length_mm": 1.2, "overall": 0.01})  # fmt: skip

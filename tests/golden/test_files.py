@@ -23,7 +23,7 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.store.store import Store
-from handtrack_app.commands.batch.outcome import read_ledger
+from handtrack_app.commands.batch import read_ledger
 from tests.golden import recording
 from tests.golden.files import (
     AGAIN,

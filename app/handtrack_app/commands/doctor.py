@@ -15,11 +15,10 @@ from handtrack.session.doctor.examine import examine
 from handtrack.session.doctor.finding import SEVERITIES, Finding
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import keep_audits
-from handtrack_app.commands.terminal.answer import answer
-from handtrack_app.commands.terminal.output import output_file
+from handtrack_app.commands.terminal.output import answer, output_file
 
 
-def run(args: argparse.Namespace) -> int:
+def check_session(args: argparse.Namespace) -> int:
     """Print the findings, the gravest first; draw the rig where that is asked for."""
     if args.picture is not None:
         output_file(args.picture, (".png",), "pictures are", option="--picture")

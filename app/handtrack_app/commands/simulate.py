@@ -12,10 +12,8 @@ from handtrack.model.model_file import load_model
 from handtrack.simulation.captured import known_motion, staged
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack_app.commands.person.captured_motion import clip_of, fitted, model_of, read_given
-from handtrack_app.commands.terminal.answer import answer
-from handtrack_app.commands.terminal.output import check_new, new_folder
-from handtrack_app.commands.terminal.progress import progress_bar
+from handtrack_app.commands.retarget import clip_of, fitted, model_of, read_given
+from handtrack_app.commands.terminal.output import answer, check_new, new_folder, progress_bar
 
 _LARGEST_IMAGE = 8192
 _HAND, _BODY = ("open_fist_open", 0.5), ("dance", 3.5)

@@ -16,8 +16,7 @@ from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
 from handtrack.session.sources.clouds import StereoClouds
-from handtrack_app.commands.terminal.answer import answer
-from handtrack_app.commands.terminal.progress import progress_bar, say, stoppable
+from handtrack_app.commands.terminal.output import answer, progress_bar, say, stoppable
 from handtrack_app.commands.terminal.track_options import parse_frames
 
 _FOLDER = "clouds"

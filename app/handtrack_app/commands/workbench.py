@@ -9,13 +9,10 @@ from typing import TYPE_CHECKING
 from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.session.layout import SESSION_FILE
-from handtrack_app.commands.terminal.output import check_new
-from handtrack_app.commands.terminal.progress import say
+from handtrack_app.commands.terminal.output import check_new, say
 from handtrack_app.door.address import FIRST_PORT, choose_port
-from handtrack_app.engine.live.live_options import LiveOptions
-from handtrack_app.process.child import EngineChild
-from handtrack_app.process.memory import memory_limit, use_one_arena
-from handtrack_app.protocol.log_file import ENGINE_LOG
+from handtrack_app.log import ENGINE_LOG
+from handtrack_app.process.child import EngineChild, LiveOptions, memory_limit, use_one_arena
 from handtrack_app.start.recent import remember
 
 if TYPE_CHECKING:

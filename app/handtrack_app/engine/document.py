@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, replace
+from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import F, Floats, Ints, K, P, S
+from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
+from handtrack.diagnostics.flexion import BENT_JOINTS
+from handtrack.diagnostics.review import probability_off
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_library import pose_names
+from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
 from handtrack.session.session_file import SessionFile
 from handtrack.session.session_state import (
     CloudTable,
@@ -29,15 +37,382 @@ from handtrack.session.session_state import (
     SessionState,
     StartPose,
     accepted_frames,
+    decide,
 )
-from handtrack.session.sources.views import MaskChoice
-from handtrack.session.takes.take_about import files_read
-from handtrack.store.current_track import CurrentTrack, TakeFrames
+from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
+from handtrack.session.sources.session_pins import SessionPins
+from handtrack.session.sources.views import MaskChoice, View
+from handtrack.session.takes.take_about import REFINED, files_read
+from handtrack.store.current_track import CurrentTrack, Head, TakeFrames
 from handtrack.store.spans import Span
-from handtrack_app.engine.masks import mask_state
-from handtrack_app.engine.posing import pin_state
-from handtrack_app.engine.store.shelf import TakeShelf
-from handtrack_app.engine.timeline import TrackedRows
+from handtrack.store.store import Store
+from handtrack.tracking.frame.result import Status
+from handtrack_app.protocol.snapshots import APART, PROBABILITY, VIEWS, TakeCard
+
+
+class TakeShelf:
+    """Takes by their numbers."""
+
+    def __init__(self, folder: Path | None = None, tell: Callable[[str], None] = print) -> None:
+        """folder: a session's tracks/; None: nothing is on disk. tell: takes a sentence for whatever is damaged."""
+        self._store = None if folder is None else Store(folder)
+        self._tell = tell
+        self._known: dict[int, TakeFrames | None] = {}
+        self._cards: tuple[CurrentTrack, tuple[TakeCard, ...]] | None = None
+
+    def get(self, number: int) -> TakeFrames | None:
+        """Return a take's frames; None of one that was removed or cannot be read."""
+        if number not in self._known:
+            self._known[number] = None if self._store is None else self._read(number, self._store)
+        return self._known[number]
+
+    def frames_of(self, number: int) -> tuple[int, ...]:
+        """Return the frames that a take has."""
+        return tuple(self.get(number) or ())
+
+    def cards(self, track: CurrentTrack) -> tuple[TakeCard, ...]:
+        """Return what is told of each take, the latest first. All takes are looked at, so once for a track."""
+        if self._cards is None or self._cards[0] is not track:
+            self._cards = track, self._cards_of(track)
+        return self._cards[1]
+
+    def _cards_of(self, track: CurrentTrack) -> tuple[TakeCard, ...]:
+        there = {} if self._store is None else {take.number: take for take in self._store.takes()}
+        shown = {number: track.count_of(take) for number, take in self._known.items() if take}
+        cards = []
+        for number in sorted({*there, *shown}, reverse=True):
+            words = f"{len(self._known.get(number) or ())} frames, not on disk"
+            if number in there:
+                try:
+                    about = there[number].about
+                except HandtrackError:
+                    continue  # begun by a program that was killed at once; `handtrack takes` tells of it
+                first, stop = about.frames
+                if stop - first == 1:
+                    continue  # a single frame that was fitted: undo goes back to it
+                when = about.begun.replace("T", " ").removesuffix("+00:00")
+                size = there[number].bytes / 1e6
+                kind = f"{REFINED}, " if about.by.endswith(REFINED) else ""
+                words = f"{when} UTC, {kind}frames {first} to {stop - 1}, {size:.1f} MB"
+            cards.append(TakeCard(number, words, shown.get(number, 0)))
+        return tuple(cards)
+
+    def put(self, number: int, take: TakeFrames) -> None:
+        """Add a take that is being tracked."""
+        self._known[number] = take
+
+    def look_again(self) -> None:
+        """A take has come to its end."""
+        self._cards = None
+
+    @property
+    def next_number(self) -> int:
+        """A number for a take that nothing is written of."""
+        there = () if self._store is None else self._store.takes()
+        return max([0, *self._known, *(take.number for take in there)]) + 1
+
+    def _read(self, number: int, store: Store) -> TakeFrames | None:
+        damage: list[str] = []
+        try:
+            take = store.take(number)
+            labels = take.about.labels
+            return TakeFrames(
+                labels.parameter_names,
+                dict(take.frame_heads(damage)),
+                labels.refinement,
+                json.loads(labels.settings or "{}"),
+            )
+        except HandtrackError as error:
+            damage.append(str(error))
+        finally:
+            for text in damage:
+                self._tell(text)
+        return None
+
+
+# ---- What is open in the workbench: a tracking run, what was decided, poses set by hand, results. No threads, no
+# viser
+
+
+_AT_ONCE = 100  # frames that are read whole at one look, about 20 ms
+
+
+@dataclass(frozen=True, eq=False)
+class WholeFrame:
+    """What the timeline and the curves show of a tracked frame that only all of its arrays tell."""
+
+    error_mm: float
+    """NaN without truth"""
+    values: Floats[S]
+    """joint parameters [m, rad]"""
+    std: Floats[S]
+    other: Floats[S] | None = None
+    """joint parameters in the take that is compared"""
+    bent: Floats[K] | None = None
+    """by how much the truth bends each joint of a hand more [rad]"""
+    lanes: Mapping[str, float] = field(default_factory=dict)
+    """numbers by the words of their lanes"""
+
+
+Read = Callable[[int], WholeFrame]
+"""reads a tracked frame"""
+Parts = Callable[[Mapping[str, float]], Mapping[str, float]]
+
+
+class TrackedRows:
+    """What the timeline shows of tracked frames; rows are frames from `frames.start`."""
+
+    def __init__(self, frames: range) -> None:
+        count = len(frames)
+        self.frames = frames
+        self.status: Ints[F] = np.full(count, -1, dtype=np.int64)
+        self.energy: Floats[F] = np.full(count, np.nan)
+        self.error_mm: Floats[F] = np.full(count, np.nan)
+        self.terms: dict[str, Floats[F]] = {}
+        """the energy's parts by their words, NaN where a frame has none"""
+        self.lanes: dict[str, Floats[F]] = {}
+        """other numbers likewise: PROBABILITY, VIEWS, and those of whole frames"""
+        self.values: Floats[F, S] = np.zeros((count, 0))
+        """joint parameters of the frames read so far [m, rad], NaN elsewhere"""
+        self.std: Floats[F, S] = np.zeros((count, 0))
+        self.other: Floats[F, S] = np.zeros((count, 0))
+        """likewise of the take that is compared"""
+        self.bent: Floats[F, K] = np.full((count, len(BENT_JOINTS)), np.nan)
+        """by how much the truth bends each of BENT_JOINTS more [rad]"""
+        self.compared: TakeFrames | None = None
+        """the take that the track is compared with"""
+        self.changed: set[int] = set()
+        """rows that were not told yet"""
+        self._known: dict[int, Head] = {}
+        self._given: dict[int, tuple[Floats[S], float]] = {}
+        self._track: CurrentTrack | None = None
+        self._read: list[int] = []  # how many of each take's frames were looked at
+        self._unread: dict[
+            int, None
+        ] = {}  # frames whose error is to be found yet: that needs all of them
+
+    def follow(self, track: CurrentTrack, read: Read, parts: Parts) -> None:
+        """Take the track as it is now. read: `read_more` does the rest of it. parts: of the energy, by
+        their words, from those by the terms' names.
+        """
+        for frame in self._new(track):
+            self._look(track, frame, parts)
+        self.read_more(track, read)
+
+    def heads(self) -> list[Head]:
+        """Return what is known of the tracked frames without their arrays, ascending."""
+        return [self._known[frame] for frame in sorted(self._known)]
+
+    def _new(self, track: CurrentTrack) -> Iterable[int]:
+        """Return the frames that may have changed since the last look: all of another track, else those taken since."""
+        takes = [take for _, take in track.layers]
+        before = self._read if track is self._track else None
+        self._track, self._read = track, [len(take.puts) for take in takes]
+        if before is None:
+            return [*self._known.keys() - (there := set(track)), *there]
+        return [f for take, n in zip(takes, before, strict=True) for f in take.puts[n:]]
+
+    def _look(self, track: CurrentTrack, frame: int, parts: Parts) -> None:
+        head = track.head(frame)
+        if head is not None and self._known.get(frame) is head:
+            return
+        self._forget(frame)
+        if head is None or frame not in self.frames:
+            return
+        row = frame - self.frames.start
+        self._known[frame] = head
+        self.status[row], self.energy[row] = int(head.status), head.energy
+        self._unread[frame] = None
+        self.changed.add(row)
+        for word, cost in parts(head.energies).items():
+            self._put(self.terms, word, row, cost)
+        if np.isfinite(head.p_off_25mm) or head.status in (Status.DOUBTFUL, Status.LOST):
+            self._put(self.lanes, PROBABILITY, row, probability_off(head))
+        if head.views:
+            self._put(self.lanes, VIEWS, row, head.views)
+
+    def _put(self, lanes: dict[str, Floats[F]], word: str, row: int, value: float) -> None:
+        if word not in lanes:
+            lanes[word] = np.full(len(self.frames), np.nan)
+        lanes[word][row] = value
+
+    def given_error(
+        self, frame: int, pose: Floats[S], error: Callable[[Floats[S]], float]
+    ) -> float:
+        """Return the error of a pose given at a frame [mm], found once."""
+        known = self._given.get(frame)
+        if known is None or known[0] is not pose:
+            known = self._given[frame] = pose, error(pose)
+        return known[1]
+
+    def read_more(self, track: CurrentTrack, read: Read) -> bool:
+        """Read more frames that were not read yet; return whether any is left."""
+        for frame in list(islice(self._unread, _AT_ONCE)):
+            del self._unread[frame]
+            if frame in track:
+                row, whole = frame - self.frames.start, read(frame)
+                self.error_mm[row] = whole.error_mm
+                for word, number in whole.lanes.items():
+                    self._put(self.lanes, word, row, number)
+                if self.values.shape[1] != len(whole.values):
+                    shape = len(self.frames), len(whole.values)
+                    self.values, self.std, self.other = (np.full(shape, np.nan) for _ in range(3))
+                self.values[row], self.std[row] = whole.values, whole.std
+                if whole.other is not None:
+                    self.other[row] = whole.other
+                if whole.bent is not None:
+                    self.bent[row] = whole.bent
+                self.changed.add(row)
+        return bool(self._unread)
+
+    def compare(self, take: TakeFrames | None) -> None:
+        """Compare the track with a take, or with none; all frames are read again."""
+        self.compared = take
+        self.lanes.pop(APART, None)
+        self.other[:] = np.nan
+        self._unread = dict.fromkeys(self._known)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all frames were read."""
+        return not self._unread
+
+    def _forget(self, frame: int) -> None:
+        self._unread.pop(frame, None)
+        if self._known.pop(frame, None) is not None:
+            row = frame - self.frames.start
+            self.changed.add(row)
+            self.status[row] = -1
+            for values in (
+                self.energy, self.error_mm, *self.terms.values(), *self.lanes.values(), self.values, self.std,
+                self.other, self.bent,
+            ):  # fmt: skip
+                values[row] = np.nan
+
+
+# ---- What the session's state says of masks: each camera's method and box, and the corrections of its frames.
+# Changes nothing
+
+
+def choice_of(view: View) -> MaskChoice:
+    """Return where a camera's masks come from, and its region of interest."""
+    return view.settings.masks, view.settings.roi
+
+
+def source_of(choice: MaskChoice) -> MaskSource:
+    """Return a choice as the state has it."""
+    masks, roi = choice
+    return MaskSource(masks if isinstance(masks, str | None) else mask_method_table(masks), roi)
+
+
+def choice_from(source: MaskSource, camera: str) -> MaskChoice:
+    """Return the choice that the state has. Raises HandtrackError."""
+    masks = source.masks
+    if isinstance(masks, dict):
+        return read_mask_method(masks, f"masks of camera '{camera}'"), source.roi
+    return masks, source.roi
+
+
+def usual_values(kind: type[MaskMethod]) -> dict[str, object]:
+    """Return what a method's settings are unless said."""
+    return {item.name: item.default for item in fields(kind) if item.default is not MISSING}
+
+
+def correction_of(
+    session: Session, at: tuple[str, int], correction: Correction | None
+) -> tuple[CorrectedMasks, bytes | None]:
+    """Return the corrected masks of a camera, and what they hold of its own frame; None: nothing. Raises HandtrackError."""
+    camera, own_frame = at
+    view = session.view(camera)
+    if correction is None:
+        return view.corrections, None
+    decoded(correction.png, view.camera.size, f"the correction {camera}/{own_frame}")
+    return view.corrections, correction.png
+
+
+class CorrectionFiles:
+    """What was written to them here, so that other content is known, and kept."""
+
+    def __init__(self) -> None:
+        self._ours: dict[tuple[str, int], bytes | None] = {}
+
+    def changed_elsewhere(
+        self, session: Session, known: Mapping[tuple[str, int], Correction]
+    ) -> list[Edit]:
+        """Return edits by what files say otherwise than the state, which was written after them."""
+        found = list[Edit]()
+        for at, correction in known.items():
+            try:
+                place, content = correction_of(session, at, correction)
+            except HandtrackError:
+                continue  # what cannot be is told where the state is applied
+            path = place.path(at[1])
+            stands = path.read_bytes() if path.is_file() else None
+            if stands == content:
+                self._ours[at] = stands
+            else:
+                now = None if stands is None else Correction(stands)
+                found.append(decide(correction={at: now}))
+        return found
+
+    def write(
+        self, session: Session, changed: Iterable[tuple[tuple[str, int], Correction | None]]
+    ) -> None:
+        """Write what an action changed, before the action itself. Raises HandtrackError."""
+        for at, correction in changed:
+            place, content = correction_of(session, at, correction)
+            if place.write(at[1], content, self._ours.get(at)):
+                self._ours[at] = content
+
+
+# ---- What the session's state says of pins, frame by frame. Changes nothing
+
+
+_SAME_PX = 0.01
+"""a file has thousandths of a pixel"""
+
+
+def pinning(pins: Mapping[int, Sequence[Pin]]) -> Edit:
+    """Return the edit by which frames have these pins."""
+    return decide(pins={f: FramePins(tuple(own)) if own else None for f, own in pins.items()})
+
+
+def checked(session: Session, decided: FramePins | None) -> tuple[Pin, ...]:
+    """Return a frame's pins as its file has them. Raises HandtrackError."""
+    return tuple(_checked(session, pin) for pin in (() if decided is None else decided.pins))
+
+
+def _checked(session: Session, pin: Pin) -> Pin:
+    if pin.camera not in session.rig:
+        raise unknown_name("camera", pin.camera, session.rig.names, "a pin")
+    if not np.isfinite([*pin.pixel, *pin.point]).all():
+        raise HandtrackError(f"a pin: expected a pixel's column and row, found {pin.pixel}.")
+    return session.pins.as_written(pin)
+
+
+def changed_elsewhere(stood: Mapping[int, tuple[Pin, ...]], pins: SessionPins) -> list[Edit]:
+    """Return edits by which frames have the pins that the file has otherwise than the state, after which it was written.
+
+    stood: as the file has them; pins: as the state does.
+    """
+    frames = sorted({*stood, *pins.frames})
+    return [
+        pinning({frame: stood.get(frame, ())})
+        for frame in frames
+        if not _same(stood.get(frame, ()), pins.of(frame))
+    ]
+
+
+def _same(one: tuple[Pin, ...], other: tuple[Pin, ...]) -> bool:
+    return len(one) == len(other) and all(
+        a.what == b.what and float(np.abs(np.subtract(a.pixel, b.pixel)).max()) < _SAME_PX
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+# ---- What is open in the workbench: a tracking run, what was decided, poses set by hand, results. No threads, no
+# viser
+
 
 _UNDECIDED = DecidedPose({})
 
@@ -144,7 +519,7 @@ class Document:
         if kind == "clouds":
             return CloudTable(None if self.clouds is None else self.clouds.table)
         if kind == "masks":
-            return mask_state.source_of(self.masks[entry])
+            return source_of(self.masks[entry])
         if kind == "pins":
             pins = session.pins.of(entry)
             return FramePins(pins) if pins else None
@@ -173,13 +548,11 @@ class Document:
         self.before = None
         run = self._run_with(changed)
         corrections = [
-            (mask_state.correction_of(run.session, e, v), e[1])
+            (correction_of(run.session, e, v), e[1])
             for (k, e), v in changed.items()
             if k == "correction"
         ]
-        pins = {
-            e: pin_state.checked(run.session, v) for (k, e), v in changed.items() if k == "pins"
-        }
+        pins = {e: checked(run.session, v) for (k, e), v in changed.items() if k == "pins"}
         self.state = state
         if "size" in kinds:
             size = self._size
@@ -240,7 +613,7 @@ class Document:
         if camera not in self.saved_masks:
             raise unknown_name("camera", camera, tuple(self.saved_masks))
         saved = self.saved_masks[camera]
-        return saved if source is None else mask_state.choice_from(source, camera)
+        return saved if source is None else choice_from(source, camera)
 
     @property
     def _size(self) -> DecidedSize:
@@ -444,7 +817,7 @@ class Document:
     @property
     def masks(self) -> dict[str, MaskChoice]:
         """Where each camera's masks come from."""
-        return {view.name: mask_state.choice_of(view) for view in self.run.session.views}
+        return {view.name: choice_of(view) for view in self.run.session.views}
 
     @property
     def unsaved_masks(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -12,39 +13,39 @@ from handtrack.diagnostics.review import worth_a_look
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
+from handtrack.model.pose_library import named_pose, pose_names, pose_title, pose_turn
 from handtrack.model.size import shape_numbers
 from handtrack.session.posed_frames import driving_joints, solver_params_of
 from handtrack.session.session import Session
 from handtrack.store.spans import Span, resolved
+from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
-from handtrack_app.engine.document import Document
-from handtrack_app.engine.pictures.pose_pictures import pose_titles
-from handtrack_app.engine.posing.inverse_kinematics import stem_bones
-from handtrack_app.engine.posing.pin_cards import pin_cards
-from handtrack_app.engine.timeline import TrackedRows, WholeFrame
+from handtrack_app.engine.document import Document, TrackedRows, WholeFrame
+from handtrack_app.engine.inverse_kinematics import stem_bones
+from handtrack_app.protocol.palette import colour_of
 from handtrack_app.protocol.snapshots import (
+    APART,
+    AT_LIMITS,
     BEFORE,
     CLOUD,
     HAND_REACH_M,
     IMAGES,
     KEYPOINTS,
+    MOVED,
+    PROBABILITY,
     SILHOUETTES,
     CameraCard,
     PartCard,
+    PinCard,
+    PoseName,
     PoseSnapshot,
     SessionSnapshot,
+    StretchCard,
+    TakeSpan,
     TimelineChange,
     TimelineSnapshot,
     WorkSnapshot,
-)
-from handtrack_app.protocol.timeline import (
-    APART,
-    AT_LIMITS,
-    MOVED,
-    PROBABILITY,
-    StretchCard,
-    TakeSpan,
 )
 
 _BODY_REACH_M = 0.9
@@ -381,3 +382,79 @@ def numbers_of(
             moves = np.linalg.norm(result.joint_positions - other.joint_positions, axis=1)
             found[word] = float(1e3 * moves.max())
     return found
+
+
+# ---- Small pictures of the pose library: the flesh as somebody opposite sees it, drawn as ellipses, the far ones
+# first
+
+
+_SIDE, _EDGE = 100.0, 3.0  # of a picture and its margin; SVG has no size of its own
+_EDGE_COLOUR = "#0008"  # fingers of one colour lie apart
+
+
+def pose_titles(model: ArticulatedModel) -> tuple[PoseName, ...]:
+    """Return the library of a model in words."""
+    names = pose_names(model.kind)
+    return tuple(PoseName(name, *pose_title(name, model.kind)) for name in names)
+
+
+@lru_cache(maxsize=256)
+def pose_picture(model: ArticulatedModel, name: str) -> str:
+    """Return a pose of the library as SVG, seen from where its turn shows it; a body from the front. Forearms are left out."""
+    values = named_pose(model, name)
+    values[:6] = 0.0
+    if model.kind != "body":
+        values[3:6] = pose_turn(name, model.side)
+    flesh = model.flesh["fine"].posed(model.bones(solver_params_of(model, values)))
+    kept = ~model.is_forearm(flesh.bone)
+    centre, radii = flesh.centre[kept], flesh.radii[kept]
+    scaled = flesh.rotation[kept] * radii[:, None, :]
+    shapes = (scaled @ scaled.transpose(0, 2, 1))[:, :2, :2]  # seen from +z, without perspective
+    reach = np.sqrt(np.stack([shapes[:, 0, 0], shapes[:, 1, 1]], axis=1))
+    low, high = (centre[:, :2] - reach).min(axis=0), (centre[:, :2] + reach).max(axis=0)
+    factor = (_SIDE - 2 * _EDGE) / float((high - low).max())
+    middle, parts = 0.5 * (low + high), list[str]()
+    widths, axes = np.linalg.eigh(shapes)
+    for n in np.argsort(centre[:, 2]).tolist():
+        x, y = _SIDE / 2 + factor * (centre[n, :2] - middle) * (1, -1)
+        a, b = factor * np.sqrt(widths[n])
+        angle = np.rad2deg(np.arctan2(-axes[n, 1, 0], axes[n, 0, 0]))
+        red, green, blue = colour_of(model.skeleton.bone_names[int(flesh.bone[kept][n])])
+        parts.append(
+            f"<ellipse rx='{a:.1f}' ry='{b:.1f}' fill='#{red:02x}{green:02x}{blue:02x}' "
+            f"transform='translate({x:.0f} {y:.0f})rotate({angle:.0f})'/>"
+        )
+    return (
+        f"<svg xmlns='http://www.w3.org/2000/svg' viewBox='0 0 {_SIDE:g} {_SIDE:g}'>"
+        f"<g stroke='{_EDGE_COLOUR}'>{''.join(parts)}</g></svg>"
+    )
+
+
+# ---- The pins of a frame as the page draws them
+
+
+def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard, ...]:
+    """Return the pins of a frame beside the pose of these bones; those of places that the model lacks are left out."""
+    model, session = document.model, document.run.session
+    names = model.joint_names, model.skeleton.bone_names
+    pins = [pin for pin in session.pins.of(frame) if pin.is_on(*names)]
+    if not pins:
+        return ()
+    places = bones.to_world(*pinned_places(model, pins))
+    found = []
+    for n, pin in enumerate(pins):
+        place = places[n]
+        camera = session.rig[pin.camera].without_distortion()
+        ray = camera.rays(np.array([pin.pixel]))[0]
+        meant = camera.centre + ray * max(float((place - camera.centre) @ ray), 0.0)
+        off = float(np.linalg.norm(camera.project(places[n : n + 1])[0] - pin.pixel))
+        x, y, z = map(float, np.asarray(place))
+        i, j, k = map(float, np.asarray(meant))
+        words = words_of(pin.joint or pin.bone)
+        found.append(PinCard(pin.camera, words, pin.pixel, (x, y, z), (i, j, k), off))
+    return tuple(found)
+
+
+def words_of(name: str) -> str:
+    """Return a joint or bone in words."""
+    return name.replace("_", " ")

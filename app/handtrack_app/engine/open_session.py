@@ -22,18 +22,15 @@ from handtrack_app.engine.document_snapshots import (
 )
 from handtrack_app.engine.job_control import JobControl, looks_elsewhere
 from handtrack_app.engine.jobs import Report
-from handtrack_app.engine.live.live_control import KEEPS_NOTHING, LiveControl
-from handtrack_app.engine.masks.mask_service import MaskService
+from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
+from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
-from handtrack_app.engine.pictures.painter import Painter
-from handtrack_app.engine.pictures.render_thread import RenderThread
-from handtrack_app.engine.posing.pin_service import PinService
-from handtrack_app.engine.posing.pose_service import PoseService
+from handtrack_app.engine.pictures.preview_service import Painter, RenderThread
+from handtrack_app.engine.posing_service import PinService, PoseService
 from handtrack_app.engine.review_service import LiveScore, ReviewService
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.store.tracks import export_beside
+from handtrack_app.engine.store.persistence import Persistence, export_beside
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.protocol.calls import Call, command, rules_of
 from handtrack_app.protocol.snapshots import (

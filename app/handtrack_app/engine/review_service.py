@@ -20,9 +20,15 @@ from handtrack_app.engine.document_snapshots import energy_parts, pose_snapshot,
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.comparing import ComparedSnapshot, Curve, CurvesSnapshot
-from handtrack_app.protocol.score import ScoreSnapshot
-from handtrack_app.protocol.snapshots import PoseSnapshot, Snapshot, TimelineSnapshot
+from handtrack_app.protocol.snapshots import (
+    ComparedSnapshot,
+    Curve,
+    CurvesSnapshot,
+    PoseSnapshot,
+    ScoreSnapshot,
+    Snapshot,
+    TimelineSnapshot,
+)
 
 
 @dataclass

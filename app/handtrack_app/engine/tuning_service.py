@@ -18,7 +18,7 @@ from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.job_control import JobControl
-from handtrack_app.engine.posing.pose_service import MakeEdit
+from handtrack_app.engine.posing_service import MakeEdit
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.edits import set_pose
 from handtrack_app.engine.store.persistence import Persistence

@@ -13,20 +13,17 @@ from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.engine.live.live_control import open_live_document
-from handtrack_app.engine.masks.mask_service import MaskService
+from handtrack_app.engine.live_control import open_live_document
+from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession
 from handtrack_app.engine.opening import Opening, open_document
 from handtrack_app.engine.pictures.cloud_service import CloudService
-from handtrack_app.engine.pictures.painter import Painter
-from handtrack_app.engine.pictures.render_thread import RenderThread
-from handtrack_app.engine.posing.pin_service import PinService
-from handtrack_app.engine.posing.pose_service import PoseService
+from handtrack_app.engine.pictures.preview_service import Painter, RenderThread
+from handtrack_app.engine.posing_service import PinService, PoseService
 from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.tuning_service import TuningService
-from handtrack_app.process.plan import EnginePlan
-from handtrack_app.protocol.calls import Call, Caller, Engine, command, rules_of
-from handtrack_app.protocol.mailbox import Mailbox
+from handtrack_app.process.child import EnginePlan
+from handtrack_app.protocol.calls import Call, Caller, Engine, Mailbox, command, rules_of
 from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Shown, Snapshot
 from handtrack_app.rerun.recorder import LiveRecorder
 

@@ -2,48 +2,41 @@
 
 from __future__ import annotations
 
+import html
+import re
+import threading
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import viser
 
-from handtrack_app.page.masks.mask_panel import MaskPanel
-from handtrack_app.page.messages import Messages
+from handtrack_app.page.help import Help, add_work_keys
 from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
-from handtrack_app.page.panels.constraints import LimitsPanel, SettingsPanel
+from handtrack_app.page.panels.copying import CopyPanel, Library
 from handtrack_app.page.panels.export import ExportPanel
-from handtrack_app.page.panels.guesses import GuessesPanel
-from handtrack_app.page.panels.live import LivePanel
-from handtrack_app.page.panels.nudging import NudgePanel
-from handtrack_app.page.panels.pose import PosePanel
-from handtrack_app.page.panels.pose_card import certainty_table
+from handtrack_app.page.panels.masks import MaskPanel
+from handtrack_app.page.panels.plots import PlotsPanel
+from handtrack_app.page.panels.pose import GuessesPanel, NudgePanel, PosePanel, certainty_table
 from handtrack_app.page.panels.pose_words import group_of
-from handtrack_app.page.panels.session import SessionPanel, head
-from handtrack_app.page.panels.tracking import TrackingPanel
+from handtrack_app.page.panels.review import NextStep, ReviewPanel
+from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, SettingsPanel
+from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel
+from handtrack_app.page.panels.view import WIDTH, Room, SessionPanel, ZoomKeys, colours, head
 from handtrack_app.page.pins.pin_panel import PinPanel
-from handtrack_app.page.posing.copy_panel import CopyPanel
-from handtrack_app.page.posing.library import Library
-from handtrack_app.page.posing.refit_switch import RefitSwitch
+from handtrack_app.page.scene.ghosts import ComparedHand
 from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import dress
-from handtrack_app.page.time.compared_hand import ComparedHand
-from handtrack_app.page.time.next_step import NextStep
-from handtrack_app.page.time.plots import PlotsPanel
-from handtrack_app.page.time.review import ReviewPanel
-from handtrack_app.page.time.takes import TakesPanel
 from handtrack_app.page.time.timeline import TimelinePanel
-from handtrack_app.page.views.help import Help
-from handtrack_app.page.views.room import WIDTH, Room, colours
-from handtrack_app.page.views.work_keys import add_work_keys
-from handtrack_app.page.views.zoom_keys import ZoomKeys
 from handtrack_app.protocol.palette import ASIDE
-from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     Notice,
     PoseSnapshot,
     ProgressSnapshot,
+    ScoreSnapshot,
     SessionSnapshot,
     TimelineSnapshot,
     WorkSnapshot,
@@ -215,3 +208,82 @@ class PageLayout:
         if self.progress.state == "failed" and notice.level == "error":
             self.failure.content = f"**{notice.title}**\n\n{notice.text}"
             self.failure.visible = True
+
+
+# ---- What was said to the user: it stays to be read; and what is to be done or known stands until it is put away
+
+
+GUIDE = "guide"
+_COLOURS = {GUIDE: "#56b4e9", "info": "#56b4e9", "done": "#009e73", "warning": "#e69f00", "error": "#d55e00"}  # fmt: skip
+_STANDS = (GUIDE, "warning", "error")
+_FRAME, _LINK = re.compile(r"\b(frame) (\d+)", re.I), r"<a href='#' data-frame='\2'>\1 \2</a>"
+"""the style's script goes to the frame of such a link"""
+_MOST = 100  # messages that are kept
+_NONE = "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Nothing was said yet.</div>"
+
+
+@dataclass
+class Messages:
+    """The note in the head of the main panel, and the tab with all messages."""
+
+    page: Page
+    is_posed: bool = False
+    """there is a pose: guidance to the first one has done its work"""
+    _all: deque[Notice] = field(default_factory=lambda: deque(maxlen=_MOST))
+    _standing: list[Notice] = field(default_factory=list)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        """Add the note where the page builds now."""
+        gui = self.page.gui
+        self.note = gui.add_html("", visible=False)
+        self.away = gui.add_button("Put away", color="gray", visible=False)
+        self.page.on(self.away, lambda _: self.put_away())
+
+    def build(self, tab: viser.GuiTabHandle) -> None:
+        """Add the list of all messages to a tab."""
+        with tab:
+            self.list = self.page.gui.add_html(_NONE)
+
+    def take(self, notice: Notice) -> None:
+        """Keep what is said; the same again takes the place of the older one."""
+        with self._lock:
+            self._all.appendleft(notice)
+            if notice.level in _STANDS and not (notice.level == GUIDE and self.is_posed):
+                self._standing = [one for one in self._standing if one.title != notice.title]
+                self._standing.append(notice)
+        self._show()
+
+    def put_away(self) -> None:
+        """Let the newest stand no more."""
+        with self._lock:
+            del self._standing[-1:]
+        self._show()
+
+    def see_pose(self, is_posed: bool) -> None:
+        """Take whether any frame has a pose: guidance goes then."""
+        if is_posed != self.is_posed:
+            with self._lock:
+                self.is_posed = is_posed
+                self._standing = [n for n in self._standing if not (n.level == GUIDE and is_posed)]
+            self._show()
+
+    def _show(self) -> None:
+        with self._lock:
+            said, standing = list(self._all), list(self._standing)
+        put(self.list, content="".join(_words(one) for one in said) or _NONE)
+        more = f"<div style='opacity:.7'>{len(standing) - 1} more: tab Messages</div>"
+        if standing:
+            put(self.note, content=_words(standing[-1], more if len(standing) > 1 else ""))
+        put(self.note, visible=bool(standing))
+        put(self.away, visible=bool(standing))
+
+
+def _words(notice: Notice, more: str = "") -> str:
+    colour = _COLOURS.get(notice.level, "gray")
+    title, text = (_FRAME.sub(_LINK, html.escape(words)) for words in (notice.title, notice.text))
+    text = f"<div>{text}</div>" if text else ""
+    return (
+        f"<div class='handtrack-note' style='margin:.3em .9em .4em;padding:.15em .6em;border-left:3px solid {colour};"
+        f"font-size:.85em;line-height:1.4;overflow-wrap:anywhere'><b>{title}</b>{text}{more}</div>"
+    )

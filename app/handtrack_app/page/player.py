@@ -9,8 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.page import Page
-from handtrack_app.page.state import UserState
+from handtrack_app.page.page import Page, UserState
 from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
 
 _MOST = 2

@@ -1,11 +1,11 @@
 """The engine's own process: calls come in by a pipe, snapshots go out by it.
 
 It ends when it is asked to, when whoever started it is gone, and on SIGTERM: each time what was accepted is on disk and
-the session free for others. What it or a library prints goes to the log.
-"""
+the session free for others. What it or a library prints goes to the log."""
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import logging
 import multiprocessing
@@ -14,12 +14,140 @@ import pickle
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from handtrack.errors import HandtrackError
+
+if TYPE_CHECKING:
+    from handtrack_app.engine.worker import Opener
+
+
+@dataclass(frozen=True)
+class EnginePlan:
+    """What to open, and how."""
+
+    folder: Path
+    live: LiveOptions | None = None
+    """track running cameras by the folder's settings"""
+    rerun: bool = False
+    """stream what is tracked to rerun's viewer"""
+    take_over: bool = False
+    """write, even if another program does"""
+    opener: Opener | None = None
+    """what opens the folder instead; a module's function, where it is for another process"""
+    memory: int | None = None
+    """bytes that the engine's process may use; None: no limit"""
+    preview: bool = True
+    """show what can be shown at once before the session can be worked in"""
+    version: int = 0
+    """of the user's edits so far"""
+    page: str = ""
+    """whose numbers the commands have: an engine that begins again finds on disk up to which they are done"""
+
+
+# ---- What the command line says of a live source; light to import
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """How running cameras are opened."""
+
+    devices: Mapping[str, str]
+    """by camera; none: 0, 1, 2 … in the session's order"""
+    tolerance_s: float
+    """how far apart the images of one frame may be"""
+    record: Path | None = None
+    """a new folder to record to from the start"""
+    rate: float = 1.0
+    """how many times faster than their pace video files are played, to measure by"""
+
+
+# ---- How much memory the engine's process may use: a limit of its own, below the one at which the system ends
+# programs
+
+
+GB = 10**9
+LEAST_GB = 1.0
+"""tracking the bundled session takes about half of it"""
+_SHARE = 0.75
+"""of what there is: a quarter is for page, browser and system. Guards such as earlyoom and systemd-oomd end programs at the
+last tenth; a refusal that can be told in words is to come before"""
+_M_ARENA_MAX = -8  # of glibc's malloc.h
+_CONTROL_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+
+
+def memory_limit(asked_gb: float | None = None) -> int:
+    """Return bytes that the engine may use: those asked for, else a share of what there is. Raises HandtrackError."""
+    if asked_gb is None:
+        return max(round(_SHARE * machine_memory()), round(LEAST_GB * GB))
+    if not LEAST_GB <= asked_gb < 1e6:
+        raise HandtrackError(
+            f"--memory {asked_gb:g}: expected gigabytes, at least {LEAST_GB:g}; this machine has "
+            f"{machine_memory() / GB:.1f}."
+        )
+    return round(asked_gb * GB)
+
+
+def limit_memory(most: int | None) -> None:
+    """Let this process have no more bytes, where the system can see to it."""
+    if most is None:
+        return
+    try:
+        import resource
+    except ImportError:  # Windows has none
+        return
+    # Private writable memory counts. Of address space (RLIMIT_AS) libraries reserve far more than they use.
+    with suppress(ValueError, OSError):  # a lower limit holds already
+        resource.setrlimit(
+            resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1])
+        )
+
+
+def use_one_arena() -> None:
+    """Let all threads of this process allocate from one heap, where the C library is glibc. Before the first thread.
+
+    Else each has its own, and what a page that went has left in it is seldom used again: 300 pages that came and went left
+    14 MB in this process, 5 MB with one (bench `soak`).
+    """
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
+
+
+def machine_memory() -> int:
+    """Return bytes of memory that this machine, or the container that it is, has."""
+    try:
+        physical = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # Windows: there is no limit to be set either
+        physical = 1 << 40
+    return min([physical, *_group_limits()])
+
+
+def _group_limits() -> Iterator[int]:
+    """Yield what the control groups of this process, and those above them, allow [bytes]."""
+    with suppress(OSError):
+        for line in _OWN_GROUPS.read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            if not controllers:
+                root, name = _CONTROL_GROUPS, "memory.max"
+            elif "memory" in controllers.split(","):  # the first version
+                root, name = _CONTROL_GROUPS / "memory", "memory.limit_in_bytes"
+            else:
+                continue
+            own = root / path.strip("/")
+            for group in (own, *own.parents):
+                with suppress(OSError, ValueError):  # "max"
+                    yield int((group / name).read_text())
+                if group == root:
+                    break
+
+
+# ---- The engine's own process: calls come in by a pipe, snapshots go out by it
+
 
 _ALONE_S = 15.0  # for each thread to end when nobody says how long: a recording of running cameras is completed
 _GOING_S = 2.0  # between the end of its pipe and its own
@@ -127,8 +255,6 @@ def serve(pipe: Connection, log: Path) -> None:
 
 def _serve(pipe: Connection) -> None:
     from handtrack_app.engine.worker import RULES, EngineThread  # seconds, if all is compiled
-    from handtrack_app.process.memory import limit_memory
-    from handtrack_app.process.plan import EnginePlan
     from handtrack_app.protocol.calls import Call, portable
     from handtrack_app.protocol.snapshots import Opened, Shown
 

@@ -15,12 +15,10 @@ from typing import Any, cast
 from uuid import uuid4
 
 from handtrack.errors import HandtrackError
-from handtrack_app.process.child import Commands, Ended, EngineChild, Stop
-from handtrack_app.process.memory import GB
+from handtrack_app.log import ENGINE_LOG
+from handtrack_app.process.child import GB, Commands, Ended, EngineChild, EnginePlan, Stop
 from handtrack_app.process.outbox import Outbox, named
-from handtrack_app.process.plan import EnginePlan
 from handtrack_app.protocol.calls import Call, Caller, Engine
-from handtrack_app.protocol.log_file import ENGINE_LOG
 from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Shown, Snapshot
 
 _TAIL = 20_000  # bytes of the log in which the last words of a crash stand, with the stacks of all threads

@@ -6,9 +6,11 @@ A call is the method's name and its arguments, picklable. What is shown comes ba
 from __future__ import annotations
 
 import inspect
+import threading
+from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 
@@ -147,12 +149,55 @@ class Caller:
         return lambda *given, **named: self._send(name, given, named)
 
 
+# ---- a queue that keeps only the newest of each kind where only the newest counts
+
+Item = TypeVar("Item")
+
+
+class Mailbox(Generic[Item]):
+    """Thread-safe queue. Items with an equal `kind` (not None) replace one another: the latest wins."""
+
+    def __init__(
+        self,
+        kind: Callable[[Item], Hashable | None],
+        is_step: Callable[[Item], bool] = lambda _: False,
+    ) -> None:
+        """is_step: whether an item stays between what came before and after it: nothing from before it is replaced."""
+        self._kind, self._is_step = kind, is_step
+        self._items: deque[Item] = deque()
+        self._ready = threading.Condition()
+
+    def put(self, item: Item) -> None:
+        """Add an item at the end, dropping a waiting one that it replaces."""
+        kind = self._kind(item)
+        with self._ready:
+            if kind is not None:
+                for place in range(len(self._items) - 1, -1, -1):
+                    old = self._items[place]
+                    if self._kind(old) == kind:
+                        del self._items[place]
+                        break
+                    if self._is_step(old):
+                        break
+            self._items.append(item)
+            self._ready.notify()
+
+    def take(self, timeout: float | None = None) -> Item | None:
+        """Return the oldest item, or None when `timeout` [s] has passed."""
+        with self._ready:
+            if not self._ready.wait_for(lambda: bool(self._items), timeout):
+                return None
+            return self._items.popleft()
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+
 if TYPE_CHECKING:  # the page's process has no use for what the engine imports
-    from handtrack_app.engine.masks.mask_service import MaskService
+    from handtrack_app.engine.mask_service import MaskService
     from handtrack_app.engine.open_session import OpenSession
     from handtrack_app.engine.pictures.cloud_service import CloudService
-    from handtrack_app.engine.posing.pin_service import PinService
-    from handtrack_app.engine.posing.pose_service import PoseService
+    from handtrack_app.engine.posing_service import PinService, PoseService
     from handtrack_app.engine.review_service import ReviewService
     from handtrack_app.engine.tuning_service import TuningService
 

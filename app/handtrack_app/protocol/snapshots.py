@@ -3,21 +3,271 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, B, Bytes, E, Floats, H, Ints, J, K, M, N, S, T, V, W
+from handtrack.arrays import D2, D3, Array, B, Bytes, E, F, Floats, H, Ints, J, K, M, N, S, T, V, W
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.model.shape import ShapeNumber
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack_app.protocol.comparing import ComparedSnapshot, CurvesSnapshot
-from handtrack_app.protocol.library import LibrarySnapshot, PoseName
-from handtrack_app.protocol.log_file import ENGINE_LOG
-from handtrack_app.protocol.masks import MaskCard, MaskPicture
-from handtrack_app.protocol.score import ScoreSnapshot
-from handtrack_app.protocol.timeline import TimelineChange, TimelineSnapshot
+from handtrack_app.log import ENGINE_LOG
+
+
+@dataclass(frozen=True)
+class ScoreSnapshot:
+    """The score of one pose, and of the one that was fitted to its frame last."""
+
+    frame: int
+    values: tuple[float, ...]
+    """(S,) joint parameters of the pose that it is of [m, rad]"""
+    overlap: dict[str, float]
+    """with the masks, 0 to 1, by camera"""
+    energy: dict[str, float]
+    """by its parts in words"""
+    fitted_overlap: dict[str, float] | None = None
+    """None: nothing was fitted there"""
+    fitted_energy: float | None = None
+
+    def is_of(self, frame: int, values: Floats[S]) -> bool:
+        """Return whether it is of a pose, joint parameters [m, rad], and no other."""
+        return (self.frame, self.values) == (frame, tuple(values.tolist()))
+
+
+# ---- The pose library as the engine tells it: in words, and in pictures
+
+
+@dataclass(frozen=True)
+class PoseName:
+    """A pose of the library."""
+
+    name: str
+    short: str
+    """what it is called among those of its group"""
+    group: str
+
+    @property
+    def title(self) -> str:
+        """What it is called."""
+        return f"{self.short} ({self.group})" if len(self.short) == 1 else self.short
+
+
+@dataclass(frozen=True)
+class PosePicture(PoseName):
+    """A pose of the library, drawn."""
+
+    picture: str
+    """SVG"""
+
+
+@dataclass(frozen=True)
+class LibrarySnapshot:
+    """The pose library in pictures, for one client."""
+
+    client_id: int
+    poses: tuple[PosePicture, ...]
+
+
+# ---- What the engine tells the page of masks: snapshots, as those of `snapshots`
+
+
+FILES, NO_MASKS = "files", "none"
+"""in place of a method: files that session.toml names; no masks"""
+
+
+@dataclass(frozen=True)
+class MaskCameraCard:
+    """Where one camera's masks come from."""
+
+    name: str
+    size: tuple[int, int]
+    """width and height of its images [px]"""
+    method: str
+    """a method's name, `files` or `none`"""
+    values: dict[str, object]
+    """the method's settings in force"""
+    roi: tuple[int, int, int, int] | None
+    possible: tuple[str, ...]
+    """methods that it has what it takes for"""
+
+
+@dataclass(frozen=True)
+class MaskCard:
+    """Where all cameras' masks come from."""
+
+    cameras: tuple[MaskCameraCard, ...]
+    unsaved: tuple[str, ...]
+    """cameras that differ from session.toml"""
+    words: str
+    """what is to be said of it"""
+
+
+@dataclass(frozen=True)
+class MaskPicture:
+    """The cameras' masks in one frame, painted over their images, RGB."""
+
+    frame: int
+    small: dict[str, Bytes[H, W, D3]]
+    sheet: Bytes[H, W, D3] | None
+    """the small ones side by side"""
+    screens: dict[tuple[str, str], Bytes[H, W, D3]]
+    """large, by camera and `mask`"""
+    corrected: dict[str, str]
+    """by camera, whether this frame is corrected and how many are, in words"""
+    words: str = ""
+    """what could not be made, and why"""
+
+
+# ---- What the engine tells of a take that is compared, and of the course of joint parameters
+
+
+@dataclass(frozen=True)
+class ComparedSnapshot:
+    """The hand of another take at the frame shown; without bones where it has none, or none is compared."""
+
+    frame: int
+    number: int | None
+    """of the take"""
+    position: Floats[B, D3] = field(default_factory=lambda: np.zeros((0, 3)))
+    """where bones begin, world [m]"""
+    rotation: Floats[B, D3, D3] = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    """bone → world; bones lie along y"""
+    length: Floats[B] = field(default_factory=lambda: np.zeros(0))
+    """[m]"""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The course of a joint parameter over the recording [m, rad]; NaN where it is not known."""
+
+    name: str
+    values: Floats[F]
+    std: Floats[F]
+    other: Floats[F]
+    """in the take that is compared"""
+    truth: Floats[N]
+    """(F,), or empty where there is none"""
+    interval: tuple[float, float]
+    """its limits"""
+
+
+@dataclass(frozen=True)
+class CurvesSnapshot:
+    """Courses of joint parameters, from frame `start` on."""
+
+    start: int
+    fps: float
+    curves: tuple[Curve, ...]
+    take: int | None = None
+    """that is compared"""
+
+
+# ---- The timeline as the engine tells it: the whole recording at a glance, and what is new of it while tracking
+# goes on
+
+
+PROBABILITY, VIEWS, AT_LIMITS, MOVED, APART = (
+    "probably off", "views", "at limits", "changed mm", "apart mm",
+)  # fmt: skip
+"""lanes: how probably a joint is 25 mm off; the views a frame's energy is of; joints at their limits; how far the take that
+shows moved a joint from the one below it; how far a joint lies from the take that is compared"""
+
+
+@dataclass(frozen=True)
+class StretchCard:
+    """Frames, first to last, that are worth a look."""
+
+    first: int
+    last: int
+    worst: int
+    """the frame that is most probably off"""
+    expected: float
+    """how many of its frames are off, by their probabilities"""
+    brief: str
+    """the reason in a few words"""
+    words: str
+    """and in a clause"""
+
+
+@dataclass(frozen=True)
+class TakeSpan:
+    """Frames, first to last, that a take shows."""
+
+    take: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class TimelineSnapshot:
+    """The whole recording at a glance; rows are frames from `start`."""
+
+    start: int
+    status: Ints[F]
+    """contracts §5; −1 untracked"""
+    energy: Floats[F]
+    error_mm: Floats[F]
+    """NaN where unknown"""
+    by_hand: tuple[int, ...]
+    """frames whose pose was given, by hand or by a search"""
+    terms: dict[str, Floats[F]] = field(default_factory=dict)
+    """the energy's parts in words"""
+    found: tuple[int, ...] = ()
+    """those of `by_hand` that a search gave"""
+    lanes: dict[str, Floats[F]] = field(default_factory=dict)
+    """other numbers by their words, NaN where unknown"""
+    accepted: frozenset[int] = frozenset()
+    """frames that no tracking changes"""
+    stretches: tuple[StretchCard, ...] = ()
+    """worth a look, the worst first"""
+    takes: tuple[TakeSpan, ...] = ()
+    """what the track is composed of, ascending"""
+    hidden: tuple[TakeSpan, ...] = ()
+    """likewise, of takes that cannot show: they were tracked with another model than the one in force"""
+    is_posed: bool = False
+    """somebody said where the model is: by a first pose, by hand, or by tracking"""
+
+
+@dataclass(frozen=True)
+class TimelineChange:
+    """Some rows of the timeline anew, while tracking goes on: what is told does not grow with the recording."""
+
+    frames: range
+    """of the whole timeline"""
+    row: Ints[N]
+    status: Ints[N]
+    energy: Floats[N]
+    error_mm: Floats[N]
+    terms: dict[str, Floats[N]]
+    lanes: dict[str, Floats[N]] = field(default_factory=dict)
+
+    def over(self, strip: TimelineSnapshot) -> TimelineSnapshot:
+        """Return a timeline with these rows; as it was if it is of other frames, as a whole one is on its way then."""
+        count = len(strip.status)
+        if self.frames != range(strip.start, strip.start + count):
+            return strip
+
+        def put(values: Array[F], new: Array[N]) -> Array[F]:
+            whole = values.copy()
+            whole[self.row] = new
+            return whole
+
+        unknown = np.full(count, np.nan)
+        return replace(
+            strip,
+            status=put(strip.status, self.status),
+            energy=put(strip.energy, self.energy),
+            error_mm=put(strip.error_mm, self.error_mm),
+            terms=strip.terms
+            | {word: put(strip.terms.get(word, unknown), new) for word, new in self.terms.items()},
+            lanes=strip.lanes
+            | {word: put(strip.lanes.get(word, unknown), new) for word, new in self.lanes.items()},
+        )
+
+
+# ---- What the engine tells the page: snapshots, frozen and picklable, with no viser in them
+
 
 BEFORE = "before"
 """what a pose is that was looked at as it was before the last step, and holds no more"""

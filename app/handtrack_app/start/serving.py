@@ -7,8 +7,7 @@ from pathlib import Path
 
 from handtrack_app.door.access import Door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
-from handtrack_app.door.log import logging_to
-from handtrack_app.protocol.log_file import LOG_FILE
+from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.start.start_page import StartPage
 
 

@@ -12,8 +12,8 @@ from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
-from handtrack_app.commands.terminal import first_pose
-from handtrack_app.commands.terminal.first_pose import percent
+from handtrack_app.commands.terminal import track_options
+from handtrack_app.commands.terminal.track_options import percent
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def searched_once():
         return found[cameras]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(first_pose, "find_first_poses", remembered)
+        patch.setattr(track_options, "find_first_poses", remembered)
         yield
 
 
@@ -80,12 +80,12 @@ def test_a_start_that_is_not_sure_is_not_tracked_from_in_silence(handtrack, sess
 def test_a_start_that_is_not_sure_is_taken_where_the_next_frames_confirm_it(
     handtrack, session, tmp_path, monkeypatch
 ):
-    searched = first_pose.find_first_poses
+    searched = track_options.find_first_poses
 
     def unsure(*given):
         return [replace(one, confidence=0.5) for one in searched(*given)]
 
-    monkeypatch.setattr(first_pose, "find_first_poses", unsure)
+    monkeypatch.setattr(track_options, "find_first_poses", unsure)
     asked = ("track", session, "--init", "auto", "--out", tmp_path / "poses.npz", "--frames")
     assert handtrack(*asked, "0:4").code == 2, "too few to confirm it"
     ended = handtrack(*asked, "0:5")

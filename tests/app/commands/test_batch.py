@@ -13,17 +13,17 @@ from pathlib import Path
 
 import pytest
 
-from handtrack_app.commands.batch import one, pools
-from handtrack_app.commands.batch.outcome import (
+from handtrack_app.commands import batch
+from handtrack_app.commands.batch import (
     DONE,
     FAILED,
     INTERRUPTED,
     STARTED,
     Outcome,
+    Recording,
     append,
     read_ledger,
 )
-from handtrack_app.commands.batch.plan import Recording
 from tests.app.command_line import PROGRAM, CommandLine, small_recording
 from tests.conftest import REPOSITORY
 
@@ -39,8 +39,8 @@ def handtrack(capsys):
 @pytest.fixture
 def quick(monkeypatch):
     """Recordings are tracked by a stand-in."""
-    monkeypatch.setattr(one, "_CHILD", FAKE)
-    monkeypatch.setattr(one, "_POLL_S", 0.02)
+    monkeypatch.setattr(batch, "_CHILD", FAKE)
+    monkeypatch.setattr(batch, "_CHILD_POLL_S", 0.02)
     monkeypatch.syspath_prepend(str(REPOSITORY))
 
 
@@ -113,7 +113,7 @@ def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
     count, jobs, rng = 24, 2, random.Random(3)
     folders(tmp_path / "takes", count, broken=3)
     code = (
-        f"from handtrack_app.commands.batch import one\none._CHILD, one._POLL_S = {FAKE!r}, 0.02\n"
+        f"from handtrack_app.commands import batch\nbatch._CHILD, batch._CHILD_POLL_S = {FAKE!r}, 0.02\n"
         "import sys\nfrom handtrack_app.cli import main\nsys.exit(main(sys.argv[1:]))"
     )
     words = ["batch", f"{tmp_path}/takes/*", "--jobs", str(jobs), "--resume", "--out", str(tmp_path / "out")]  # fmt: skip
@@ -171,8 +171,8 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
         def close(self):
             pass
 
-    monkeypatch.setattr(pools, "_client", lambda _address: Cluster())
-    came = pools.on_dask("tcp://x:1", [lost, other], pools.Work((), tmp_path, 1), lambda: False)
+    monkeypatch.setattr(batch, "_client", lambda _address: Cluster())
+    came = batch.on_dask("tcp://x:1", [lost, other], batch.Work((), tmp_path, 1), lambda: False)
     by_name = {found.recording: found for found in came}
     assert by_name["done"] == outcome
     assert (by_name["lost"].state, by_name["lost"].cause) == (FAILED, "dask: 3 workers died over it")  # fmt: skip
@@ -181,5 +181,5 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
 def test_what_is_stopped_before_it_listens_was_interrupted_and_did_not_fail(tmp_path, quick):
     """A child that is told to stop while Python still starts ends by the signal."""
     early = Recording("early", tmp_path, "5f0c")
-    ended = one.track_one(early, (), tmp_path, 1, should_stop=lambda: True)
+    ended = batch.track_one(early, (), tmp_path, 1, should_stop=lambda: True)
     assert (ended.state, ended.exit_code) == (INTERRUPTED, 130)

@@ -12,8 +12,8 @@ import pytest
 
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.tables import read_npz
+from handtrack_app.commands import track
 from handtrack_app.commands import track as track_command
-from handtrack_app.commands.terminal import tracking_progress
 from tests.app.command_line import PROGRAM
 from tests.session.small_session import edit
 
@@ -60,7 +60,7 @@ class Interrupter:
 @pytest.mark.parametrize("presses", [1, 2])
 def test_interrupted_tracking_is_saved_and_named(handtrack, session, monkeypatch, presses):
     """Fault C65."""
-    monkeypatch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(2, presses))
+    monkeypatch.setattr(track, "progress_bar", lambda *_: Interrupter(2, presses))
     handler = signal.getsignal(signal.SIGINT)
     ended = handtrack("track", session)
     assert signal.getsignal(signal.SIGINT) is handler

@@ -12,8 +12,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.truth import read_truth
 from handtrack.session.session import Session
-from handtrack_app.commands import track
-from handtrack_app.commands.detection import detect
+from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
 from tests.session.small_session import edit
 from tests.session.test_truth import moving, trc
@@ -153,8 +152,8 @@ def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypa
     done: list[list[str]] = []
     monkeypatch.setattr(HandDetector, "open", lambda *_: OneHand())
     monkeypatch.setattr(
-        detect,
-        "run",
+        detection,
+        "detect",
         lambda args: done.append(["detect", str(args.session), args.write, args.masks]),
     )
     monkeypatch.setattr(

@@ -17,7 +17,7 @@ from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeWriter
 from handtrack_app.cli import main
-from handtrack_app.commands.terminal import tracking_progress
+from handtrack_app.commands import track
 from tests.app.command_line import FRAMES
 from tests.app.commands.test_cli_interrupts import Interrupter
 
@@ -113,7 +113,7 @@ def test_a1_signals_to_end_are_clean_stops(handtrack, session, whole, monkeypatc
         if (handler := signal.getsignal(number)) == signal.SIG_IGN:
             continue  # these tests run under `nohup`, which is respected
         with monkeypatch.context() as patch:
-            patch.setattr(tracking_progress, "progress_bar", lambda *_: Ended(frames, number))  # noqa: B023
+            patch.setattr(track, "progress_bar", lambda *_: Ended(frames, number))  # noqa: B023
             ended = handtrack("track", session)
         assert signal.getsignal(number) is handler
         assert ended.code == 130
@@ -136,13 +136,13 @@ def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
     assert handtrack("track", session).code == 0
     before = read_npz(session / POSES)
     with monkeypatch.context() as patch:
-        patch.setattr(tracking_progress, "progress_bar", lambda *_: Ended(2))
+        patch.setattr(track, "progress_bar", lambda *_: Ended(2))
         ended = handtrack("track", session, "--set", "silhouettes.weight=1.3")
     assert ended.code == 130
-    for track in (read_npz(session / POSES), Store(session / "tracks").current_track()):
-        assert track.frame.tolist() == before.frame.tolist()
-        assert not np.array_equal(track.parameters[0], before.parameters[0]), "it lies above"
-        np.testing.assert_array_equal(track.parameters[-1], before.parameters[-1])
+    for kept in (read_npz(session / POSES), Store(session / "tracks").current_track()):
+        assert kept.frame.tolist() == before.frame.tolist()
+        assert not np.array_equal(kept.parameters[0], before.parameters[0]), "it lies above"
+        np.testing.assert_array_equal(kept.parameters[-1], before.parameters[-1])
     assert handtrack("track", session, "--set", "silhouettes.weight=1.3").code == 0
     assert "resuming" not in handtrack("track", session, "--frames", "1:3").err
     assert read_npz(session / POSES).frame.tolist() == [1, 2], (
@@ -156,7 +156,7 @@ def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
     assert handtrack("track", session).code == 0
     before = (session / POSES).read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(2))
+        patch.setattr(track, "progress_bar", lambda *_: Interrupter(2))
         ended = handtrack("track", session, "--set", "model.forearm=true")
     assert ended.code == 130
     assert (session / POSES).read_bytes() == before
@@ -169,7 +169,7 @@ def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
 def test_what_is_finished_or_begun_anew_is_a_new_take(handtrack, session, monkeypatch):
     words = ("track", session, "--frames", "0:2")
     with monkeypatch.context() as patch:
-        patch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(1))
+        patch.setattr(track, "progress_bar", lambda *_: Interrupter(1))
         assert handtrack(*words).code == 130
     for more in (["--restart"], []):
         ended = handtrack(*words, *more)
@@ -210,7 +210,7 @@ def test_a_result_that_goes_elsewhere_leaves_the_session_alone(
     out = tmp_path / "results" / "one.npz"
     words = ("track", session, "--frames", "0:2", "--out", out)
     with monkeypatch.context() as patch:
-        patch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(1))
+        patch.setattr(track, "progress_bar", lambda *_: Interrupter(1))
         assert handtrack(*words).code == 130
     assert (tmp_path / "results" / "one.npz.unfinished").is_dir()
     ended = handtrack(*words)
@@ -223,7 +223,7 @@ def test_damage_in_what_is_resumed_is_told_and_tracked_again(
     handtrack, session, whole, monkeypatch
 ):
     with monkeypatch.context() as patch:
-        patch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(3))
+        patch.setattr(track, "progress_bar", lambda *_: Interrupter(3))
         assert handtrack("track", session).code == 130
     log = session / "tracks/takes/0001/000001.log"
     content = bytearray(log.read_bytes())

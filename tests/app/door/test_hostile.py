@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack_app.door.log import logging_to
+from handtrack_app.log import logging_to
 from handtrack_app.workbench import Workbench
 from tests.experiments.workbench import attacks
 from tests.experiments.workbench.wire import WireClient

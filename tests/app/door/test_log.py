@@ -11,7 +11,7 @@ import warnings
 
 import pytest
 
-from handtrack_app.door.log import _A_MINUTE, logging_to
+from handtrack_app.log import _A_MINUTE, logging_to
 from tests.app.waiting import eventually
 
 
@@ -27,7 +27,7 @@ def test_a17_the_log_is_the_users_own_and_in_his_folder(log, tmp_path):
     assert "handtrack_app.test WARNING odd" in log.read_text()
     if os.name == "posix":
         assert stat.S_IMODE(log.stat().st_mode) == 0o600
-    command = "from handtrack_app.protocol.log_file import LOG_FILE; print(LOG_FILE)"
+    command = "from handtrack_app.log import LOG_FILE; print(LOG_FILE)"
     said = subprocess.run(
         [sys.executable, "-c", command],
         env=os.environ | {"HANDTRACK_HOME": str(tmp_path)}, capture_output=True, text=True, check=True,
@@ -47,8 +47,8 @@ def test_a17_a_log_that_others_could_read_is_closed_to_them(tmp_path):
 
 
 def test_a17_the_log_is_rotated(tmp_path, monkeypatch):
-    monkeypatch.setattr("handtrack_app.door.log._BYTES", 2000)
-    monkeypatch.setattr("handtrack_app.door.log._A_MINUTE", 10**6)
+    monkeypatch.setattr("handtrack_app.log._BYTES", 2000)
+    monkeypatch.setattr("handtrack_app.log._A_MINUTE", 10**6)
     path = tmp_path / "workbench.log"
     with logging_to(path):
         for _ in range(200):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from handtrack_app.engine.posing.pose_service import pose_before
+from handtrack_app.engine.posing_service import pose_before
 from handtrack_app.engine.store import edits
 from tests.app.opened import opened, posed, tracked
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack_app.protocol.timeline import APART
+from handtrack_app.protocol.snapshots import APART
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened, tracked

@@ -11,7 +11,7 @@ from handtrack.model.articulated import HandScale
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
-from handtrack_app.engine.guesses import Guesses
+from handtrack_app.engine.job_control import Guesses
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened, show_results

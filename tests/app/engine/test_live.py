@@ -7,9 +7,9 @@ import pytest
 
 import handtrack.session.live.live_session as live_session
 from handtrack.session.session import Session
-from handtrack_app.engine.live.live_control import open_live_document
-from handtrack_app.engine.live.live_options import LiveOptions
+from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.worker import Worker
+from handtrack_app.process.child import LiveOptions
 from handtrack_app.protocol import snapshots
 from tests.app.desk import Listener
 from tests.app.waiting import eventually

@@ -14,7 +14,7 @@ from handtrack.session.session import Session
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.worker import Worker
-from handtrack_app.protocol import masks, snapshots
+from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call
 from tests.app.calls import call
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
@@ -43,7 +43,7 @@ def begun(folder: Path) -> Desk:
     return worker, listener, folder
 
 
-def method(card: masks.MaskCard, camera: str = "cam0") -> str:
+def method(card: snapshots.MaskCard, camera: str = "cam0") -> str:
     return next(c.method for c in card.cameras if c.name == camera)
 
 
@@ -61,13 +61,13 @@ def file_of(folder: Path, frame: int = 0) -> Path:
 
 def test_a_method_is_tried_over_all_cameras_at_once(desk):
     worker, listener, folder = desk
-    first = listener.wait(masks.MaskCard)
+    first = listener.wait(snapshots.MaskCard)
     assert [method(first, c.name) for c in first.cameras] == ["none", "none"]
     assert "skin_ycrcb" in first.cameras[0].possible
     assert {"seeded", "depth_range", "files"}.isdisjoint(first.cameras[0].possible)
     worker.engine.want_masks(True)
     worker.send(SKIN)
-    card = listener.wait(masks.MaskCard, lambda c: method(c) == "skin_ycrcb")
+    card = listener.wait(snapshots.MaskCard, lambda c: method(c) == "skin_ycrcb")
     assert card.unsaved == ("cam0", "cam1")
     assert card.cameras[0].values["cr"] == (138, 175)
 
@@ -75,14 +75,14 @@ def test_a_method_is_tried_over_all_cameras_at_once(desk):
         corner, middle = picture.small["cam0"][5, 5], picture.small["cam0"][Y, X]
         return len(picture.small) == 2 and middle.mean() > 100 and corner.mean() < 20
 
-    listener.wait(masks.MaskPicture, is_dark)
+    listener.wait(snapshots.MaskPicture, is_dark)
     worker.engine.set_masks(
         "cam1",
         {
             "y_min": 255,
         },
     )
-    changed = listener.wait(masks.MaskCard, lambda c: c.cameras[1].values.get("y_min") == 255)
+    changed = listener.wait(snapshots.MaskCard, lambda c: c.cameras[1].values.get("y_min") == 255)
     assert changed.cameras[0].values["y_min"] == 40
     assert (folder / "session.toml").read_text() == SETTINGS
 
@@ -103,7 +103,7 @@ def test_what_is_tried_is_saved_and_taken_back(desk):
         },
     )
     worker.engine.save_masks()
-    listener.wait(masks.MaskCard, lambda c: c.cameras[1].roi is not None and not c.unsaved)
+    listener.wait(snapshots.MaskCard, lambda c: c.cameras[1].roi is not None and not c.unsaved)
     text = (folder / "session.toml").read_text()
     assert text.startswith("# a comment that stays\n")
     saved = tomllib.loads(text)["camera"]
@@ -116,7 +116,7 @@ def test_what_is_tried_is_saved_and_taken_back(desk):
             "y_min": 90,
         },
     )
-    listener.wait(masks.MaskCard, lambda c: c.unsaved == ("cam0",))
+    listener.wait(snapshots.MaskCard, lambda c: c.unsaved == ("cam0",))
     worker.engine.undo(1)
     eventually(lambda: not worker.document.unsaved_masks, "undone")
     worker.engine.set_masks(
@@ -145,7 +145,9 @@ def test_a_stroke_becomes_a_file_and_is_undone(desk):
     worker.engine.save_masks()
     worker.engine.want_masks(True)
     worker.send(stroke())
-    listener.wait(masks.MaskPicture, lambda p: p.corrected["cam0"].startswith("corrected here; 1"))
+    listener.wait(
+        snapshots.MaskPicture, lambda p: p.corrected["cam0"].startswith("corrected here; 1")
+    )
     eventually(lambda: file_of(folder).is_file(), "its file")
     for session in (worker.document.run.session, Session.open(folder)):  # tracking sees it, too
         seen = session.observation(0).silhouettes[0]
@@ -251,7 +253,7 @@ def test_files_are_said_to_be_files_and_stay(tmp_path):
     )
     (folder / "session.toml").write_text(text)
     worker, listener, _ = begun(folder)
-    card = listener.wait(masks.MaskCard)
+    card = listener.wait(snapshots.MaskCard)
     assert method(card) == "files"
     assert card.words.startswith("Masks of cam0 are files.")
     before = (folder / "masks" / "0.png").read_bytes()

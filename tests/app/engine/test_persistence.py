@@ -13,7 +13,7 @@ from handtrack.export.table import ResultsTable
 from handtrack.session.layout import POSES_FILE
 from handtrack.store.spans import Span
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.tracks import export_beside, exported, file_stem, whole_track
+from handtrack_app.engine.store.persistence import export_beside, exported, file_stem, whole_track
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, spans, tracked
 

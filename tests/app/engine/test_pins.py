@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from handtrack.observation.pins import Pin
-from handtrack_app.engine.posing.pin_service import begun_pull, pins_copied, with_pin
+from handtrack_app.engine.posing_service import begun_pull, pins_copied, with_pin
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots

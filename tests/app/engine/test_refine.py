@@ -7,7 +7,7 @@ import pytest
 from handtrack.model.articulated import HandScale
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.store.tracks import whole_track
+from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.desk import Listener, a_desk, pose_with

@@ -14,7 +14,7 @@ from handtrack.session.session import Session
 from handtrack.session.track_session import Ended, track_session
 from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.tracks import whole_track
+from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.engine.worker import Worker
 from tests.app.calls import call
 from tests.app.command_line import FRAMES as WHOLE

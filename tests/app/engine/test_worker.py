@@ -11,8 +11,7 @@ import pytest
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.calls import Call
-from handtrack_app.protocol.mailbox import Mailbox
+from handtrack_app.protocol.calls import Call, Mailbox
 from tests.app.calls import call
 from tests.app.desk import Listener, a_desk, pose_with
 from tests.app.fake_run import FRAMES, FakeRun

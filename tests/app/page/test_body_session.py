@@ -8,7 +8,7 @@ import pytest
 from handtrack.model.model_file import load_model
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.engine.document_snapshots import pose_snapshot, truth_at
-from handtrack_app.engine.posing.inverse_kinematics import reach, stem_bones
+from handtrack_app.engine.inverse_kinematics import reach, stem_bones
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.palette import limb_of
 from handtrack_app.workbench import Workbench

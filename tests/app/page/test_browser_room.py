@@ -5,8 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from handtrack_app.page.scene.hand_place import hand_balls
-from handtrack_app.page.views.room import LARGE, LIGHT, Taste
+from handtrack_app.page.panels.view import LARGE, LIGHT, Taste
+from handtrack_app.page.scene.model_view import hand_balls
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands

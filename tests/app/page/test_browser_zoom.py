@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack_app.page.views.through import Through
-from handtrack_app.page.views.zoom import Zoom, pixel_ray
+from handtrack_app.page.scene.looking import Through
+from handtrack_app.page.scene.zoom import Zoom, pixel_ray
 from handtrack_app.workbench import Workbench
 from tests.app import fake_run
 from tests.app.fake_run import fake_document

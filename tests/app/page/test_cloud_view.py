@@ -5,10 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from handtrack_app.page.scene import cloud_view
-from handtrack_app.page.scene.cloud_view import CloudView
-from handtrack_app.page.scene.moments import Moments
-from handtrack_app.page.state import Display
+from handtrack_app.page.page import Display
+from handtrack_app.page.scene import camera_view
+from handtrack_app.page.scene.camera_view import CloudView, Moments
 from handtrack_app.protocol.snapshots import CloudSnapshot
 
 
@@ -21,7 +20,7 @@ def test_a_colour_that_is_chosen_while_a_frame_comes_stays(monkeypatch):
     ]
     view, display = CloudView(*shown), Display()  # pyright: ignore[reportArgumentType]
     display.cloud_colour = "residual"
-    worked_out, go_on, colours = threading.Event(), threading.Event(), cloud_view.cloud_colours
+    worked_out, go_on, colours = threading.Event(), threading.Event(), camera_view.cloud_colours
 
     def slow(*given):
         found = colours(*given)
@@ -30,12 +29,12 @@ def test_a_colour_that_is_chosen_while_a_frame_comes_stays(monkeypatch):
             assert go_on.wait(60.0)
         return found
 
-    monkeypatch.setattr(cloud_view, "cloud_colours", slow)
-    comes = threading.Thread(target=cloud_view.update_cloud, args=(view, cloud, display))
+    monkeypatch.setattr(camera_view, "cloud_colours", slow)
+    comes = threading.Thread(target=camera_view.update_cloud, args=(view, cloud, display))
     comes.start()
     assert worked_out.wait(60.0)
     display.cloud_colour = "plain"
-    chosen = threading.Thread(target=cloud_view.show_cloud, args=(view, display, Moments(), True))
+    chosen = threading.Thread(target=camera_view.show_cloud, args=(view, display, Moments(), True))
     chosen.start()
     chosen.join(0.2)  # without a lock it ends here, and what comes lies over it
     go_on.set()

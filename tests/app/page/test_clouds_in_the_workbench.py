@@ -10,7 +10,7 @@ from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.worker import Worker
-from handtrack_app.page.panels.cloud_filters import CROP, STEREO, THIN
+from handtrack_app.page.panels.cloud import CROP, STEREO, THIN
 from handtrack_app.page.scene.camera_view import pixel_box
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.snapshots import FilterCount

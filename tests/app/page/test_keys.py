@@ -1,6 +1,6 @@
 """Every command by key or palette: all that the work needs is there, no key twice, none that viser walks by; help and tour."""
 
-from handtrack_app.page.views.help import TOUR
+from handtrack_app.page.help import TOUR
 from tests.app.fake_run import FRAMES
 from tests.app.page.test_room import said
 from tests.app.waiting import eventually

@@ -8,8 +8,8 @@ import pytest
 
 from handtrack_app.page.time.lanes import lanes_of
 from handtrack_app.page.time.window import Window, extremes, whole
-from handtrack_app.protocol import timeline
-from handtrack_app.protocol.timeline import TakeSpan, TimelineSnapshot
+from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.snapshots import TakeSpan, TimelineSnapshot
 
 COUNT = 18_000
 
@@ -18,7 +18,7 @@ def _strip(count: int = COUNT, **changed: object) -> TimelineSnapshot:
     rng = np.random.default_rng(0)
     lanes = {
         name: rng.random(count) * size
-        for name, size in ((timeline.PROBABILITY, 1.0), (timeline.VIEWS, 3.0), (timeline.AT_LIMITS, 6.0), (timeline.MOVED, 20.0), (timeline.APART, 20.0))
+        for name, size in ((snapshots.PROBABILITY, 1.0), (snapshots.VIEWS, 3.0), (snapshots.AT_LIMITS, 6.0), (snapshots.MOVED, 20.0), (snapshots.APART, 20.0))
     }  # fmt: skip
     terms = {name: rng.random(count) for name in ("silhouettes", "cloud→model", "keypoints")}
     strip = TimelineSnapshot(

@@ -6,8 +6,8 @@ import pytest
 
 from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.engine.review_service import LiveScore
-from handtrack_app.page.panels.pose_card import pose_card
-from handtrack_app.protocol.score import ScoreSnapshot
+from handtrack_app.page.panels.pose import pose_card
+from handtrack_app.protocol.snapshots import ScoreSnapshot
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed, tracked
 

@@ -11,8 +11,8 @@ from viser._messages import LocalStorageGetItemRequestMessage
 
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures
 from handtrack_app.page.panels.pose import unit_of
-from handtrack_app.page.scene import moments
-from handtrack_app.page.scene.moments import Moments
+from handtrack_app.page.scene import camera_view
+from handtrack_app.page.scene.camera_view import Moments
 from handtrack_app.page.time.lanes import cursor_picture
 from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench
@@ -119,7 +119,7 @@ class Witness:
 
 @pytest.fixture
 def witness(tmp_path, monkeypatch):
-    monkeypatch.setattr(moments, "_MOMENT_S", 0.0)  # nothing of another frame, not for a moment
+    monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)  # nothing of another frame, not for a moment
     painted = CameraPictures.screen
 
     def late(self, *given):
@@ -199,8 +199,8 @@ def test_a_moment_lets_the_last_frames_stay(monkeypatch):
     known.show(3)
     known.show(4)
     assert known.fits(4)
-    monkeypatch.setattr(moments, "_MOMENT_S", 1e6)
+    monkeypatch.setattr(camera_view, "_MOMENT_S", 1e6)
     known.show(5)
     assert known.fits(4) and known.fits(5) and not known.fits(9)
-    monkeypatch.setattr(moments, "_MOMENT_S", 0.0)
+    monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)
     assert not known.fits(4)

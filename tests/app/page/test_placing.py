@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack_app.page.panels.nudging import NUDGES, nudged
+from handtrack_app.page.panels.pose import NUDGES, nudged
 from handtrack_app.page.pins.whole_hand import ROOT
 
 VIEW = rotation_matrix(np.array([0.4, -1.1, 0.7]))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from handtrack_app.page.time.review import undoubted
-from handtrack_app.protocol.timeline import StretchCard, TimelineSnapshot
+from handtrack_app.page.panels.review import undoubted
+from handtrack_app.protocol.snapshots import StretchCard, TimelineSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually

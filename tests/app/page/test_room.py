@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from handtrack_app.page.views.room import LARGE, LIGHT, Taste
+from handtrack_app.page.panels.view import LARGE, LIGHT, Taste
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.app.wire import Browser, WireClient

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack_app.page.scene.solids import Solid, ball, capsule, rod
+from handtrack_app.page.scene.model_view import Solid, ball, capsule, rod
 
 
 def _volume(solid: Solid) -> float:

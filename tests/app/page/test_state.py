@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from handtrack_app.page.page import PoseEdit, UserState
 from handtrack_app.page.player import Player
-from handtrack_app.page.state import PoseEdit, UserState
 from tests.app.waiting import eventually
 
 

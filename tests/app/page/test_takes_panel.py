@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from handtrack_app.page.time.takes import takes_table
+from handtrack_app.page.panels.tracking import takes_table
 from handtrack_app.protocol.snapshots import TakeCard, WorkSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from handtrack_app.page.scene import looking
-from handtrack_app.page.views import through
 from tests.app.waiting import eventually
 
 
@@ -44,7 +43,7 @@ def test_the_wheel_enlarges_and_nothing_is_counted_twice(bench, page):
 
 
 def test_an_answer_to_what_it_was_told_before_undoes_nothing(bench, monkeypatch, page):
-    monkeypatch.setattr(through, "_SETTLED_S", 1e6)  # however slow the machine
+    monkeypatch.setattr(looking, "_SETTLED_S", 1e6)  # however slow the machine
     page.press("Look through front")
     page.obey()
     old = page.centre, page.target
@@ -77,7 +76,7 @@ def test_a_page_has_one_screen_whichever_threads_redraw(bench, monkeypatch, page
 
 
 def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, page):
-    monkeypatch.setattr(through, "_SETTLED_S", 0.0)
+    monkeypatch.setattr(looking, "_SETTLED_S", 0.0)
     page.press("Look through front")
     page.obey()
     page.tell(page.centre + 0.05, page.target + 0.05)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
-from handtrack_app.page.views.wall import CLOSE, cells
+from handtrack_app.page.scene.looking import CLOSE, cells
 from tests.app.waiting import eventually
 
 

@@ -7,7 +7,7 @@ import pytest
 from handtrack.session.formats.tables import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.cli import main
-from handtrack_app.commands.terminal import tracking_progress
+from handtrack_app.commands import track
 from handtrack_app.workbench import Workbench
 from tests.app.command_line import QUICK
 from tests.app.commands.test_cli_interrupts import Interrupter
@@ -24,7 +24,7 @@ def cancelled(tmp_path):
     with (session / "session.toml").open("a") as file:
         file.write(QUICK)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tracking_progress, "progress_bar", lambda *_: Interrupter(1))
+        patch.setattr(track, "progress_bar", lambda *_: Interrupter(1))
         assert main(["track", str(session)]) == 130
     return session
 

@@ -5,7 +5,7 @@ import pytest
 
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.page.pins.whole_hand import ROOT, WholeDrag
-from handtrack_app.page.views.zoom import ray_pixel
+from handtrack_app.page.scene.zoom import ray_pixel
 from handtrack_app.protocol.snapshots import CameraCard
 
 TURN = rotation_matrix(np.array([0.3, -0.8, 0.4]))

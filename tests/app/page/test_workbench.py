@@ -11,9 +11,9 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion
 from handtrack_app.engine.document_snapshots import pose_snapshot
+from handtrack_app.page.page import Display
 from handtrack_app.page.panels.tracking import Order
 from handtrack_app.page.scene.model_view import update_hand
-from handtrack_app.page.state import Display
 from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench, run_workbench
 from tests.app.fake_run import FRAMES, fake_document

@@ -6,7 +6,7 @@ import pytest
 
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.page.scene.looking import plane_of
-from handtrack_app.page.views.zoom import (
+from handtrack_app.page.scene.zoom import (
     MOST,
     Zoom,
     around,

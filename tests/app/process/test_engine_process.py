@@ -17,11 +17,9 @@ from handtrack.session.session_state import SessionState
 from handtrack.store.lease import holder_of
 from handtrack.store.store import Store
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.live.live_options import LiveOptions
 from handtrack_app.process import engine_process
+from handtrack_app.process.child import GB, EnginePlan, LiveOptions
 from handtrack_app.process.engine_process import EngineProcess
-from handtrack_app.process.memory import GB
-from handtrack_app.process.plan import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.command_line import PROGRAM
 from tests.app.fake_run import FRAMES, fake_document
@@ -310,10 +308,10 @@ slow_document = partial(fake_document, stuck=partial(operator.le, 5))
 PARENT = """
 import sys, time
 from pathlib import Path
-from handtrack_app.engine.live.live_options import LiveOptions
+from handtrack_app.process.child import LiveOptions
 from handtrack_app.process import engine_process
 from handtrack_app.process.engine_process import EngineProcess
-from handtrack_app.process.plan import EnginePlan
+from handtrack_app.process.child import EnginePlan
 from tests.app.process.test_engine_process import slow_document
 
 engine = EngineProcess(EnginePlan(Path(sys.argv[1]), opener=slow_document), lambda _: None)

@@ -15,7 +15,7 @@ def as_if_live() -> dict[str, Any]:
 
     The page's side is the application's, so that it runs in a process of its own, with all cores; its page is not drawn.
     """
-    figures = alone("handtrack_app.engine.live.live_pace", *_RATES, all_cores=True)
+    figures = alone("tests.experiments.speed.live_pace", *_RATES, all_cores=True)
     highest = max(figures[f"at_{rate}_fps_solved_a_second"] for rate in _RATES)
     return {
         "ratio": 30.0 / highest,

@@ -13,9 +13,10 @@ from handtrack.capture.joints.pose2sim import Pose2SimProject
 from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
-from handtrack.errors import HandtrackError
+from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
+from handtrack.session.bundled import TWO_VIDEOS, sample_names, write_sample
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.given_truth import read_given_truth, write_truth
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, TRUTH_FILE
@@ -29,31 +30,34 @@ from handtrack.session.session_file import (
     SessionFile,
     write_session_file,
 )
-from handtrack_app.commands.new_session.given_calibration import checked_unit, given_rig
-from handtrack_app.commands.new_session.given_model import given_model, tracking_of, usual_model
-from handtrack_app.commands.new_session.joints import (
-    CameraJoints,
-    Wished,
-    given_subject,
-    names_of_table,
-    table_to_fill_in,
+from handtrack_app.commands.new_session.given import (
+    USUAL,
+    check_detector,
+    checked_unit,
+    given_model,
+    given_rig,
+    side_of_hand,
+    tracking_of,
+    usual_model,
+    with_project,
 )
-from handtrack_app.commands.new_session.project import with_project
-from handtrack_app.commands.new_session.side_of_hand import USUAL, check_detector, side_of_hand
-from handtrack_app.commands.new_session.sources import (
+from handtrack_app.commands.new_session.recordings import (
+    CameraJoints,
     Given,
     Recorded,
+    Wished,
     check_sizes,
     copied,
+    given_subject,
     in_views,
     linked_setting,
+    names_of_table,
     recorded_cameras,
     settings_of,
+    table_to_fill_in,
     without_padding,
 )
-from handtrack_app.commands.terminal.answer import answer
-from handtrack_app.commands.terminal.output import check_new, new_folder
-from handtrack_app.commands.terminal.progress import say
+from handtrack_app.commands.terminal.output import answer, check_new, new_folder, say
 
 _RATE_TOLERANCE = 0.01
 _MOST = 0.5
@@ -61,7 +65,7 @@ _MOST = 0.5
 _WITHOUT_JOINTS = "skin_ycrcb"
 
 
-def run(args: argparse.Namespace) -> int:
+def make_session(args: argparse.Namespace) -> int:
     """Make the folder; whatever is wrong is found before anything is written."""
     unit_m = (
         None if args.world_unit_m is None else checked_unit(args.world_unit_m, "--world-unit-m")
@@ -291,3 +295,21 @@ def _frame_rates(
 def _place(index: int, camera: str) -> str:
     plain = camera.isascii() and camera.replace("_", "").replace("-", "").isalnum()
     return camera if plain else f"video{index}"
+
+
+# ---- `handtrack sample`: a recording that comes with the program, as files
+
+
+def save_sample(args: argparse.Namespace) -> int:
+    """Write the sample into a new folder and name what is in it."""
+    if args.name not in sample_names():  # before anything is made
+        raise unknown_name("sample", args.name, sample_names())
+    check_new(args.to, "--to")
+    with new_folder(args.to) as folder:
+        files = [path.relative_to(folder) for path in write_sample(args.name, folder)]
+    shown = ", ".join(map(str, files[:6])) + (" …" if len(files) > 6 else "")
+    words = [f"{len(files)} files in {args.to}: {shown}"]
+    if args.name != TWO_VIDEOS:
+        words.append(f"Open it with: handtrack open {args.to}")
+    answer(args, {"sample": args.name, "folder": args.to, "files": files}, *words)
+    return 0

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import os
+import signal
+import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
+
+from tqdm import tqdm
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import filling
+from handtrack_app.engine.compile_watch import CompileWatch
 
 
 def output_file(
@@ -80,3 +87,125 @@ def new_folder(folder: Path) -> Iterator[Path]:
         for parent in made:
             with suppress(OSError):
                 parent.rmdir()
+
+
+# ---- What a command answers: a sentence or two for people, or one JSON object for programs
+
+
+def answer(args: argparse.Namespace, table: Mapping[str, object], *lines: str) -> None:
+    """Print the lines on stdout, or the table as JSON where `--json` is given. Notes go to stderr (`say`) either way."""
+    text = json.dumps(table, indent=1, default=str) if args.json else "\n".join(lines)
+    if text:
+        print(text, flush=True)
+
+
+# ---- Questions to whoever sits at the terminal; where nobody does, nothing is asked
+
+
+def can_ask() -> bool:
+    """Return whether both ends are a terminal, so that somebody can read the question and answer it."""
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def question(text: str, proposal: str = "") -> str:
+    """Return the answer, the proposal for an empty one. Raises KeyboardInterrupt when the terminal is closed."""
+    shown = f" [{proposal}]" if proposal else ""
+    print(f"{text}{shown} ", end="", file=sys.stderr, flush=True)
+    line = sys.stdin.readline()
+    if not line:
+        raise KeyboardInterrupt
+    return line.strip() or proposal
+
+
+def confirmed(text: str) -> bool:
+    """Return whether somebody says yes; nobody does where nobody can be asked."""
+    return can_ask() and question(f"{text} y/n", "n").lower() in ("y", "yes")
+
+
+# ---- Progress with ETA on stderr, what is compiled, and a Ctrl-C that stops cleanly
+
+
+_SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+
+
+def _interval_s() -> float:
+    """Return how often a bar is drawn anew: a line every few seconds where stderr is no terminal."""
+    return 0.2 if sys.stderr.isatty() else 5.0
+
+
+def progress_bar(total: int, what: str) -> tqdm:
+    """Return a bar of frames on stderr."""
+    return tqdm(total=total, desc=what, unit="frame", mininterval=_interval_s(), dynamic_ncols=True)
+
+
+@contextmanager
+def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
+    """Give what tells how far something without frames is: a share from 0 to 1, and words; the bar comes with the first."""
+    bars: list[tqdm] = []
+
+    def tell(share: float, words: str) -> None:
+        if not bars:
+            shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
+            bars.append(
+                tqdm(total=1.0, desc=what, mininterval=_interval_s(), bar_format=shape, dynamic_ncols=True)
+            )  # fmt: skip
+        bars[0].set_postfix_str(words, refresh=False)
+        bars[0].update(share - bars[0].n)
+
+    try:
+        yield tell
+    finally:
+        for bar in bars:
+            bar.close()
+
+
+def say(text: str) -> None:
+    """Print a line about what goes on, on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+class Stop:
+    """Whether the user or the system wants this program to stop; called, it answers. Set by `stoppable`."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        self.shielded = False
+        """while true, no Ctrl-C breaks in: results are being saved"""
+
+    def __call__(self) -> bool:
+        return self.asked
+
+    def interrupt(self, *_: object) -> None:
+        """Handle one Ctrl-C, or a signal that stands for it."""
+        if self.asked and not self.shielded:
+            raise KeyboardInterrupt
+        if not self.asked:
+            with suppress(OSError):  # the terminal may have been closed
+                # print is not safe in a handler
+                os.write(2, b"\nstopping ... (Ctrl-C again: at once)\n")
+        self.asked = True
+
+
+@contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Give a Stop that turns true at the first Ctrl-C; the second one raises KeyboardInterrupt at once.
+
+    So do SIGTERM (`timeout`, a cluster's scheduler, a container that is stopped) and SIGHUP (a terminal that is closed).
+    """
+    stop = Stop()
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN or number == signal.SIGINT:  # `nohup` ignores SIGHUP
+            signal.signal(number, stop.interrupt)
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def saying_compiling() -> AbstractContextManager[object]:
+    """Within the block, say once that kernels are compiled, if any are: that takes a while, the first time."""
+    words = "compiling kernels for this machine; only the first time, about half a minute …"
+    watch = CompileWatch(lambda _: say(words) if watch.count == 1 else None)
+    return closing(watch)

@@ -32,10 +32,10 @@ from handtrack.tracking.frame.settings import CloudTermSettings
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.pictures.camera_pictures import contact_sheet
-from handtrack_app.engine.pictures.cloud_pictures import (
+from handtrack_app.engine.pictures.camera_pictures import (
     NARROW_PX,
     WIDE_PX,
+    contact_sheet,
     depth_picture,
     not_tall,
     points_picture,

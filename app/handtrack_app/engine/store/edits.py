@@ -28,7 +28,7 @@ from handtrack.store.spans import Span, beside_accepted, resolved
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.posing.inverse_kinematics import reach
+from handtrack_app.engine.inverse_kinematics import reach
 
 
 def is_slid(*values: object) -> bool:

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import io
 import json
 import logging
+import tempfile
+import threading
 import time
+import zipfile
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
+
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
+from handtrack.export.registry import ExportFormat, export_format
+from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import remove_abandoned
 from handtrack.model.articulated import HandScale
-from handtrack.session.layout import TRACKS_FOLDER
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.session_state import (
     DecidedSize,
     Edit,
@@ -35,14 +45,11 @@ from handtrack.store.lease import LeaseTaken
 from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
-from handtrack.tracking.frame.result import FrameResult
+from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.engine.document import Document
-from handtrack_app.engine.masks.mask_state import CorrectionFiles
-from handtrack_app.engine.posing.pin_state import changed_elsewhere
+from handtrack_app.engine.document import CorrectionFiles, Document, TakeShelf, changed_elsewhere
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.shelf import TakeShelf
-from handtrack_app.engine.store.tracks import track_file
+from handtrack_app.protocol.snapshots import Download, Notice
 
 PROGRAM = "handtrack open"
 
@@ -522,3 +529,116 @@ class Persistence:
         finally:
             if self.store is not None:
                 self.store.close()
+
+
+# ---- Tracks: all frames with poses set by hand as one; a track file where nothing can be written
+
+
+def whole_track(document: Document) -> TrackResult:
+    """Return all frames as one TrackResult; poses set by hand are keyframes."""
+    frames = dict(document.results)
+    frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
+    if not frames:
+        raise HandtrackError(
+            f"There is nothing to save yet: track some frames, or pose the {document.model.kind}, first."
+        )
+    track = document.run.result(sorted(frames.values(), key=lambda result: result.frame))
+    return replace(track, refinement=document.results.refinement)
+
+
+def _keyframe(document: Document, frame: int) -> FrameResult:
+    model, values = document.model, np.asarray(document.by_hand[frame], dtype=float)
+    bones = model.bones(model.transform.solver_params(values))
+    return FrameResult(
+        frame=frame,
+        time_s=float(document.run.session.time_s(frame)),
+        parameters=values,
+        status=Status.KEYFRAME,
+        energy=float("nan"),
+        iterations=0,
+        parameter_std=np.full(len(values), np.inf),
+        joint_covariance=np.tile(np.eye(3), (len(model.joint_names), 1, 1)),
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+    )
+
+
+def track_file(folder: Path) -> TakeFrames | None:
+    """Return the track file of a session's folder, to be shown where nothing can be written; None where it cannot be."""
+    path = folder / POSES_FILE
+    if not path.is_file():
+        return None
+    try:
+        track = read_npz(path)
+    except HandtrackError as error:
+        log.warning("%s cannot be shown: %s", path, error)
+        return None
+    frames = {r.frame: r for r in track.frames()}
+    return TakeFrames(
+        track.parameter_names, dict(frames), settings=json.loads(track.settings or "{}")
+    )
+
+
+FIRST_POSE = "init"
+
+
+def export_beside(
+    document: Document,
+    kind: str,
+    client_id: int,
+    up: str,
+    publish: Callable[[Download | Notice], None],
+) -> threading.Thread | None:
+    """Send a file to the client that asked: the pose that is shown, or what has been tracked so far, which is taken now and
+    written by the thread that is returned. Raises HandtrackError where there is nothing to send.
+    """
+    stem = file_stem(document)
+    if kind == FIRST_POSE:
+        name, data = first_pose_file(document)
+        publish(Download(name, data, client_id))
+        return None
+    chosen = export_format(kind)
+    table = ResultsTable(whole_track(document), "this track", document.run.session.folder)
+
+    def work() -> None:
+        try:
+            name, data = exported(chosen, table, stem, up)
+            publish(Download(name, data, client_id))
+        except HandtrackError as error:
+            publish(Notice("error", "Not exported", str(error)))
+        except Exception as error:  # the page must go on, and the user must know
+            log.exception("internal error")
+            publish(Notice.of_mistake(error))
+
+    thread = threading.Thread(target=work, name="export", daemon=True)
+    thread.start()
+    return thread
+
+
+def exported(
+    chosen: ExportFormat, table: ResultsTable, stem: str, up: str = ""
+) -> tuple[str, bytes]:
+    """Return name and content of one file: a zip where the format is of several. Raises HandtrackError."""
+    with tempfile.TemporaryDirectory() as folder:
+        written = chosen.write(Path(folder) / f"{stem}{chosen.ending}", table, up)
+        if not chosen.has_parts:
+            return written[0].name, written[0].read_bytes()
+        data = io.BytesIO()
+        with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+            for path in written:
+                archive.write(path, path.name)
+        return f"{written[0].stem}.zip", data.getvalue()
+
+
+def first_pose_file(document: Document) -> tuple[str, bytes]:
+    """Return name and content of the pose that is shown, as init.json."""
+    values = dict(zip(document.model.parameter_names, document.shown.tolist(), strict=True))
+    text = json.dumps({"frame": document.frame, "parameters": values}, indent=1) + "\n"
+    return f"{file_stem(document)}_frame{document.frame}_init.json", text.encode()
+
+
+def file_stem(document: Document) -> str:
+    """Return the session's name as files may have it."""
+    name = document.run.session.name
+    return "".join(c if c.isalnum() else "_" for c in name).strip("_") or "session"

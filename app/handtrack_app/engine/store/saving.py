@@ -13,9 +13,8 @@ from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import HAND_FILE, INIT_FILE, POSES_FILE, SESSION_FILE
 from handtrack.session.sources.views import MaskChoice
 from handtrack.session.takes.track_files import file_digest
-from handtrack_app.engine.masks.mask_state import usual_values
-from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.store.tracks import whole_track
+from handtrack_app.engine.document import usual_values
+from handtrack_app.engine.store.persistence import Persistence, whole_track
 
 _SETTINGS = "a session's settings"
 

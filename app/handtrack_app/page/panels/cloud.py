@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import html
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Page, number, put
-from handtrack_app.page.panels.cloud_filters import FilterControls, StereoControls
-from handtrack_app.page.panels.skin import SkinControls
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
+from handtrack.session.clouds_settings import CLOUD_SETTINGS
+from handtrack.setting import Setting
+from handtrack_app.page.page import Page, UserEvent, clean_interval, number, put
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, FilterCount
 
@@ -267,4 +268,339 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
         "<div style='display:flex;justify-content:space-between;opacity:.8'>"
         f"<span>−{RESIDUAL_MM:.0f} mm inside</span><span>0</span><span>outside +{RESIDUAL_MM:.0f} mm</span></div>"
         f"{said}</div>"
+    )
+
+
+# ---- Sliders of the clouds' filters and of stereo matching; 0 switches a filter off
+
+
+Set = Callable[..., None]
+"""set(name=value, ...): change settings of [clouds]"""
+
+
+@dataclass(frozen=True)
+class FilterSlider:
+    """How one number of [clouds] is drawn."""
+
+    known: Setting
+
+    @property
+    def name(self) -> str:
+        return self.known.name
+
+    @property
+    def hint(self) -> str:
+        return f"{self.known.help} 0: off." if self.span[0] == 0 else self.known.help
+
+    @property
+    def span(self) -> tuple[float, float, float]:
+        """Low, high and step on the page."""
+        assert self.known.slider is not None, f"{self.name} has no slider"
+        return self.known.slider
+
+    def on_page(self, value: object) -> float:
+        """Return where the slider stands for a setting; off is 0."""
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            return self.span[0]
+        shown = min(max(value / self.known.page_unit, self.span[0]), self.span[1])
+        return round(shown) if self.known.kind is int else round(shown, 4)
+
+    def in_file(self, shown: float) -> float | int | bool:
+        """Return the setting for a slider's value; False at 0."""
+        if shown <= 0:
+            return False
+        if self.known.kind is float:
+            return round(shown * self.known.page_unit, 6)
+        odd = self.span[2] == 2
+        return 2 * int(shown // 2) + 1 if odd else round(shown)
+
+
+def _sliders(*names: str) -> tuple[FilterSlider, ...]:
+    return tuple(FilterSlider(CLOUD_SETTINGS[name]) for name in names)
+
+
+CROP = _sliders("near_m", "far_m", "crop_m", "front_m")
+THIN = _sliders("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
+STEREO = _sliders(
+    "stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px"
+)
+_PARTS = {word: value for value, word in CLOUD_SETTINGS["component"].words.items()}
+_METHODS = {word: value for value, word in CLOUD_SETTINGS["stereo_method"].words.items()}
+
+
+@dataclass
+class Sliders:
+    """Sliders for numbers of [clouds]."""
+
+    page: Page
+    set: Set
+    known: dict[str, tuple[FilterSlider, viser.GuiSliderHandle[float]]] = field(
+        default_factory=dict
+    )
+
+    def add(self, slider: FilterSlider) -> None:
+        """Add a slider where the page builds now."""
+        low, high, step = slider.span
+        widget = self.page.gui.add_slider(
+            slider.known.label, low, high, step, low, hint=slider.hint
+        )
+        self.page.on(widget, lambda event: self._changed(slider, event.value))
+        self.known[slider.name] = (slider, widget)
+
+    def fit(self, card: CloudCard) -> None:
+        """Show the settings in force."""
+        for name, (slider, widget) in self.known.items():
+            shown = slider.on_page(card.values.get(name))
+            put(widget, value=shown)
+
+    def _changed(self, slider: FilterSlider, value: object) -> None:
+        shown = number(value, *slider.span[:2])
+        if shown is not None:
+            self.set(**{slider.name: slider.in_file(shown)})
+
+
+class FilterControls:
+    """Crop and part in one folder, thinning and outliers in another."""
+
+    def __init__(self, page: Page, set_: Set) -> None:
+        gui = page.gui
+        self.sliders = Sliders(page, set_)
+        crop = gui.add_folder("Crop")
+        thin = gui.add_folder("Thin, and drop outliers", expand_by_default=False)
+        self.folders = (crop, thin)
+        with crop:
+            for slider in CROP[:3]:
+                self.sliders.add(slider)
+            self.part = gui.add_dropdown(
+                "Part",
+                tuple(_PARTS),
+                hint=CLOUD_SETTINGS["component"].help,
+            )
+            self.sliders.add(CROP[3])
+        with thin:
+            for slider in THIN:
+                self.sliders.add(slider)
+        page.on(self.part, lambda e: set_(component=_PARTS.get(e.value, "all")))
+
+    def fit(self, card: CloudCard) -> None:
+        """Show the settings in force."""
+        self.sliders.fit(card)
+        shown = next((w for w, own in _PARTS.items() if own == card.values.get("component")), "all")
+        put(self.part, value=shown)
+        self.sliders.known["front_m"][1].disabled = card.values.get("component") != "nearest"
+
+
+class StereoControls:
+    """The pair that is looked at, and how it is matched."""
+
+    def __init__(self, page: Page, set_: Set) -> None:
+        self.page, self.set = page, set_
+        self.card: CloudCard | None = None
+        self.folder: viser.GuiFolderHandle | None = None
+
+    def _build(self, card: CloudCard) -> None:
+        page, gui = self.page, self.page.gui
+        self.sliders = Sliders(page, self.set)
+        self.folder = gui.add_folder("Stereo", expand_by_default=not card.source)
+        with self.folder:
+            pairs = tuple(" – ".join(pair) for pair in card.pairs)
+            first = " – ".join(card.pair or card.pairs[0])
+            self.pair = gui.add_dropdown("Pair", pairs, initial_value=first)
+            self.method = gui.add_dropdown("Method", tuple(_METHODS))
+            for slider in STEREO:
+                self.sliders.add(slider)
+            self.take = gui.add_button(
+                "Clouds from this pair", icon=viser.Icon.ARROW_MERGE, color="gray", visible=False,
+                hint="The session's clouds come from this pair from now on.",
+            )  # fmt: skip
+        page.on(self.pair, lambda event: self._choose(event.value))
+        page.on(self.method, lambda e: self.set(stereo_method=_METHODS.get(e.value, "sgbm")))
+        page.on(self.take, lambda _: self._take())
+
+    def chosen(self) -> tuple[str, str] | None:
+        """Return the pair that is looked at."""
+        chosen = self.page.state.display.stereo_pair
+        return chosen if chosen is not None or self.card is None else self.card.pair
+
+    def _choose(self, words: object) -> None:
+        pairs = {" – ".join(pair): pair for pair in (self.card.pairs if self.card else ())}
+        if words in pairs:
+            self.page.state.display.stereo_pair = pairs[str(words)]
+            self._offer()
+            self.page.redraw()
+
+    def _take(self) -> None:
+        pair = self.chosen()
+        if pair is not None:
+            self.set(stereo=(pair,))
+
+    def _offer(self) -> None:
+        card = self.card
+        used = card is not None and card.source == "stereo" and self.chosen() == card.pair
+        self.take.visible = not used
+
+    def fit(self, card: CloudCard) -> None:
+        """Show the settings in force; without two cameras there is nothing to match."""
+        self.card = card
+        if not card.pairs:
+            return
+        if self.folder is None:
+            self._build(card)
+        self.sliders.fit(card)
+        shown = next(
+            (w for w, own in _METHODS.items() if own == card.values["stereo_method"]), None
+        )
+        if shown is not None and self.method.value != shown:
+            self.method.value = shown
+        self._offer()
+
+
+# ---- Skin colour: an ellipse in (r, g) fitted to a box on an image, with its size as the threshold
+
+
+Box = tuple[int, int, int, int]
+_SIZE = (0.5, 10.0, 0.1)
+_LATER = "no box marked yet"
+
+
+class SkinControls:
+    """Where the colour is taken from, and how far from it counts."""
+
+    def __init__(
+        self,
+        page: Page,
+        set_: Callable[..., None],
+        mark: Callable[..., None],
+    ) -> None:
+        self.page, self.set, self.mark = page, set_, mark
+        self.card: CloudCard | None = None
+        self.folder: viser.GuiFolderHandle | None = None
+
+    def _build(self, card: CloudCard) -> None:
+        page, gui = self.page, self.page.gui
+        self.folder = gui.add_folder("Skin colour", expand_by_default=False)
+        with self.folder:
+            self.words = gui.add_html("")
+            self.on = gui.add_checkbox(
+                "Skin only", False, hint="Drop points of other colours; take the colour first."
+            )
+            self.size = gui.add_slider(
+                "Ellipse's size", *_SIZE, 2.5,
+                hint="The threshold, in standard deviations of the samples' (r, g).",
+            )  # fmt: skip
+            self.camera = gui.add_dropdown("Box in", card.image_cameras)
+            drag = gui.add_button(
+                "Drag a box over the image", icon=viser.Icon.MARQUEE_2, color="gray",
+                hint="Looks through the camera; drag over skin, away from its edges.",
+            )  # fmt: skip
+            width, height = card.sizes[card.image_cameras[0]]
+            self.across = gui.add_multi_slider(
+                "Box x px", 0, width, 1, initial_value=(width // 3, width // 2), min_range=2
+            )
+            self.down = gui.add_multi_slider(
+                "Box y px", 0, height, 1, initial_value=(height // 3, height // 2), min_range=2
+            )
+            take = gui.add_button(
+                "Take the colour in the box", icon=viser.Icon.COLOR_PICKER, color="gray"
+            )
+            painted = gui.add_button(
+                "Take it from painted masks", icon=viser.Icon.BRUSH, color="gray",
+                hint="Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
+            )  # fmt: skip
+        page.on(painted, lambda _: self._take_painted())
+        page.on(self.on, lambda event: self._switch(bool(event.value)))
+        page.on(self.size, lambda event: self._resize(event.value))
+        page.on(self.camera, lambda _: self._camera_chosen())
+        for slider in (self.across, self.down):
+            page.on(slider, lambda _: self._show_box(self.box()))
+        page.on(drag, self._drag)
+        page.on(take, lambda _: self._take(self.box()))
+        self.drag, self.take = drag, take
+
+    @property
+    def ellipse(self) -> SkinEllipse | None:
+        """The ellipse in force."""
+        skin = None if self.card is None else self.card.values.get("skin")
+        return skin if isinstance(skin, SkinEllipse) else None
+
+    def box(self) -> Box | None:
+        """Return the box that the sliders mark; None where they hold no numbers."""
+        pairs = [clean_interval(s.value, s.min, s.max) for s in (self.across, self.down)]
+        if pairs[0] is None or pairs[1] is None:
+            return None
+        (left, right), (top, bottom) = pairs[0], pairs[1]
+        return int(left), int(top), int(right - left), int(bottom - top)
+
+    def _camera_chosen(self) -> None:
+        size = self.card.sizes.get(str(self.camera.value)) if self.card is not None else None
+        if size is not None:
+            self.across.max, self.down.max = size
+            self._show_box(self.box())
+
+    def _switch(self, on: bool) -> None:
+        if not on:
+            self.kept = self.ellipse or getattr(self, "kept", None)
+            self.set(skin=None)
+        elif getattr(self, "kept", None) is not None:
+            self.set(skin=self.kept)
+        else:
+            self._take(self.box())
+
+    def _resize(self, value: object) -> None:
+        size = number(value, *_SIZE[:2])
+        if size is not None and self.ellipse is not None:
+            self.set(skin=replace(self.ellipse, size=round(size, 3)))
+
+    def _show_box(self, box: Box | None) -> None:
+        if box is not None:
+            self.page.state.display.skin_box = (str(self.camera.value), box)
+            self.page.redraw()
+
+    def _drag(self, event: UserEvent) -> None:
+        def marked(box: Box) -> None:
+            self.across.value = (box[0], box[0] + box[2])
+            self.down.value = (box[1], box[1] + box[3])
+            self._show_box(box)
+            self._take(box)
+
+        if event.client is not None:
+            self.mark(str(self.camera.value), event.client, marked)
+            self.page.notify(
+                "info",
+                "Drag a box",
+                "Press the mouse over skin in the image and drag. The model is hidden until then; key 0 looks freely again.",
+                event.client,
+            )
+
+    def _take(self, box: Box | None) -> None:
+        if box is not None:
+            self._show_box(box)
+            self._send(box)
+
+    def _take_painted(self) -> None:
+        self._send(None)
+
+    def _send(self, box: Box | None) -> None:
+        size = number(self.size.value, *_SIZE[:2]) or 2.5
+        self.page.engine.sample_skin(self.page.state.frame, str(self.camera.value), box, size)
+
+    def fit(self, card: CloudCard) -> None:
+        """Show the ellipse in force; without images there is no colour."""
+        self.card = card
+        if not card.image_cameras:
+            return
+        if self.folder is None:
+            self._build(card)
+        skin = self.ellipse
+        put(self.on, value=skin is not None)
+        if skin is not None and abs(self.size.value - skin.size) > 1e-9:
+            self.size.value = min(max(skin.size, _SIZE[0]), _SIZE[1])
+        self.words.content = _ellipse_picture(skin)
+
+
+def _ellipse_picture(skin: SkinEllipse | None) -> str:
+    text = _LATER if skin is None else f"r {skin.mean[0]:.3f}, g {skin.mean[1]:.3f}"
+    return (
+        "<div style='padding:.2em .9em;font-size:.8em;line-height:1.4;opacity:.85'>"
+        f"Colour of skin: {html.escape(text)}</div>"
     )

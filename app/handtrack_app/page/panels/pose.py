@@ -2,28 +2,46 @@
 
 from __future__ import annotations
 
+import html
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Page, UserEvent, number, put
-from handtrack_app.page.panels.guesses import GuessesPanel
-from handtrack_app.page.panels.nudging import NudgePanel
-from handtrack_app.page.panels.pose_card import pose_card
-from handtrack_app.page.panels.pose_words import (
-    group_of,
-    groups_of,
-    label_of,
-    length_unit,
-    unit_of,
-)
+from handtrack.arrays import D3, D6, Floats, S
+from handtrack.detector.weights import DOWNLOAD_MB, has_weights
+from handtrack_app.page.page import Keys, Page, UserEvent, number, put
+from handtrack_app.page.panels.copying import CopyPanel
+from handtrack_app.page.panels.pose_words import group_of, groups_of, label_of, length_unit, unit_of
 from handtrack_app.page.pins.pin_panel import PinPanel
-from handtrack_app.page.posing.copy_panel import CopyPanel
-from handtrack_app.protocol.score import ScoreSnapshot
-from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, WorkSnapshot
+from handtrack_app.page.pins.whole_hand import moved_root
+from handtrack_app.protocol.palette import (
+    ASIDE,
+    FINGER_COLOURS,
+    FOUND,
+    GHOSTS,
+    LIMB_COLOURS,
+    PINNED,
+    REFITTED,
+    STATUS,
+)
+from handtrack_app.protocol.snapshots import (
+    BEFORE,
+    IMAGES,
+    KEYPOINTS,
+    GuessesSnapshot,
+    PoseSnapshot,
+    ProgressSnapshot,
+    ScoreSnapshot,
+    SessionSnapshot,
+    WorkSnapshot,
+)
+
+if TYPE_CHECKING:
+    from handtrack_app.viser_internals import KeyModifier
 
 _ROW = 18  # letters of the groups in a row of buttons, in a panel of usual width
 _MOST_IN_ROW = 3
@@ -268,3 +286,384 @@ def _rows(groups: list[str]) -> list[tuple[str, ...]]:
             rows.append(())
         rows[-1] = (*rows[-1], group)
     return rows
+
+
+# ---- The card of a pose: frame, where it comes from, its score; and how well each of its joints is seen
+
+
+_ORIGINS = {
+    "carried": ("not tracked yet", STATUS[-1][1]),
+    "found": FOUND,
+    "pinned": PINNED,
+    "refitted": REFITTED,
+    BEFORE: ASIDE,
+}
+"""of poses that no status tells of: word and colour"""
+_BEFORE_WORDS = (
+    "<div style='margin-top:.2em;line-height:1.3'>You look at what was <b>before the last step</b>. Nothing is changed; "
+    "<kbd>Tab</kbd> shows what is.</div>"
+)
+
+
+def score_rows(score: ScoreSnapshot, with_energy: bool = True) -> list[tuple[str, str]]:
+    """Return energy and overlap by camera, each with how it differs from the pose that was fitted last."""
+    fitted = score.fitted_overlap or {}
+    rows = []
+    if score.energy and with_energy:
+        energy = sum(score.energy.values())
+        rows.append(("energy", f"{energy:.1f}{_change(energy, score.fitted_energy, 1)}"))
+    for camera, share in score.overlap.items():
+        rows.append((f"overlap {camera}", f"{share:.2f}{_change(share, fitted.get(camera), 2)}"))
+    return rows
+
+
+def _change(now: float, before: float | None, digits: int) -> str:
+    moved = 0.0 if before is None else round(now - before, digits)
+    return f" ({moved:+.{digits}f})" if moved else ""
+
+
+def status_of(pose: PoseSnapshot) -> tuple[str, str]:
+    """Return where a pose comes from, in a word, and the word's colour."""
+    return _ORIGINS.get(pose.origin, STATUS.get(pose.status, STATUS[-1]))
+
+
+def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
+    """Return the lines above the sliders: frame, where the pose comes from, error against the truth, its score.
+
+    score: of this pose, or of another, which is passed over.
+    """
+    word, colour = status_of(pose)
+    facts = []
+    if math.isfinite(pose.error_mm):
+        facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))
+    if math.isfinite(pose.energy):
+        facts.append(("energy", f"{pose.energy:.1f}"))
+    if score is not None and score.is_of(pose.frame, pose.values):
+        facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
+    rows = "".join(
+        f"<div style='display:flex;justify-content:space-between'><span style='opacity:.85'>{html.escape(k)}</span>"
+        f"<b>{html.escape(v)}</b></div>"
+        for k, v in facts
+    )
+    if pose.origin == BEFORE:
+        rows += _BEFORE_WORDS
+    if pose.accepted:
+        rows += (
+            "<div style='margin-top:.2em'><b>Accepted</b>: tracking and refining leave it.</div>"
+        )
+    if pose.note:
+        rows += f"<div style='opacity:.8;line-height:1.3;margin-top:.2em'>{html.escape(pose.note)}</div>"
+    return (
+        "<div style='padding:.2em .9em .3em;font-size:.85em;line-height:1.4'>"
+        "<div style='display:flex;justify-content:space-between;align-items:center'>"
+        f"<b class='handtrack-frame' style='font-size:1.1em'>Frame {pose.frame}</b>"
+        f"<span style='background:{colour};color:{_ink(colour)};border-radius:1em;padding:0 .7em;font-size:.9em'>"
+        f"{html.escape(word)}</span></div>{rows}</div>"
+    )
+
+
+def _ink(colour: str) -> str:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return "#111" if 0.3 * red + 0.59 * green + 0.11 * blue > 130 else "#fff"
+
+
+def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
+    """Return how well each parameter is seen, as a table of fingers by joints."""
+    if std is None or len(std) != len(names):
+        return (
+            "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Track this frame to see how well "
+            "each joint is seen.</div>"
+        )
+    cells: dict[str, list[str]] = {}
+    for name, value in zip(names, std.tolist(), strict=True):
+        row = {"root_t": "Place mm", "root_r": "Turn"}.get(name[:6], group_of(name))
+        cells.setdefault(row, []).append(_cell(name, value))
+    heads = {"Place mm": ("x", "y", "z"), "Thumb": ("flex", "spread", "2nd", "3rd")}
+    rows = ""
+    for group, row in cells.items():
+        if group in heads:
+            titles = "".join(
+                f"<td style='text-align:center;opacity:.85'>{title}</td>" for title in heads[group]
+            )
+            rows += f"<tr><td></td>{titles}</tr>"
+        rows += f"<tr><td style='padding:.15em .4em .15em 0;white-space:nowrap'>{_dot(group)}{group}</td>{''.join(row)}</tr>"
+    return (
+        "<div style='padding:.4em .9em;font-size:13px;line-height:1.5'>"
+        "<div style='opacity:.85;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
+        "Yellow is badly seen; <b>unseen</b> cannot be told from these images.</div>"
+        "<table style='width:100%;table-layout:fixed;border-spacing:2px;border-collapse:separate'>"
+        f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table></div>"
+    )
+
+
+def _dot(group: str) -> str:
+    colours = FINGER_COLOURS | LIMB_COLOURS
+    red, green, blue = colours.get(group.lower(), colours["palm"])
+    return (
+        f"<span style='display:inline-block;width:.7em;height:.7em;border-radius:50%;margin-right:.4em;"
+        f"background:rgb({red},{green},{blue})'></span>"
+    )
+
+
+def _cell(name: str, std: float) -> str:
+    shown = std / unit_of(name)
+    unit = "" if name.startswith("root_t") else "°"
+    text = (
+        "unseen"
+        if not math.isfinite(std)
+        else f"{shown:.1f}{unit}"
+        if shown < 10
+        else f"{shown:.0f}{unit}"
+    )
+    share = 1.0 if not math.isfinite(std) else min(shown / 20.0, 1.0)
+    low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
+    red, green, blue = (low + share * (high - low)).astype(int)
+    ink = "#111" if share > 0.3 else "#fff"
+    title = html.escape(f"{name}: ± {text}")
+    return (
+        f"<td title='{title}' style='background:rgb({red},{green},{blue});color:{ink};border-radius:3px;"
+        f"text-align:center;padding:.1em .2em'>{text}</td>"
+    )
+
+
+# ---- Guesses: find the hand without a first pose, and take one of the poses that explain a frame
+
+
+_HERE, _ANYWHERE = "this frame", "best frame"
+_FIND_HINTS = {
+    "hand": "Looks for an open or half-open hand in silhouettes, clouds and a detector's joints, without any first pose.",
+    "body": "Looks at the joints that a detector saw, without any first pose.",
+}
+_TITLES = {"found": "Poses found", "carried": "Poses carried along"}
+
+
+@dataclass
+class GuessesPanel:
+    """Handles of the search and of the ranked list."""
+
+    page: Page
+    guesses: GuessesSnapshot | None = None
+    folder: viser.GuiFolderHandle | None = None
+    possible: bool = True
+    """there is something to look at"""
+    helps: bool = False
+    """a hand detector would"""
+
+    def build(self) -> None:
+        """Add the widgets where the page builds now."""
+        gui, page = self.page.gui, self.page
+        self.find = gui.add_button_group(
+            "Detect hand", (_HERE, _ANYWHERE), hint=_FIND_HINTS["hand"],
+        )  # fmt: skip
+        page.words.on(self.find, label="Detect {kind}")
+        self.fetch = gui.add_button(
+            f"Get the detector ({DOWNLOAD_MB} MB) and find", icon=viser.Icon.DOWNLOAD, color="gray", visible=False,
+            hint="Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
+            "by pip, once for all recordings. Google's, Apache License 2.0.",
+        )  # fmt: skip
+        self.cancel = gui.add_button(
+            "Cancel the search", icon=viser.Icon.PLAYER_STOP, color="red", visible=False
+        )
+        page.on(self.find, lambda event: self.search(event.value == _ANYWHERE))
+        page.on(self.fetch, lambda _: self.search(fetch=True))
+        page.on(self.cancel, lambda _: page.engine.cancel())
+        self.folder = gui.add_folder("Other poses", visible=False)
+        with self.folder:
+            self.list = gui.add_html("")
+            self.takes = gui.add_button_group(
+                "Take", ("1",), hint="Set this frame's pose to one of these."
+            )
+            self.ghosts = gui.add_checkbox(
+                "Ghosts",
+                True,
+                hint="Draw these poses in the scene, each in the colour of its number.",
+            )
+        page.on(self.takes, lambda event: self._take(event.value))
+        page.on(self.ghosts, lambda event: page.draw("ghosts", bool(event.value)))
+
+    def search(self, anywhere: bool = False, fetch: bool = False) -> None:
+        """Detect the model in the frame shown, or in the surest of several."""
+        state = self.page.state
+        state.playing = False
+        self.page.engine.find_hand(None if anywhere else state.frame, fetch)
+
+    def _take(self, pressed: object) -> None:
+        words = str(pressed)
+        if words.isdecimal() and int(words) > 0:
+            self.take(int(words) - 1)
+
+    def take(self, rank: int) -> None:
+        """Take one of the list."""
+        known, state = self.guesses, self.page.state
+        if known is not None and rank < len(known.guesses):
+            self.page.engine.take_guess(known.frame, rank, state.begin_edit())
+
+    def show(self, guesses: GuessesSnapshot) -> None:
+        """Show the list of a frame; take the surest of what was just found."""
+        self.guesses = guesses
+        if self.folder is None:
+            return
+        ranks = tuple(str(rank + 1) for rank in range(len(guesses.guesses)))
+        if ranks and self.takes.options != ranks:
+            self.takes.options = ranks
+        self.list.content = _table(guesses)
+        self.folder.visible = bool(guesses.guesses)
+        if guesses.is_new:
+            self.take(0)
+
+    def show_progress(self, progress: ProgressSnapshot) -> None:
+        """Show whether something can be cancelled, and nothing that cannot be pressed."""
+        if self.folder is None:
+            return
+        busy = progress.state in ("tracking", "paused", "preparing")
+        searching = busy and progress.state == "preparing" and progress.job == "finding"
+        put(self.cancel, visible=searching)
+        put(self.find, visible=self.possible and not busy)
+        put(self.fetch, visible=self.helps and not busy and not has_weights())
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Offer the search where there is one."""
+        self.possible = session.kind == "hand" or KEYPOINTS in session.seen
+        self.helps = session.kind == "hand" and IMAGES in session.seen and len(session.cameras) > 1
+        put(self.find, hint=_FIND_HINTS[session.kind])
+        if not self.possible:
+            self.find.visible = False
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %" if share >= 0.01 else "below 1 %"
+
+
+def _table(guesses: GuessesSnapshot) -> str:
+    """Return what is known of each pose of the list."""
+    rows = "".join(
+        f"<div style='display:flex;gap:.5em'><span style='flex:none;width:.7em;height:.7em;margin-top:.35em;"
+        f"border-radius:50%;background:rgb{GHOSTS[rank]}'></span><span><b>{rank + 1}: "
+        f"{_percent(guess.share)}</b> {html.escape(guess.words)}</span></div>"
+        for rank, guess in enumerate(guesses.guesses)
+    )
+    title = _TITLES.get(guesses.kind, "")
+    return (
+        f"<div style='padding:.3em .9em;font-size:.8em;line-height:1.4'><b>{title}, frame {guesses.frame}</b>"
+        f"{rows}</div>"
+    )
+
+
+# ---- Nudges: move and turn the hand by small steps as the user sees it, by button or key
+
+
+class Nudge(NamedTuple):
+    """A step along a view's axes: to the right, down, away from the viewer; moved by a length or turned by an angle."""
+
+    move: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+NUDGES: dict[str, Nudge] = {
+    "left": Nudge(move=(-1, 0, 0)),
+    "right": Nudge(move=(1, 0, 0)),
+    "up": Nudge(move=(0, -1, 0)),
+    "down": Nudge(move=(0, 1, 0)),
+    "nearer": Nudge(move=(0, 0, -1)),
+    "farther": Nudge(move=(0, 0, 1)),
+    "roll left": Nudge(turn=(0, 0, -1)),
+    "roll right": Nudge(turn=(0, 0, 1)),
+    "tilt up": Nudge(turn=(-1, 0, 0)),
+    "tilt down": Nudge(turn=(1, 0, 0)),
+    "turn left": Nudge(turn=(0, 1, 0)),
+    "turn right": Nudge(turn=(0, -1, 0)),
+}
+
+
+def nudged(
+    root: Floats[D6],
+    nudge: Nudge,
+    view: Floats[D3, D3],
+    pivot: Floats[D3],
+    step_m: float,
+    step_rad: float,
+) -> dict[str, float]:
+    """Return root parameters by name after a nudge.
+
+    root: [m, rad]. view: rotation from the view's axes (x right, y down, z away) to the world.
+    pivot: world [m], the point that stays when the hand turns.
+    """
+    turn = view @ np.array(nudge.turn, dtype=float) * step_rad
+    return moved_root(root, pivot, turn, view @ np.array(nudge.move, dtype=float) * step_m)
+
+
+_STEPS = (0.5, 0.5), (2.0, 2.0), (10.0, 10.0), (50.0, 10.0)
+"""in the unit in which the model is placed, and degrees"""
+_USUAL = 1
+_ROWS: dict[str, dict[str, str]] = {
+    "Move": {"←": "left", "→": "right", "↑": "up", "↓": "down"},
+    "Depth": {"nearer": "nearer", "farther": "farther"},
+    "Turn": {
+        "↺": "roll left", "↻": "roll right", "⤒": "tilt up", "⤓": "tilt down",
+        "⇤": "turn left", "⇥": "turn right",
+    },
+}  # fmt: skip
+_HINTS = {
+    "Move": "Across the view. Keys J L I K.",
+    "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y N.",
+    "Turn": "Roll, tilt and turn about the middle, as seen. Keys U P; with Shift I K J L.",
+}
+_KEYS: tuple[tuple[str, KeyModifier | None, str], ...] = (
+    ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
+    ("Y", None, "nearer"), ("N", None, "farther"), ("U", None, "roll left"), ("P", None, "roll right"),
+    ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),
+)  # fmt: skip
+
+
+def _steps(unit: str, metres: float) -> dict[str, tuple[float, float]]:
+    return {f"{length:g} {unit}, {turn:g}°": (length * metres, turn) for length, turn in _STEPS}
+
+
+@dataclass
+class NudgePanel:
+    """Handles of the nudges."""
+
+    page: Page
+    pivot: Callable[[], Floats[D3] | None]
+    """the hand's middle world [m]"""
+    axes: Callable[[viser.ClientHandle | None], Floats[D3, D3] | None]
+    """the axes of a page's view, view (x right, y down, z ahead) → world"""
+    keys: Keys
+    steps: dict[str, tuple[float, float]] = field(default_factory=lambda: _steps("mm", 1e-3))
+    """by their words [m, °]"""
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Step by what the model is placed by."""
+        steps = _steps(*length_unit(session.reach_m))
+        if steps != self.steps:
+            self.steps = steps
+            self.step.options = tuple(steps)
+            self.step.value = tuple(steps)[_USUAL]
+
+    def build(self) -> None:
+        """Add the buttons where the page builds now, and the keys."""
+        gui, page = self.page.gui, self.page
+        with gui.add_folder("Nudge as you see it", expand_by_default=False):
+            for label, words in _ROWS.items():
+                row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
+                page.on(row, lambda e, words=words: self.nudge(words.get(e.value), e.client))
+            words = tuple(self.steps)
+            self.step = gui.add_dropdown(
+                "Step", words, initial_value=words[_USUAL],
+                hint="Keys: J L I K move, Y N nearer and farther, U P roll, Shift with I K J L tilts and turns.",
+            )  # fmt: skip
+        for key, modifier, name in _KEYS:
+            act = page.from_user(lambda e, name=name: self.nudge(name, e.client))
+            self.keys.add(f"Nudge: {name}", key, act, modifier)
+
+    def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
+        """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
+        state, pivot = self.page.state, self.pivot()
+        nudge, view = NUDGES.get(name or ""), self.axes(client)
+        if nudge is None or view is None or pivot is None or len(state.values) < 6:
+            return
+        step_m, step_deg = self.steps.get(str(self.step.value), tuple(self.steps.values())[_USUAL])
+        root = np.array(state.values[:6])
+        step_rad = float(np.deg2rad(step_deg))
+        edit = nudged(root, nudge, np.asarray(view), pivot, step_m, step_rad)
+        self.page.edit_pose(edit, f"Nudge {name}", f"nudge {name}")

@@ -20,8 +20,8 @@ from handtrack_app.page.page import Page
 from handtrack_app.page.pins.pin_marks import PinMarks
 from handtrack_app.page.pins.taking_hold import Hold, ellipsoid_at, hold_at, view_card
 from handtrack_app.page.pins.whole_hand import WholeDrag
-from handtrack_app.page.scene.solids import ball
-from handtrack_app.page.views.zoom import ray_pixel
+from handtrack_app.page.scene.model_view import ball
+from handtrack_app.page.scene.zoom import ray_pixel
 from handtrack_app.protocol.snapshots import BEFORE, CameraCard, PoseSnapshot, SessionSnapshot
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack_app.page.page import Page, put
-from handtrack_app.page.scene.solids import ball
+from handtrack_app.page.scene.model_view import ball
 from handtrack_app.protocol.palette import PIN
 from handtrack_app.protocol.snapshots import HAND_REACH_M, PoseSnapshot, SessionSnapshot
 

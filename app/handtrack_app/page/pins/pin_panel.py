@@ -12,8 +12,7 @@ from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.pins.taking_hold import near_joint_m
-from handtrack_app.protocol.score import ScoreSnapshot
-from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot, SessionSnapshot
+from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot, ScoreSnapshot, SessionSnapshot
 
 IMAGES, LEAST = "fit to images", "keep"
 _NONE = (

@@ -9,7 +9,7 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import D3, Floats
-from handtrack_app.page.views.zoom import Pixel, ray_pixel
+from handtrack_app.page.scene.zoom import Pixel, ray_pixel
 from handtrack_app.protocol.snapshots import HAND_REACH_M, CameraCard, PoseSnapshot, SessionSnapshot
 
 NEAR_JOINT_M = 0.007

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import threading
+import time
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import viser
 import viser.transforms as vtf
 
-from handtrack.arrays import D3, Bytes, Floats, H, W
-from handtrack_app.page.scene.moments import Moments
+from handtrack.arrays import D3, Bytes, Floats, H, N, W
+from handtrack_app.page.page import Display, put
 from handtrack_app.page.scene.viewpoint import frustum_depth
-from handtrack_app.page.state import Display
-from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
+from handtrack_app.protocol.palette import residual_colours
+from handtrack_app.protocol.snapshots import (
+    CameraCard,
+    CloudSnapshot,
+    PoseSnapshot,
+    ScoreSnapshot,
+    SessionSnapshot,
+)
 
 
 @dataclass
@@ -112,3 +120,125 @@ def pixel_box(
     high = np.clip(np.round(high), 0, card.size)
     width, height = (high - low).astype(int)
     return (int(low[0]), int(low[1]), int(width), int(height)) if width > 1 and height > 1 else None
+
+
+# ---- Which frames were shown a moment ago: what is made of one comes later than its hand, and may stand for so long
+# beside the next
+
+
+_MOMENT_S = 0.3
+"""the engine paints every 0.08 s, while it tracks every 0.25 s; what is older would deceive"""
+
+
+@dataclass
+class Moments:
+    """The frame shown, and when others gave way to the next."""
+
+    frame: int | None = None
+    _left: dict[int, float] = field(default_factory=dict)
+    """by frame [s]"""
+
+    def show(self, frame: int) -> None:
+        """Another frame is shown, or the same again."""
+        now = time.monotonic()
+        if self.frame is not None and self.frame != frame:
+            self._left[self.frame] = now
+        self._left = {f: when for f, when in self._left.items() if now - when < _MOMENT_S}
+        self.frame = frame
+
+    def fits(self, frame: int | None) -> bool:
+        """Return whether what was made of a frame may be seen now: of the one shown, or, in motion, of one just before."""
+        if frame is None or frame == self.frame:
+            return frame is not None
+        return time.monotonic() - self._left.get(frame, -_MOMENT_S) < _MOMENT_S
+
+
+# ---- The cloud of the frame shown: points coloured by their distance to the model, by their own colour, or plain
+
+
+_PLAIN, _DROPPED = (225, 228, 232), (120, 124, 132)
+
+
+@dataclass
+class CloudView:
+    """Handles of the points that stay and of those that were dropped."""
+
+    points: viser.PointCloudHandle
+    dropped: viser.PointCloudHandle
+    cloud: CloudSnapshot | None = None
+    lock: threading.Lock = field(default_factory=threading.Lock)
+    """frames come on one thread, display options on others: the colours shown are of the latest of both"""
+
+
+def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
+    """Add the two clouds, empty and hidden."""
+    none = np.zeros((0, 3), np.float32)
+    points, dropped = (
+        server.scene.add_point_cloud(
+            f"{name}/{part}", none, colour, point_size=0.0016, point_shape="circle",
+            precision="float32", point_shading="flat", visible=False,
+        )
+        for part, colour in (("points", _PLAIN), ("dropped", _DROPPED))
+    )  # fmt: skip
+    return CloudView(points, dropped)
+
+
+def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> None:
+    """Take a frame's cloud; where only the hand moved, the points stay and their colours change."""
+    with view.lock:
+        before, view.cloud = view.cloud, cloud
+        if before is None or not np.array_equal(before.points, cloud.points):
+            view.points.points = cloud.points
+        view.points.colors = cloud_colours(cloud, display.cloud_colour)
+    if before is None or not np.array_equal(before.dropped, cloud.dropped):
+        view.dropped.points = cloud.dropped
+
+
+def show_cloud(view: CloudView, display: Display, moments: Moments, recolour: bool = False) -> None:
+    """Apply the display options; a cloud of another frame than those shown now is hidden."""
+    cloud = view.cloud
+    known = cloud is not None and moments.fits(cloud.frame)
+    put(view.points, visible=display.cloud and known)
+    put(view.dropped, visible=display.cloud and display.cloud_dropped and known)
+    size = 1e-3 * display.cloud_size_mm
+    if view.points.point_size != size:
+        view.points.point_size, view.dropped.point_size = size, 0.7 * size
+    if recolour:
+        with view.lock:
+            if view.cloud is not None:
+                view.points.colors = cloud_colours(view.cloud, display.cloud_colour)
+
+
+def cloud_colours(cloud: CloudSnapshot, how: str) -> Bytes[N, D3]:
+    """Return the points' colours; of none, one that stands for any: a page refuses an empty list."""
+    if not len(cloud.points):
+        return np.array([_PLAIN], np.uint8)
+    if how == "own" and cloud.colors is not None:
+        return cloud.colors
+    if how == "residual" and np.isfinite(cloud.residual_mm).any():
+        return residual_colours(cloud.residual_mm)
+    return np.tile(np.array(_PLAIN, np.uint8), (len(cloud.points), 1))
+
+
+# ---- What stands beside each camera's small picture: its name, and how far the hand shown overlaps its mask
+
+
+@dataclass
+class CameraNames:
+    """The latest score, and the pose that is shown: a number stands only where it is of that pose."""
+
+    score: ScoreSnapshot | None = None
+    pose: PoseSnapshot | None = None
+
+    def of(self, camera: str) -> str:
+        """Return a camera's name, and its overlap where the pose shown is scored."""
+        score, pose = self.score, self.pose
+        if score is None or pose is None or not score.is_of(pose.frame, pose.values):
+            return camera
+        share = score.overlap.get(camera)
+        return camera if share is None else f"{camera}  {share:.2f}"
+
+    def write(self, labels: dict[str, viser.LabelHandle]) -> None:
+        """Write them beside pictures; what stands there already is not sent again."""
+        for camera, label in labels.items():
+            put(label, text=self.of(camera))

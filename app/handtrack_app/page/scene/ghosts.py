@@ -9,10 +9,10 @@ import numpy as np
 import viser
 
 from handtrack.geometry.rotation import quaternion_wxyz
-from handtrack_app.page.page import put
-from handtrack_app.page.scene.solids import capsule
+from handtrack_app.page.page import Page, put
+from handtrack_app.page.scene.model_view import capsule
 from handtrack_app.protocol.palette import GHOSTS, linear
-from handtrack_app.protocol.snapshots import GuessesSnapshot
+from handtrack_app.protocol.snapshots import ComparedSnapshot, GuessesSnapshot
 
 _THICK, _OPACITY = 0.06, 0.4  # of a bone's length, at most; and how opaque
 _MOST_M = 0.0026
@@ -68,3 +68,39 @@ def show_ghosts(view: GhostView, wanted: bool, frame: int) -> None:
 def _size(guesses: GuessesSnapshot) -> float:
     """Return how many times longer bones are than a hand's, which may have a forearm."""
     return float(np.median(guesses.length) / 0.045)
+
+
+# ---- The hand of the take that is compared: a yellow skeleton beside the one shown
+
+
+_YELLOW = 5  # of the ghosts' colours
+
+
+class ComparedHand:
+    """It is there for the frame that it is of, and for no other."""
+
+    def __init__(self, page: Page) -> None:
+        self.view = add_ghosts(page.server, "/compared", lambda rank: None)
+        self.snapshot: ComparedSnapshot | None = None
+        self._frame: int | None = None
+
+    def show(self, compared: ComparedSnapshot) -> None:
+        """Take the hand of a frame."""
+        self.snapshot = compared
+        if len(compared.length):
+            owner = np.full(len(compared.length), _YELLOW)
+            bones = GuessesSnapshot(
+                compared.frame, "compared", (), owner, compared.position, compared.rotation, compared.length
+            )  # fmt: skip
+            update_ghosts(self.view, bones)
+        self._place()
+
+    def show_frame(self, frame: int) -> None:
+        """Hide it where it is of another frame."""
+        self._frame = frame
+        self._place()
+
+    def _place(self) -> None:
+        known = self.snapshot
+        there = known is not None and len(known.length) > 0 and known.frame == self._frame
+        put(self.view.bones, visible=there)

@@ -7,12 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 import viser
+import viser.transforms as vtf
 
-from handtrack.arrays import B, Bytes, Floats
+from handtrack.arrays import D2, D3, B, Bytes, Floats, Ints, N, T, V
 from handtrack.geometry.rotation import quaternion_wxyz
-from handtrack_app.page.page import put
-from handtrack_app.page.scene.solids import Solid, ball, rod
-from handtrack_app.page.state import Display
+from handtrack_app.page.page import Display, put
 from handtrack_app.protocol.palette import SURFACE, TRUTH, colour_of, colours_of
 from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
@@ -181,3 +180,100 @@ def update_surface(mesh: viser.MeshHandle, surface: SurfaceSnapshot) -> None:
     """Take the surface of another pose."""
     mesh.vertices = surface.vertices
     mesh.faces = surface.faces.astype(np.uint32)
+
+
+# ---- Small closed meshes that the scene is made of: solids turned around +y
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed mesh, its faces counter-clockwise as seen from outside."""
+
+    vertices: Floats[V, D3]
+    faces: Ints[T, D3]
+
+
+def turned(profile: Floats[N, D2], sides: int) -> Solid:
+    """Return the solid whose outline is (distance from the axis, y), from below to above; its ends are on the axis."""
+    around = 2 * np.pi * np.arange(sides) / sides
+    circle = np.stack([np.cos(around), np.zeros(sides), -np.sin(around)], axis=1)
+    rings = [radius * circle + [0.0, y, 0.0] for radius, y in profile[1:-1].tolist()]
+    low, high = ([0.0, float(y), 0.0] for y in profile[[0, -1], 1])
+    here, there = np.arange(sides), np.roll(np.arange(sides), -1)
+    top = len(rings) * sides + 1
+    faces = [np.stack([np.zeros(sides, int), there + 1, here + 1], axis=1)]
+    for first in range(1, top - sides, sides):
+        above = first + sides
+        faces.append(np.stack([here + first, there + first, there + above], axis=1))
+        faces.append(np.stack([here + first, there + above, here + above], axis=1))
+    faces.append(np.stack([here + top - sides, there + top - sides, np.full(sides, top)], axis=1))
+    return Solid(np.vstack([[low], *rings, [high]]), np.concatenate(faces))
+
+
+def ball(rings: int, sides: int) -> Solid:
+    """Return a sphere of radius 1."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, rings + 1)
+    return turned(np.stack([np.cos(angle), np.sin(angle)], axis=1), sides)
+
+
+def rod(sides: int) -> Solid:
+    """Return a cylinder of radius 1 from y = 0 to 1. Its caps have corners of their own, so that its rim is sharp."""
+    return turned(np.array([[0, 0], [1, 0], [1, 0], [1, 1], [1, 1], [0, 1]], float), sides)
+
+
+def capsule(radius: float, cap: float, rings: int, sides: int) -> Solid:
+    """Return a rod from y = 0 to 1 that ends in half spheroids, which are `cap` high."""
+    angle = np.linspace(0, np.pi / 2, rings + 1)
+    low = np.stack([radius * np.sin(angle), cap * (1 - np.cos(angle))], axis=1)
+    return turned(np.vstack([low, low[::-1] * [1, -1] + [0, 1]]), sides)
+
+
+# ---- Where a hand is, of a pose as it is drawn
+
+
+def hand_balls(session: SessionSnapshot, pose: PoseSnapshot) -> tuple[Floats[N, D3], Floats[N]]:
+    """Return centres and radii [m] of balls around a hand, without its forearm; of all of a body."""
+    bones = [session.bone_names[bone] for bone in session.ellipsoid_bone]
+    chosen = np.array([bone != "forearm" for bone in bones])
+    return pose.centre[chosen], session.radii.max(axis=1)[chosen]
+
+
+# ---- Light on the hand, and a faint ground below it
+
+
+_BELOW = 0.16  # [m] the ground lies this far below the hand's middle
+_LINE, _SECTION = (44, 48, 54), (62, 68, 76)
+
+
+def add_surroundings(
+    server: viser.ViserServer, hand: Floats[D3], up: Floats[D3], reach_m: float = HAND_REACH_M
+) -> None:
+    """Add lights and the ground for a hand [m] in a world whose upward axis is `up`.
+
+    reach_m: how far it extends around its middle; a body stands on the ground.
+    """
+    larger = reach_m / HAND_REACH_M
+    scene = server.scene
+    side = np.cross(up, (1.0, 0.0, 0.0) if abs(up[0]) < 0.8 else (0.0, 1.0, 0.0))
+    side /= np.linalg.norm(side)
+    frame = np.stack([side, np.cross(up, side), up], axis=1)
+    wxyz = vtf.SO3.from_matrix(frame).wxyz
+    scene.add_light_hemisphere(
+        "/light/sky", sky_color=(255, 255, 255), ground_color=(120, 120, 130), intensity=0.6
+    )
+    for name, way, strength in (("key", (0.4, -0.5, 1.0), 1.4), ("fill", (-0.8, 0.6, 0.3), 0.5)):
+        scene.add_light_directional(
+            f"/light/{name}", intensity=strength, position=tuple(frame @ np.array(way))
+        )
+    scene.add_grid(
+        "/ground", 3.0 * larger, 3.0 * larger, plane="xy", cell_size=0.05 * larger, section_size=0.25 * larger, cell_color=_LINE,
+        section_color=_SECTION, cell_thickness=0.6, section_thickness=0.8, fade_distance=2.5 * larger,
+        fade_strength=1.5, shadow_opacity=0.0, wxyz=wxyz, position=hand - larger * _BELOW * up,
+    )  # fmt: skip
+
+
+def light(server: viser.ViserServer) -> None:
+    """Let nothing but the surroundings' own lights shine."""
+    server.scene.world_axes.visible = False
+    server.scene.configure_default_lights(enabled=False)
+    server.scene.configure_environment_map("studio", environment_intensity=0.15)

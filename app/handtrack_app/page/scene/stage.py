@@ -9,22 +9,25 @@ import numpy as np
 import viser
 
 from handtrack.arrays import D3, Floats
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import Display, Page, put
 from handtrack_app.page.pins.grips import Grips
-from handtrack_app.page.scene.camera_names import CameraNames
 from handtrack_app.page.scene.camera_view import (
+    CameraNames,
     CameraRigView,
+    CloudView,
+    Moments,
     add_cameras,
+    add_cloud,
     bare,
     clear_late,
     pixel_box,
     show_cameras,
+    show_cloud,
     size_cameras,
+    update_cloud,
     update_thumbnails,
 )
-from handtrack_app.page.scene.cloud_view import CloudView, add_cloud, show_cloud, update_cloud
 from handtrack_app.page.scene.ghosts import GhostView, add_ghosts, show_ghosts, update_ghosts
-from handtrack_app.page.scene.hand_place import hand_balls
 from handtrack_app.page.scene.handles import (
     RootHandle,
     add_root_handle,
@@ -34,15 +37,16 @@ from handtrack_app.page.scene.model_view import (
     HandView,
     add_hand,
     add_surface,
+    add_surroundings,
     flesh_opacity,
+    hand_balls,
+    light,
     remove_hand,
     show_hand,
     update_hand,
     update_surface,
     update_truth,
 )
-from handtrack_app.page.scene.moments import Moments
-from handtrack_app.page.scene.surroundings import add_surroundings, light
 from handtrack_app.page.scene.viewpoint import (
     Viewpoint,
     begin_at,
@@ -52,8 +56,6 @@ from handtrack_app.page.scene.viewpoint import (
     overview,
     upward,
 )
-from handtrack_app.page.state import Display
-from handtrack_app.protocol.score import ScoreSnapshot
 from handtrack_app.protocol.snapshots import (
     BEFORE,
     HAND_REACH_M,
@@ -65,6 +67,7 @@ from handtrack_app.protocol.snapshots import (
     MaskPicture,
     PictureSnapshot,
     PoseSnapshot,
+    ScoreSnapshot,
     SessionSnapshot,
     SurfaceSnapshot,
 )

@@ -10,16 +10,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import Floats, Ints, N
-from handtrack_app.page.panels.pose_card import status_of
+from handtrack_app.page.panels.pose import status_of
 from handtrack_app.page.time.window import WIDTH, Window, extremes, runs
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
-from handtrack_app.protocol.snapshots import PoseSnapshot
-from handtrack_app.protocol.timeline import (
+from handtrack_app.protocol.snapshots import (
     APART,
     AT_LIMITS,
     MOVED,
     PROBABILITY,
     VIEWS,
+    PoseSnapshot,
     TimelineSnapshot,
 )
 

@@ -6,7 +6,7 @@ from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.page.panels.constraints import to_be_said
+from handtrack_app.page.panels.settings import to_be_said
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened
 from tests.app.waiting import eventually

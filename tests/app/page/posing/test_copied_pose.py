@@ -4,7 +4,7 @@ import pytest
 
 from handtrack.files.user_folder import user_data_folder
 from handtrack.model.model_file import load_model
-from handtrack_app.page.posing.copied_pose import ALL, CopiedPose, read_copied, save_copied
+from handtrack_app.page.panels.copying import ALL, CopiedPose, read_copied, save_copied
 
 HAND = load_model().parameter_names
 BODY = load_model("body34").parameter_names

@@ -4,7 +4,7 @@ import numpy as np
 
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
-from handtrack_app.page.posing.mirrored import mirrored
+from handtrack_app.page.panels.copying import mirrored
 
 RIGHT = np.array([1.0, 2.0, 0.5]) / np.linalg.norm([1.0, 2.0, 0.5])
 MIDDLE = np.array([0.3, -0.1, 0.2])

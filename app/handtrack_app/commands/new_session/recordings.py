@@ -1,0 +1,514 @@
+"""What `handtrack new` is given of each camera: a video or image files, depth files, joints; looked at before anything is written."""
+
+from __future__ import annotations
+
+import glob
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats, N
+from handtrack.capture.calibration.formats.given_rig import GivenRig
+from handtrack.capture.calibration.formats.settle import LensView
+from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
+from handtrack.capture.images.openpose import LAYOUTS, is_body
+from handtrack.capture.images.video import VideoFile
+from handtrack.capture.joints.body_points import layout_of
+from handtrack.capture.joints.given_joints import GivenJoints, in_pixels, write_joints
+from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.capture.joints.people import people
+from handtrack.capture.joints.read_joints import read_joints
+from handtrack.capture.joints.subject import BODY, HAND, Subject
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.toml_text import read_toml
+from handtrack.geometry.camera import Camera, CameraRig, scaled_by
+from handtrack.session.layout import is_pattern
+from handtrack_app.commands.terminal.output import say
+
+_BLOCK_PX = 16
+_IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
+
+
+@dataclass(frozen=True)
+class Given:
+    """One option of one camera: a file, or the files of a pattern."""
+
+    option: str
+    camera: str
+    text: str
+    files: tuple[Path, ...]
+    size: tuple[int, int] | None
+    """width, height [px] of its images."""
+    fps: float = 0.0
+    """what a video says; 0 where nothing does."""
+
+    @property
+    def where(self) -> str:
+        return f"{self.option} {self.camera}={self.text}"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """All that is given of one camera."""
+
+    camera: str
+    images: Given | None = None
+    depth: Given | None = None
+    keypoints: str | None = None
+    taken_by: str | None = None
+    """the camera whose images it is a view of; None: its own"""
+    view_size: tuple[int, int] | None = None
+    """width, height [px] of that view"""
+
+    @property
+    def given_as(self) -> str:
+        """The camera's name in the options."""
+        return self.taken_by or self.camera
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        """Width, height [px] of what is tracked: of what was taken, or of a pinhole view of it."""
+        if self.view_size is not None:
+            return self.view_size
+        return next((given.size for given in (self.images, self.depth) if given is not None), None)
+
+
+def recorded_cameras(
+    videos: Sequence[str], images: Sequence[str], depth: Sequence[str], keypoints: Sequence[str]
+) -> dict[str, Recorded]:
+    """Return what is given by camera, in the order of the options. Raises HandtrackError.
+
+    Each is a list of `CAMERA=FILE` or `CAMERA=PATTERN`.
+    """
+    cameras: dict[str, Recorded] = {}
+    for given in [*_each(_VIDEO, videos), *_each(_IMAGES, images)]:
+        if given.camera in cameras:
+            raise HandtrackError(f"{given.where}: a second video of the camera '{given.camera}'.")
+        _check_new(given, [r.images for r in cameras.values()])
+        cameras[given.camera] = Recorded(given.camera, _opened(given))
+    for given in _each(_DEPTH, depth):
+        seen = cameras.get(given.camera, Recorded(given.camera))
+        if seen.depth is not None:
+            raise HandtrackError(
+                f"{given.where}: depth of the camera '{given.camera}' is given twice."
+            )
+        cameras[given.camera] = replace(seen, depth=_opened(given))
+    for pair in keypoints:
+        camera, file = camera_and_file("--keypoints", pair, "joints.json")
+        seen = cameras.get(camera, Recorded(camera))
+        if seen.keypoints is not None:
+            raise HandtrackError(
+                f"--keypoints {pair}: joints of the camera '{camera}' are given twice."
+            )
+        cameras[camera] = replace(seen, keypoints=file)
+    if not cameras:
+        raise HandtrackError(
+            "nothing was recorded: give each camera's images with --video CAMERA=FILE or --images CAMERA='folder/*.png', its "
+            "--depth or its --keypoints."
+        )
+    return cameras
+
+
+def in_views(
+    recorded: Mapping[str, Recorded], views: Mapping[str, LensView]
+) -> dict[str, Recorded]:
+    """Return what is given by camera with each bent lens's images once for each pinhole view of them. Raises HandtrackError
+    for depth, which is measured along the axis of the lens and not of the view.
+    """
+    bent = {seen.camera for seen in views.values()}
+    for name, cam in recorded.items():
+        if name in bent and cam.depth is not None:
+            raise HandtrackError(
+                f"{cam.depth.where}: depth of a fisheye lens, or of one with skew, is not read. Give its point clouds "
+                "instead."
+            )
+    lenses = {seen.camera: seen.lens for seen in views.values()}
+    found = {}
+    for name, cam in recorded.items():
+        if name in lenses and cam.images is not None and cam.size not in (None, lenses[name].size):
+            (w, h), (width, height) = cam.size or (0, 0), lenses[name].size
+            raise HandtrackError(
+                f"{cam.images.where}: images of {w} x {h}; its fisheye lens is calibrated for {width} x {height}. Calibrate it at "
+                "the size that it records."
+            )
+        tiles = [tile for tile, seen in views.items() if seen.camera == name]
+        for tile in tiles or [name]:
+            size = views[tile].view.size if tiles else None
+            found[tile] = replace(cam, camera=tile, taken_by=cam.camera, view_size=size)
+    return found
+
+
+def camera_and_file(option: str, pair: str, example: str) -> tuple[str, str]:
+    """Return both sides of `CAMERA=FILE`. Raises HandtrackError."""
+    camera, equals, file = pair.partition("=")
+    if not (equals and camera and file):
+        raise HandtrackError(
+            f"{option} {pair}: expected CAMERA=FILE, as in {option} cam0={example}, with the camera's name in the calibration."
+        )
+    return camera, file
+
+
+def _each(option: str, pairs: Sequence[str]) -> list[Given]:
+    example = "left.mp4" if option == _VIDEO else "'left/*.png'"
+    found = []
+    for pair in pairs:
+        camera, text = camera_and_file(option, pair, example)
+        found.append(Given(option, camera, text, (), None))
+    return found
+
+
+def _check_new(given: Given, others: Sequence[Given | None]) -> None:
+    for other in others:
+        if other is not None and Path(other.text).resolve() == Path(given.text).resolve():
+            raise HandtrackError(
+                f"{given.where}: that is the video of the camera '{other.camera}' already; expected another one."
+            )
+
+
+def _opened(given: Given) -> Given:
+    """Return an option with its files and the size of its images; the files are closed again."""
+    if given.option == _VIDEO:
+        video = VideoFile(Path(given.text), None, given.where)
+        video.close()
+        return replace(given, files=(Path(given.text),), size=video.size, fps=video.nominal_fps)
+    files = image_files(given.text, given.where)
+    kind = DEPTH if given.option == _DEPTH else COLOUR
+    return replace(given, files=files, size=ImageFiles(list(files), kind, None, given.where).size)
+
+
+def image_files(text: str, where: str) -> tuple[Path, ...]:
+    """Return the image files of a pattern, or of a folder. Raises HandtrackError where there are none."""
+    pattern = os.path.join(glob.escape(text), "*") if os.path.isdir(text) else text
+    paths = [Path(name) for name in sorted(glob.glob(pattern))]
+    files = tuple(p for p in paths if p.is_file() and p.suffix.lower() in IMAGE_SUFFIXES)
+    if not files:
+        there = f"{len(paths)} other files match" if paths else "nothing matches"
+        raise HandtrackError(
+            f"{where}: {there}; expected numbered images ({', '.join(IMAGE_SUFFIXES)}), such as 'left/*.png'. Quote the pattern."
+        )
+    if len({path.parent for path in files}) > 1 or len({path.suffix for path in files}) > 1:
+        raise HandtrackError(
+            f"{where}: files of several folders or kinds; expected those of one, such as 'left/*.png'."
+        )
+    return files
+
+
+def check_sizes(recorded: Recorded, camera: Camera, scaled: bool) -> None:
+    """Raise HandtrackError where images are not of the calibration's size. scaled: whether they may be it, scaled."""
+    for given in (recorded.images, recorded.depth):
+        if given is None or given.size in (None, camera.size) or recorded.view_size is not None:
+            continue
+        if scaled and scaled_by(camera.size, given.size) is not None:
+            continue
+        if given.option == _VIDEO:
+            VideoFile(given.files[0], camera.size, given.where)  # says what is wrong with it
+        kind = DEPTH if given.option == _DEPTH else COLOUR
+        source = ImageFiles(list(given.files), kind, camera.size, given.where)
+        source.size  # noqa: B018  says what is wrong with it
+
+
+def without_padding(
+    rig: CameraRig, recorded: Mapping[str, Recorded]
+) -> tuple[CameraRig, list[str]]:
+    """Return the rig with the sizes of images that differ from the calibration's by a codec's padding alone; and what was
+    assumed, in sentences.
+
+    Video is coded in blocks of 16 pixels (ITU-T H.264, 7.3.2.1.1), filled up at the right and below: what one program shows as
+    1080 columns another one gives as 1088. The matrix is the same for both.
+    """
+    cameras, notes = [], list[str]()
+    for camera in rig:
+        size = recorded[camera.name].size if camera.name in recorded else None
+        if size is not None and size != camera.size and _differs_by_padding(size, camera.size):
+            notes.append(
+                f"camera '{camera.name}': images of {size[0]} × {size[1]}, calibrated for {camera.size[0]} × {camera.size[1]}: the "
+                "difference is taken to be a codec's padding at the right and below."
+            )
+            camera = replace(camera, size=size)
+        cameras.append(camera)
+    return CameraRig(tuple(cameras)), notes
+
+
+def _differs_by_padding(size: tuple[int, int], calibrated: tuple[int, int]) -> bool:
+    pairs = [sorted(pair) for pair in zip(size, calibrated, strict=True)]
+    return all(more in (less, -(-less // _BLOCK_PX) * _BLOCK_PX) for less, more in pairs)
+
+
+def settings_of(given: Given, folder: str) -> tuple[str, Mapping[str, Path]]:
+    """Return what session.toml says of files that are copied, and the files by their new names.
+
+    folder: below the session's, for several.
+    """
+    if given.option == _VIDEO:
+        (path,) = given.files
+        name = f"{folder}{path.suffix.lower()}"
+        return name, {name: path}
+    suffix = given.files[0].suffix
+    names = {f"{folder}/{path.name}": path for path in given.files}
+    return f"{folder}/*{suffix}", names
+
+
+def linked_setting(given: Given) -> tuple[str, Path]:
+    """Return what session.toml says of files that stay where they are, an absolute path or pattern, and their folder.
+
+    Raises HandtrackError for a path that reads as a pattern, which only copies may have.
+    """
+    first = given.files[0].resolve()
+    if is_pattern(str(first)):
+        raise HandtrackError(
+            f"{given.where}: a path with *, ? or [ cannot be linked. Rename it, or leave --link away."
+        )
+    name = first.name if given.option == _VIDEO else f"*{given.files[0].suffix}"
+    return (first.parent / name).as_posix(), first.parent
+
+
+def copied(files: Mapping[str, Path], folder: Path) -> None:
+    """Copy files into a session, saying so."""
+    said = set[Path]()
+    for name, path in files.items():
+        target = folder / name
+        if target.parent not in said or target.parent == folder:
+            say(f"copying {path if target.parent == folder else path.parent} …")
+            said.add(target.parent)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+
+
+# ---- The 2D joints that `handtrack new` is given, of one hand or one person in all cameras
+
+
+@dataclass(frozen=True)
+class CameraJoints:
+    """The points of a hand or a person in one camera's images."""
+
+    where: str
+    family: str
+    frames: Mapping[int, Floats[N, D3]]
+    side: str
+    """right or left; empty where the file does not say it, and of bodies."""
+    is_share: bool
+    named_layout: str | None
+    """the session's keypoint_layout; None: hand_left or hand_right."""
+    what: str
+    """whose points they are, in words."""
+    unknown: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def layout(self, side: str) -> str:
+        """Return the session's keypoint_layout."""
+        return self.named_layout or f"hand_{side}"
+
+    def pixels(self, size: tuple[int, int]) -> dict[int, Floats[N, D3]]:
+        """Return the points by frame, [px] of images of a size."""
+        if not self.is_share:
+            return dict(self.frames)
+        return {frame: in_pixels(points, size) for frame, points in self.frames.items()}
+
+    def write(self, folder: Path, side: str, size: tuple[int, int]) -> None:
+        """Write a file a frame to a new folder, and say what was taken. size: of the camera's images [px]."""
+        write_joints(self.pixels(size), self.layout(side), folder)
+        left = ", ".join(self.unknown[:8])
+        kind = "body" if is_body(LAYOUTS[self.layout(side)]) else "hand"
+        more = f"; not a {kind}'s, so left out: {left}" if left else ""
+        say(f"{self.where}: {self.family}, {self.what} in {len(self.frames)} frames{more}.")
+        for note in self.notes:
+            say(f"note: {note}")
+
+
+@dataclass(frozen=True)
+class GivenSubject:
+    """What is tracked, and where cameras saw its joints."""
+
+    kind: Subject
+    joints: Mapping[str, CameraJoints]
+
+    @property
+    def side(self) -> str | None:
+        """Which hand it is, where a file says it."""
+        return next((found.side for found in self.joints.values() if found.side), None)
+
+
+def joint_regions(
+    subject: GivenSubject, rig: GivenRig
+) -> dict[str, tuple[float, float, float, float]]:
+    """Return x, y, width, height [px] around all joints of each camera, half as much again on each side, inside its images."""
+    sizes = {str(camera.name): camera.size for camera in rig.cameras}
+    regions = {}
+    for name, joints in subject.joints.items():
+        size = sizes.get(name)
+        if size is None:
+            continue
+        points = np.concatenate(list(joints.pixels(size).values()))
+        points = points[np.isfinite(points[:, :2]).all(axis=1) & (points[:, 2] > 0), :2]
+        if not len(points):
+            continue
+        low, high = points.min(axis=0), points.max(axis=0)
+        margin = 0.5 * float((high - low).max())
+        low, high = np.maximum(low - margin, 0), np.minimum(high + margin, np.array(size) - 1.0)
+        regions[name] = (*low.tolist(), *(high - low + 1).tolist())
+    return regions
+
+
+def subject_in_views(subject: GivenSubject, views: Mapping[str, LensView]) -> GivenSubject:
+    """Return the subject with joints of bent images where the pinhole views of these show them."""
+    if not views:
+        return subject
+    bent = {view.camera for view in views.values()}
+    found = {name: joints for name, joints in subject.joints.items() if name not in bent}
+    for name, seen in views.items():
+        joints = subject.joints.get(seen.camera)
+        if joints is not None:
+            frames = {f: _in_view(p, seen) for f, p in joints.pixels(seen.lens.size).items()}
+            found[name] = replace(joints, frames=frames, is_share=False)
+    return replace(subject, joints=found)
+
+
+def _in_view(points: Floats[N, D3], seen: LensView) -> Floats[N, D3]:
+    moved = points.copy()
+    moved[:, :2] = seen.view.pixels(seen.lens.rays(points[:, :2]))
+    inside = ((moved[:, :2] > -0.5) & (moved[:, :2] < np.array(seen.view.size) - 0.5)).all(axis=1)
+    moved[~inside] = [np.nan, np.nan, 0.0]
+    return moved
+
+
+@dataclass(frozen=True)
+class Wished:
+    """What the user said of joints."""
+
+    side: str | None = None
+    kind: Subject | None = None
+    """by the model that was named"""
+    layout: str | None = None
+    person: int | None = None
+    """from 1"""
+    names: Mapping[str, str] = field(default_factory=dict)
+    """our joints of a file's own points"""
+    likely_layout: str | None = None
+    """as a project's settings say; it decides what joints leave open"""
+
+
+def given_subject(recorded: Mapping[str, Recorded], wished: Wished) -> GivenSubject:
+    """Return what is tracked, with its joints by camera. Raises HandtrackError where that is open, or cameras differ in it."""
+    if wished.layout is not None and wished.layout not in LAYOUTS:
+        raise unknown_name("layout of joints", wished.layout, tuple(LAYOUTS), "--layout")
+    given = {
+        name: (f"--keypoints {name}={cam.keypoints}", cam.keypoints)
+        for name, cam in recorded.items()
+        if cam.keypoints is not None
+    }
+    read = {n: (w, read_joints(text, w, wished.names, n)) for n, (w, text) in given.items()}
+    kind = _kind(wished, read)
+    _check_wished(wished, kind, read)
+    found = {
+        name: _person(one, where, wished) if kind is BODY else _hand(one, where, wished.side)
+        for name, (where, one) in read.items()
+    }
+    sides = {joints.side: joints for joints in found.values() if joints.side}
+    if len(sides) > 1:
+        first, second = sides.values()
+        raise HandtrackError(
+            f"{second.where}: a {second.side} hand, but {first.where} has a {first.side} one; say which with --side."
+        )
+    return GivenSubject(kind, found)
+
+
+def names_of_table(path: Path) -> dict[str, str]:
+    """Return our joints by a file's own names, from a table of lines such as `index_tip = "D2_tip"`; empty texts say nothing.
+
+    Raises HandtrackError for a key that is no joint of a hand, and for two joints of one name.
+    """
+    names: dict[str, str] = {}
+    for joint, theirs in read_toml(path, "a table of names").items():
+        if joint not in JOINTS:
+            raise unknown_name("joint", joint, JOINTS, str(path))
+        if not isinstance(theirs, str) or theirs in names:
+            raise HandtrackError(
+                f"{path}: {joint} = {theirs!r}; expected the name of one of the file's points, each at most once."
+            )
+        if theirs:
+            names[theirs] = joint
+    return names
+
+
+def table_to_fill_in(points: Sequence[str]) -> str:
+    """Return a table of names without names, with a file's points beside it."""
+    lines = [f"# Points of the file: {', '.join(points)}", "# Leave what it lacks empty."]
+    return "\n".join([*lines, *(f'{joint} = ""' for joint in JOINTS)]) + "\n"
+
+
+def _kind(wished: Wished, read: Mapping[str, tuple[str, GivenJoints]]) -> Subject:
+    """Return whether a hand or a body is tracked: as the user says, else what the files have alone."""
+    if wished.kind is not None:
+        return wished.kind
+    if wished.layout is not None:
+        return BODY if is_body(LAYOUTS[wished.layout]) else HAND
+    if wished.side is not None:
+        return HAND
+    if wished.person is not None:
+        return BODY
+    by_kind = {
+        HAND: [where for where, one in read.values() if one.has_hand or one.bodies is None],
+        BODY: [where for where, one in read.values() if one.bodies is not None],
+    }
+    if by_kind[HAND] and by_kind[BODY]:
+        first = by_kind[BODY][0]
+        others = "" if first in by_kind[HAND] else f", and {by_kind[HAND][0]} hands"
+        raise HandtrackError(
+            f"{first} has bodies{others or ' and hands'}; say what is to be tracked: --model body34 for the body, --model hand26 "
+            "for the hand (or --side right)."
+        )
+    return BODY if by_kind[BODY] else HAND
+
+
+def _check_wished(wished: Wished, kind: Subject, read: Mapping[str, object]) -> None:
+    """Raise HandtrackError for words that do not belong to what is tracked, or to joints that are not given."""
+    for option, value in (("--layout", wished.layout), ("--person", wished.person)):
+        if value is not None and not read:
+            raise HandtrackError(f"{option} {value} is about joints, but no --keypoints are given.")
+    if kind is HAND and wished.person is not None:
+        raise HandtrackError(
+            f"--person {wished.person} is about bodies; a hand is chosen with --side."
+        )
+    if wished.layout is not None and is_body(LAYOUTS[wished.layout]) != (kind is BODY):
+        raise HandtrackError(
+            f"--layout {wished.layout} is not of a {kind.word}, which is to be tracked."
+        )
+
+
+def _hand(given: GivenJoints, where: str, side: str | None) -> CameraJoints:
+    chosen, frames = given.hand(side, where)
+    return CameraJoints(
+        where, given.family, frames, chosen, given.is_share, given.layout, "a hand", given.unknown, given.notes
+    )  # fmt: skip
+
+
+def _person(given: GivenJoints, where: str, wished: Wished) -> CameraJoints:
+    bodies = given.bodies
+    if bodies is None:
+        raise HandtrackError(f"{where}: no body in any frame.")
+    layout = layout_of(bodies, wished.layout, where, wished.likely_layout)
+    everybody = people(bodies.frames)
+    number = wished.person or 1
+    if number > len(everybody):
+        raise HandtrackError(
+            f"--person {number}: {where} has {_people(len(everybody))}; expected at most {len(everybody)}."
+        )
+    what = f"a body ({layout})"
+    if len(everybody) > 1:
+        who = "the tallest who stays" if wished.person is None else f"person {number}"
+        others = ", ".join(str(len(p)) for p in everybody[:4] if p is not everybody[number - 1])
+        what += f", {who}"
+        note = f"{where}: {len(everybody)} people; others are in {others} frames (--person chooses one)."
+    else:
+        note = ""
+    return CameraJoints(
+        where, given.family, everybody[number - 1], "", bodies.is_share, layout, what, bodies.unknown, (note,) if note else ()
+    )  # fmt: skip
+
+
+def _people(count: int) -> str:
+    return "one person" if count == 1 else f"{count} people"

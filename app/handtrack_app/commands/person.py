@@ -1,0 +1,192 @@
+"""`handtrack person` and `handtrack size`: a person's hand or body from a recording, saved for every other one."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
+from handtrack.errors import HandtrackError
+from handtrack.files.toml_edit import edit_toml
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import scale_table, write_scale
+from handtrack.model.size import FOREARM_END, shape_numbers, without_forearm_end
+from handtrack.session.formats.tables import read_npz
+from handtrack.session.layout import SESSION_FILE
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
+from handtrack.tracking.frame.assessment import hand_words
+from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack_app.commands.terminal.output import (
+    answer,
+    output_file,
+    say,
+    saying_compiling,
+    share_bar,
+    stoppable,
+)
+from handtrack_app.commands.terminal.track_options import (
+    ask_for_other_side,
+    check_seen,
+    first_pose,
+    found_first_pose,
+    parse_frames,
+    parse_settings,
+    parse_sources,
+)
+
+_FILES = {
+    "person": {"hand": "person.toml", "body": "person.toml"},
+    "size": {"hand": "hand.json", "body": "body.json"},
+}
+_OF_RECORDINGS = ("frames", "init", "use", "set", "person")
+_INTERRUPTED = 130
+
+
+def fit_person(args: argparse.Namespace) -> int:
+    """Save the person of a tracked sequence; or track the frames asked for, fit a person to some of them, and save it. Return the
+    exit code.
+    """
+    if args.session.suffix.lower() == ".npz":
+        return _of_track(args)
+    session = Session.open(args.session)
+    session = session if args.person is None else session.with_person(args.person)
+    overrides: dict[str, object] = dict(parse_settings(args.set))
+    settings = session.settings.with_values(overrides)
+    overrides |= parse_sources(args.use, settings) | {"model.fit_size": False}
+    settings = settings.with_values(overrides)
+    check_seen(session, settings, args.use)
+    first = first_pose(args.init, session, settings)
+    if args.init != "auto":
+        ask_for_other_side(session, first or session.init, args.yes)
+    frames = parse_frames(args.frames, session.frame_range, session.folder)
+    if args.count < 1:
+        raise HandtrackError(
+            f"--count {args.count}: expected at least one frame to fit the size to."
+        )
+    kind = TrackingRun.open(session, overrides, use_init=False).model.kind
+    out = _new_file(args.out or session.folder / _FILES[args.command][kind], kind)
+    with stoppable() as stop, saying_compiling():
+        if args.init == "auto":
+            first = found_first_pose(session, overrides, frames, stop, args.yes)
+        say(
+            f"tracking {len(frames)} frames, and fitting the {kind}'s size to {args.count} of them …"
+        )
+        before = after = None
+        if not stop():
+            before = TrackingRun.open(session, overrides, first, stop)
+            with share_bar("sizing") as tell:
+                after = before.fit_size(stop, frames, args.count, tell, sizes=True)
+        if stop() or before is None or after is None:
+            say(f"handtrack {args.command}: interrupted; nothing was saved.")
+            return _INTERRUPTED
+    if after.scale is before.scale:
+        raise HandtrackError(
+            f"{session.folder}: none of the frames {frames.start} to {frames.stop - 1} has a tracked {kind} whose size can be "
+            "measured: that needs cameras whose viewing directions differ by at least 20 degrees, or a "
+            "cloud. Nothing was saved. Name other frames with --frames."
+        )
+    for note in dict.fromkeys(after.notes):
+        say(f"note: {note}")
+    source = f"session {session.name}, frames {frames.start} to {frames.stop - 1}"
+    return _save(args, out, replace(after.model, scale=replace(after.scale, source=source)))
+
+
+def _of_track(args: argparse.Namespace) -> int:
+    given = [name for name in _OF_RECORDINGS if getattr(args, name)]
+    if given:
+        raise HandtrackError(
+            f"{args.session} is tracked already: --{given[0]} is for a session. Leave it out, or name the session's folder."
+        )
+    track = read_npz(args.session)
+    model = model_of(track, str(args.session))
+    if not model.scale.std:
+        raise HandtrackError(
+            f"{args.session}: its {model.kind}'s shape is fixed, not estimated from the recording, so there is nothing to save. "
+            f'Track with scale = "fit" in [hand] of its {SESSION_FILE}.'
+        )
+    out = _new_file(
+        args.out or args.session.with_name(_FILES[args.command][model.kind]), model.kind
+    )
+    return _save(
+        args,
+        out,
+        replace(
+            model,
+            scale=replace(model.scale, source=f"{args.session.name} of session {track.session}"),
+        ),
+    )
+
+
+def _save(args: argparse.Namespace, out: Path, model: ArticulatedModel) -> int:
+    rows = [row for row in shape_numbers(model) if row.name != FOREARM_END]
+    write_scale(
+        out,
+        without_forearm_end(model.scale),
+        {r.name: r.words if r.is_measured else f"{r.words}, not measured" for r in rows},
+    )
+    hand, unmeasured = hand_words(model), [row.label for row in rows if not row.is_measured]
+    use = f'To use it: copy it into a session and set scale = "{out.name}" in [hand] of its {SESSION_FILE}.'
+    if (out.parent / SESSION_FILE).is_file():
+        use = f'To use it: in {SESSION_FILE}, [hand], scale = "{out.name}".'
+    saved = [
+        f"Of the mean adult's: {', '.join(f'{r.label} {r.words}' for r in rows if r.is_measured)}."
+    ]
+    if unmeasured:
+        saved += [
+            f"Not measured by this recording, taken from the population mean: {', '.join(unmeasured)}."
+        ]
+    saved += [f"{hand.capitalize()}." if hand else "", f"Saved to {out}"]
+    scale = scale_table(model.scale)
+    answer(
+        args,
+        {"scale": scale, "hand": hand, "not_measured": unmeasured, "output": out},
+        " ".join(filter(None, saved)),
+        use,
+    )
+    return 0
+
+
+def _new_file(out: Path, kind: str) -> Path:
+    output_file(out, (".toml", ".json"), "hands of persons are")
+    if out.exists():
+        raise HandtrackError(
+            f"{out} exists, and a person's {kind} is not written over. Name another file with --out, or move it away."
+        )
+    return out
+
+
+# ---- `handtrack skin`: the colour of skin from several images segmented by hand, for the filter of [clouds]
+
+
+def fit_skin(args: argparse.Namespace) -> int:
+    """Fit one ellipse in (r, g) to all of them and write it into session.toml."""
+    session = Session.open(args.session)
+    if session.file.clouds is None:
+        raise HandtrackError(
+            f"{session.folder / SESSION_FILE}: no table [clouds], whose filter the skin's colour is. Masks by skin colour are "
+            'a camera\'s: masks = { method = "skin_ycrcb" }.'
+        )
+    if not args.size > 0:
+        raise HandtrackError(f"--size {args.size:g}: expected standard deviations above 0.")
+    if args.segmented:
+        pairs = [(Path(image), Path(mask)) for image, mask in args.segmented]
+        samples = segmented_skin(pairs)
+    else:
+        samples = painted_skin(session)
+    skin = fit_skin_ellipse(*samples, size=args.size)
+    kept = edit_toml(
+        session.folder / SESSION_FILE, {"clouds.skin": asdict(skin)}, "a session's settings"
+    )
+    (red, green), images = skin.mean, len(samples)
+    answer(
+        args,
+        {"pixels": sum(map(len, samples)), "images": images, "r": red, "g": green},
+        f"{sum(map(len, samples))} pixels of {images} {'image' if images == 1 else 'images'}: r = {red:.3f}, g = {green:.3f}. "
+        f"[clouds] of {SESSION_FILE}: skin.{kept}",
+    )
+    if images == 1:
+        say("note: one image; a second under other light makes the ellipse hold there as well.")
+    return 0

@@ -1,0 +1,248 @@
+"""Commands on what was tracked: export, takes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from handtrack.diagnostics.metrics import evaluate
+from handtrack.diagnostics.take_comparison import compared, mean_overlap
+from handtrack.errors import HandtrackError
+from handtrack.export.registry import FORMATS, export_format
+from handtrack.export.table import ArchiveMetadata, ResultsTable
+from handtrack.files.versions import keep_version
+from handtrack.model.model_file import scale_from
+from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.session.takes.take_about import foreign_result, foreign_takes
+from handtrack.session.takes.track_files import import_track, make_current
+from handtrack.store.lease import holder_of
+from handtrack.store.spans import Span
+from handtrack.store.store import Store, WritableStore
+from handtrack.store.take import Take
+from handtrack.tracking.frame.result import TrackResult
+from handtrack_app.commands.terminal.output import answer, output_file, say
+from handtrack_app.commands.terminal.track_options import parse_frames
+
+_NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
+
+
+def export_poses(args: argparse.Namespace) -> int:
+    """Write the converted file, and those that belong to it, and name them."""
+    if args.to is None:
+        formats = {known.name: known.purpose for known in FORMATS}
+        answer(args, formats, *(f"{name:10} {purpose}" for name, purpose in formats.items()))
+        return 0
+    chosen = export_format(args.to)
+    folder = args.session or session_of(args.poses)
+    table = ResultsTable.read(args.poses, folder)
+    table = replace(table, mano=args.mano)
+    if args.metadata is not None:
+        table = replace(table, metadata=ArchiveMetadata.read(args.metadata))
+    out: Path = args.out or args.poses.with_name(f"{args.poses.stem}{chosen.ending}")
+    output_file(out, (chosen.suffix,), f"{args.to} exports are")
+    if out.resolve() == args.poses.resolve():
+        raise HandtrackError(
+            f"--out {out}: that is the file that is read; nothing was written. Name another one."
+        )
+    try:
+        previous = keep_version(out)
+        written = chosen.write(out, table, args.up or "", args.landmarks or "")
+    except OSError as error:
+        raise HandtrackError(
+            f"--out {out}: cannot be written ({error.strerror}). Name another place with --out."
+        ) from None
+    kept = f"; the file before is kept as {previous}" if previous else ""
+    beside = f", with {', '.join(path.name for path in written[1:])}" if written[1:] else ""
+    told = {"frames": len(table.track), "output": out, "files": written, "previous": previous}
+    answer(args, told, f"{len(table.track)} frames written to {out}{beside}{kept}")
+    for text in () if folder is None else _foreign(table.track, args.poses, folder):
+        say(f"note: {text}")
+    if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
+        say(
+            f"note: {args.poses} has frames with different hand sizes; {args.to} has one skeleton for all, with errors of up to "
+            f"{1e3 * table.misfit_m:.1f} mm in some frames."
+        )
+    return 0
+
+
+def _foreign(track: TrackResult, poses: Path, folder: Path) -> list[str]:
+    """Return that a result was made from other input than its session has now, in sentences."""
+    with suppress(HandtrackError):  # a session that cannot be read: its result can all the same
+        session = Session.open(folder)
+        own = poses.resolve() == (folder / POSES_FILE).resolve()
+        found = foreign_takes(Store(folder / TRACKS_FOLDER), session) if own else []
+        return found or foreign_result(track, str(poses), session)
+    return []
+
+
+def session_of(poses: Path) -> Path | None:
+    """Return the session folder that a result lies in, None where it lies elsewhere."""
+    folder = poses.resolve().parents[len(Path(POSES_FILE).parts) - 1]
+    return folder if (folder / SESSION_FILE).is_file() else None
+
+
+# ---- `handtrack takes`: what was tracked of a session, one take after another; compared, made current again,
+# removed
+
+
+_PROGRAM = "handtrack takes"
+
+
+def manage_takes(args: argparse.Namespace) -> int:
+    """List the takes, or do with them what the options say."""
+    session = Session.open(args.session)
+    folder = session.folder / TRACKS_FOLDER
+    frames = (
+        None
+        if args.frames is None
+        else parse_frames(args.frames, session.frame_range, session.folder)
+    )
+    if frames is not None and args.restore is None and args.compare is None:
+        raise HandtrackError("--frames goes with --restore or --compare.")
+    if args.restore is not None:
+        _restore(session.folder, args, frames)
+    elif args.prune is not None:
+        with WritableStore(folder, _PROGRAM, args.take_over) as store:
+            freed = store.prune(args.prune)
+        print(f"take {args.prune} is removed; {_megabytes(freed)} are free.")
+    elif args.compare is not None:
+        _compare(Store(folder), session, args, frames)
+    else:
+        _list(Store(folder), session, args)
+    return 0
+
+
+def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> None:
+    with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
+        if text := import_track(store, folder):
+            say(f"note: {text}")
+        spans = store.restored(args.restore, frames)
+        make_current(store, spans, f"Take {args.restore} restored", folder / POSES_FILE)
+        named = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
+        print(f"current: frames {named}. Saved to {folder / POSES_FILE}")
+        for text in store.damage():
+            say(f"note: {text}")
+
+
+def _compare(
+    store: Store, session: Session, args: argparse.Namespace, frames: range | None
+) -> None:
+    takes = [store.take(number) for number in args.compare]
+    found = compared(*(take.track(frames) for take in takes))
+    if session.truth is not None:
+        for take in takes:
+            error = evaluate(take.track(frames), session.truth)["mpjpe_tracked_mm"]
+            found[f"take_{take.number}_error_mm"] = error
+    for take in takes:
+        overlap = _overlap(session, take, frames)
+        if overlap is not None:
+            found[f"take_{take.number}_overlap"] = overlap
+    if args.json:
+        print(json.dumps(found, indent=1))
+        return
+    for name, value in found.items():
+        print(f"{name:28s} {'-' if value is None else f'{value:.4g}'}")
+
+
+def _overlap(session: Session, take: Take, frames: range | None) -> float | None:
+    """Return how well a take covers the session's masks; None where it cannot be told."""
+    labels = take.about.labels
+    values = json.loads(labels.settings or "{}") | {"model.fit_size": False}
+    try:
+        run = TrackingRun.open(session, values, use_init=False)
+        run = run.with_scale(scale_from(json.loads(labels.scale), take.folder))
+        run = run.with_parameters(labels.parameter_names)
+        if run.model.parameter_names != labels.parameter_names:
+            return None
+        return mean_overlap(
+            run.model, lambda frame: run.seen(frame).silhouettes, take.results(frames)
+        )
+    except (HandtrackError, ValueError, KeyError, TypeError) as error:
+        say(f"note: the overlap of take {take.number} with the masks cannot be computed: {error}")
+        return None
+
+
+def _list(store: Store, session: Session, args: argparse.Namespace) -> None:
+    spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
+    foreign = foreign_takes(store, session)
+    listed = [_listed(take, spans) for take in store.takes()]
+    if args.json:
+        takes = [asdict(entry) for entry in listed]
+        told = {
+            "takes": takes,
+            "damage": damage,
+            "foreign": foreign,
+            "writer": holder and str(holder),
+        }
+        print(json.dumps(told, indent=1))
+        return
+    if not listed:
+        print(f"{store.folder}: no takes yet; `handtrack track` makes one.")
+    for entry in listed:
+        print(entry)
+    if holder is not None:
+        say(f"note: {holder} is writing here.")
+    for text in (*foreign, *damage):
+        say(f"note: {text}")
+
+
+@dataclass(frozen=True)
+class _Listed:
+    """What is told of a take."""
+
+    take: int
+    bytes: int
+    current: list[tuple[int, int]]
+    """spans of frames, half-open"""
+    begun: str = ""
+    by: str = ""
+    frames: tuple[int, int] = (0, 0)
+    statuses: dict[str, int] = field(default_factory=dict)
+    """how many frames there are of each"""
+    finished: bool = False
+    settings: dict[str, object] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    damage: str = ""
+    """what keeps it from being used"""
+
+    def __str__(self) -> str:
+        if self.damage:
+            return f"take {self.take}: {_megabytes(self.bytes)}, damaged"
+        counts = [f"{count} {status}" for status, count in self.statuses.items()]
+        state = [] if self.finished else ["not finished"]
+        if self.current:
+            state.append("current for " + ", ".join(f"{a}:{b}" for a, b in self.current))
+        first, stop = self.frames
+        words = [f"frames {first}:{stop}", *(counts or ["none tracked"]), _megabytes(self.bytes)]
+        return f"take {self.take}: {self.begun} by {self.by}, {', '.join([*words, *state])}"
+
+
+def _listed(take: Take, spans: Sequence[Span]) -> _Listed:
+    current = [(span.first, span.stop) for span in spans if span.take == take.number]
+    entry = _Listed(take.number, take.bytes, current)
+    try:
+        about = take.about
+    except HandtrackError as error:
+        return replace(entry, damage=str(error))
+    counts = Counter(status.name.lower() for status in take.statuses.values())
+    return replace(
+        entry,
+        begun=about.begun,
+        by=about.by,
+        frames=about.frames,
+        statuses=dict(counts),
+        finished=take.is_finished,
+        settings=json.loads(about.labels.settings or "{}"),
+        versions=dict(about.versions),
+    )
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"

@@ -1,0 +1,498 @@
+"""The mask desk: what the page sees of masks, where they come from, and what is painted over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import cv2
+import numpy as np
+
+from handtrack.arrays import D2, D3, Bytes, Floats, H, N, W
+from handtrack.capture.masks.mask_correction import (
+    AS_IT_IS,
+    BACKGROUND,
+    HAND,
+    carried,
+    empty_layer,
+    painted,
+)
+from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
+from handtrack.capture.masks.segmentation import METHODS, mask_method_table
+from handtrack.diagnostics.residual_image import mask_picture
+from handtrack.errors import HandtrackError, unknown_name
+from handtrack.session.session import Session
+from handtrack.session.session_state import NOTHING, Correction, Edit, MaskSource, decide
+from handtrack.session.sources.corrected_masks import encoded
+from handtrack.session.sources.views import MaskChoice, View
+from handtrack_app.engine.document import Document, source_of, usual_values
+from handtrack_app.engine.jobs import BackgroundJob, Carried, Report
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
+from handtrack_app.engine.pictures.preview_service import PreviewService
+from handtrack_app.engine.store import edits, saving
+from handtrack_app.protocol.calls import command
+from handtrack_app.protocol.snapshots import (
+    FILES,
+    NO_MASKS,
+    MaskCameraCard,
+    MaskCard,
+    MaskPicture,
+    Notice,
+)
+
+_SMALL_PX = 240  # height, as of the other small pictures
+_CORRECTED = (86, 180, 233)
+"""around what was corrected"""
+
+
+@dataclass(frozen=True, eq=False)
+class MaskMoment:
+    """What pictures of a frame's masks are made from."""
+
+    frame: int
+    session: Session
+    on_all: bool
+    """over all cameras' small pictures"""
+    screens: tuple[str, ...]
+    """cameras whose large pictures are looked at"""
+
+
+class MaskRenderer:
+    """On the render thread only."""
+
+    def __init__(self, session: Session) -> None:
+        self._maker = CameraPictures(session)
+
+    def picture(self, moment: MaskMoment) -> MaskPicture:
+        """Return the masks over the images. What cannot be made of a camera is told, and the others are shown."""
+        small: dict[str, Bytes] = {}
+        screens: dict[tuple[str, str], Bytes] = {}
+        corrected: dict[str, str] = {}
+        wrong: list[str] = []
+        for view in moment.session.views:
+            if not moment.on_all and view.name not in moment.screens:
+                continue
+            try:
+                large = self._painted(view, moment.frame)
+                corrected[view.name] = _words(view, moment.frame)
+            except HandtrackError as error:
+                large = self._maker.plain(view.name, moment.frame)
+                wrong.append(str(error))
+            if view.name in moment.screens:
+                screens[view.name, "mask"] = large
+            if moment.on_all:
+                small[view.name] = _small(large)
+        sheet = (
+            contact_sheet({f"{name}  {moment.frame}": image for name, image in small.items()})
+            if small
+            else None
+        )
+        return MaskPicture(moment.frame, small, sheet, screens, corrected, " ".join(wrong))
+
+    def _painted(self, view: View, frame: int) -> Bytes[H, W, D3]:
+        image, silhouette = self._maker.plain(view.name, frame), view.silhouette(frame)
+        if silhouette is None:
+            return image
+        picture = mask_picture(image, silhouette)
+        own = view.own_frame(frame)
+        layer = None if own is None else view.corrections.layer(own)
+        if layer is not None:
+            marked = np.where(layer != AS_IT_IS, np.uint8(255), np.uint8(0))
+            straight = self._maker.straight(view.name, marked)
+            lines, _ = cv2.findContours(straight, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+            cv2.drawContours(picture, lines, -1, _CORRECTED, 1)
+        return picture
+
+
+def _small(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
+    height, width = image.shape[:2]
+    if height <= _SMALL_PX:
+        return image
+    size = (round(width * _SMALL_PX / height), _SMALL_PX)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)  # type: ignore[return-value]
+
+
+def _words(view: View, frame: int) -> str:
+    frames, own = view.corrections.frames, view.own_frame(frame)
+    here = "corrected here" if own in frames else "not corrected here"
+    return f"{here}; {len(frames)} frame{'s' if len(frames) != 1 else ''} in all"
+
+
+class CarryingJob(BackgroundJob):
+    """Follows what was painted by optical flow, frame by frame, up to frames that were painted themselves."""
+
+    kind = "carrying"
+
+    def __init__(
+        self,
+        number: int,
+        views: Sequence[View],
+        frame: int,
+        frames: range,
+        is_painted: Callable[[str, int], bool],
+        post: Callable[[Report], None],
+    ) -> None:
+        """frames: as far as it is carried, `frame` among them. is_painted: whether a camera's own frame was corrected by hand."""
+        super().__init__(number, range(0), post)
+        self._views, self._frame, self._reach = views, frame, frames
+        self._is_painted = is_painted
+
+    def work(self) -> None:
+        found: dict[tuple[str, int], Correction] = {}
+        reach, first = self._reach, self._frame
+        ways = (range(first + 1, reach.stop), range(first - 1, reach.start - 1, -1))
+        total = max(len(self._views) * sum(map(len, ways)), 1)
+        done = 0
+        for view in self._views:
+            for way in ways:
+                for at, correction in self._carried(view, way):
+                    found[at] = correction
+                    done += 1
+                    self.show_progress(
+                        min(done / total, 0.99), f"carrying the correction of {view.name}"
+                    )
+                    if self.should_stop():
+                        return
+        if not found:
+            raise HandtrackError(
+                "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
+                "are corrected themselves."
+            )
+        self.report(Carried(found))
+
+    def _carried(self, view: View, way: range) -> Iterator[tuple[tuple[str, int], Correction]]:
+        own = view.own_frame(self._frame)
+        layer = None if own is None else view.corrections.layer(own)
+        before = view.image(self._frame)
+        for frame in way:
+            own, image = view.own_frame(frame), view.image(frame)
+            if layer is None or before is None or image is None or own is None:
+                return
+            if self._is_painted(view.name, own):
+                return
+            layer, before = carried(layer, before, image), image
+            content = encoded(layer)
+            if content is None:
+                return
+            yield (view.name, own), Correction(content, carried=True)
+
+
+BRUSHES = {"hand": HAND, "not hand": BACKGROUND, "unknown": UNKNOWN_LEVEL, "as it is": AS_IT_IS}
+_MOST_POINTS, _LARGEST_PX = 4096, 500.0  # of a stroke; no page sends more
+_DEPTHS_M = {"near_m": 0.2, "far_m": 0.8}  # of a hand before a camera on a desk, to begin with
+
+
+def masks_changed(document: Document, camera: str, values: Mapping[str, object]) -> Edit:
+    """Change method, thresholds or box of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
+    views = {view.name: view for view in document.run.session.views}
+    if camera and camera not in views:
+        raise unknown_name("camera", camera, tuple(views))
+    wanted = [views[camera]] if camera else list(views.values())
+    found, why = dict[str, MaskSource](), ""
+    for view in wanted:
+        try:
+            found[view.name] = _changed(document, view, dict(values))
+        except HandtrackError as error:
+            why = str(error)
+    if not found:
+        raise HandtrackError(why)
+    return decide(masks=found)
+
+
+def _changed(document: Document, view: View, values: dict[str, object]) -> MaskSource:
+    source = source_of(document.masks[view.name])
+    table, roi = source.masks, source.roi
+    if "method" in values:
+        table = _begun(document, view, str(values.pop("method")))
+    if "roi" in values:
+        roi, box = None, values.pop("roi")
+        if isinstance(box, list | tuple):
+            x, y, width, height = (int(part) for part in box)
+            roi = x, y, width, height
+    if values:
+        known = table if isinstance(table, dict) else dict[str, object]()
+        for name in values:
+            if name not in known:
+                raise HandtrackError(f"the masks of camera '{view.name}' have no setting '{name}'.")
+        table = {**known, **values}
+    return MaskSource(table, roi)
+
+
+def _begun(document: Document, view: View, name: str) -> str | dict[str, object] | None:
+    """Return a method as it begins: as session.toml has it, else as it is usual. Raises HandtrackError where it cannot be."""
+    saved = document.saved_masks[view.name][0]
+    if name == NO_MASKS:
+        return None
+    if name == FILES:
+        if not isinstance(saved, str):
+            raise HandtrackError(
+                f"session.toml names no files of masks for camera '{view.name}': `masks = \"masks/{view.name}/*.png\"` does."
+            )
+        return saved
+    if name not in possible_methods(document, view):
+        needs = METHODS[name].needs if name in METHODS else "a method that is known"
+        raise HandtrackError(
+            f"masks of camera '{view.name}' cannot be made by '{name}': it needs {needs}, and joints for 'seeded'."
+        )
+    if saved is not None and not isinstance(saved, str) and saved.name == name:
+        return mask_method_table(saved)
+    kind = METHODS[name]
+    width, height = view.camera.size
+    middle = [3 * width // 7, 3 * height // 7, width // 7, height // 7]
+    needed = {"sample": middle, "reference": document.frame, **_DEPTHS_M}
+    given = {item.name: needed[item.name] for item in fields(kind) if item.name in needed}
+    return {"method": name, **usual_values(kind), **given}
+
+
+def possible_methods(document: Document, view: View) -> tuple[str, ...]:
+    """Return the methods that a camera has what it takes for; files where session.toml names some."""
+    settings, saved = view.settings, document.saved_masks[view.name][0]
+    found = [name for name, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
+    if settings.keypoints is None:
+        found = [name for name in found if name != "seeded"]
+    return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
+
+
+def marked_box(
+    document: Document, camera: str, what: str, box: tuple[int, int, int, int], frame: int
+) -> Edit:
+    """Take a box dragged over a camera's undistorted image as its region of interest, or as the sample of skin."""
+    view = document.run.session.view(camera)
+    x, y, width, height = box
+    edges = [(x + s * width, y + t * height) for s in (0, 0.5, 1) for t in (0, 0.5, 1)]
+    places = _as_taken(view, edges)
+    size = np.array(view.camera.size)
+    low = np.clip(np.round(places.min(axis=0)), 0, size - 2).astype(int)
+    high = np.clip(np.round(places.max(axis=0)), low + 2, size).astype(int)
+    values: dict[str, object] = {what: tuple(int(v) for v in (*low, *(high - low)))}
+    if what == "sample":
+        values["reference"] = document.clamped(frame)
+    return masks_changed(document, camera, values)
+
+
+def painting(
+    document: Document,
+    frame: int,
+    camera: str,
+    brush: str,
+    points: Sequence[tuple[float, float]],
+    radius_px: float,
+) -> Edit:
+    """Paint a stroke over a camera's mask. Raises HandtrackError where there is nothing to paint on."""
+    view, own = _place(document, camera, frame)
+    stroke = np.asarray(points[:_MOST_POINTS], dtype=float).reshape(-1, 2)
+    stroke = stroke[np.isfinite(stroke).all(axis=1)]
+    if not len(stroke) or brush not in BRUSHES or not np.isfinite(radius_px):
+        return NOTHING
+    layer = view.corrections.layer(own)
+    layer = empty_layer(view.camera.size) if layer is None else layer
+    radius = min(max(float(radius_px), 0.5), _LARGEST_PX)
+    after = painted(layer, _as_taken(view, stroke.tolist()), radius, BRUSHES[brush])
+    content = encoded(after)
+    now = None if content is None else Correction(content)
+    return decide(correction={(view.name, own): now})
+
+
+def correction_dropped(document: Document, camera: str, frame: int) -> Edit:
+    """Drop the correction of a camera's frame."""
+    view, own = _place(document, camera, frame)
+    return decide(correction={(view.name, own): None})
+
+
+def is_painted(document: Document, camera: str, own_frame: int) -> bool:
+    """Return whether a frame was corrected there, and not only carried to it."""
+    correction = document.in_force(("correction", (camera, own_frame)))
+    return correction is not None and not correction.carried
+
+
+def _place(document: Document, camera: str, frame: int) -> tuple[View, int]:
+    view = document.run.session.view(camera)
+    own = view.own_frame(document.clamped(frame))
+    if own is None:
+        raise HandtrackError(f"camera '{camera}' shows nothing at frame {frame}.")
+    return view, own
+
+
+def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
+    """Return where points of the undistorted image (N, 2) lie in the image as it was taken [px]."""
+    places = np.asarray(points, dtype=float)
+    if view.camera.is_distorted:
+        places = view.camera.distort_points(places)
+    return np.nan_to_num(places, nan=-1e4)
+
+
+def method_of(choice: MaskChoice) -> str:
+    """Return the page's name of where masks come from."""
+    masks = choice[0]
+    return NO_MASKS if masks is None else FILES if isinstance(masks, str) else masks.name
+
+
+_MOST_CARRIED = 50  # frames each way; what is carried drifts
+_NO_IMAGES = "No camera of this recording has images: its masks cannot be computed, nor seen against anything."
+_FILES = "Masks of {} are files. Choose a method to compute them from the images, or correct them below: the files stay."
+
+
+class MaskService(PreviewService):
+    """Masks."""
+
+    _on_all, _screens = False, tuple[str, ...]()
+
+    @cached_property
+    def _maker(self) -> MaskRenderer:
+        return MaskRenderer(self._document.run.session)
+
+    # ---- showing
+
+    @command(view=True, latest=())
+    def want_masks(self, on: bool) -> None:
+        """Show masks over all cameras' images or not."""
+        self._on_all = on
+        self.show()
+
+    def want_screens(self, screens: tuple[tuple[str, str], ...]) -> None:
+        """Show the masks of these cameras whose large pictures are looked at."""
+        names = self._document.run.session.rig.names
+        wanted = (name for name, paint in screens if paint == "mask")
+        self._screens = tuple(name for name in wanted if name in names)
+        self.show()
+
+    @property
+    def _is_wanted(self) -> bool:
+        return self._on_all or bool(self._screens)
+
+    def _show(self, hurried: bool) -> None:
+        moment = self._moment()
+        self._render_thread.ask("masks", lambda: self._maker.picture(moment))
+
+    def picture(self) -> MaskPicture | None:
+        """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
+        if not self._is_wanted:
+            return None
+        moment = self._moment()
+        made = self._render_thread.wait_for("masks", lambda: self._maker.picture(moment))
+        return made if isinstance(made, MaskPicture) else None
+
+    def _moment(self) -> MaskMoment:
+        document = self._document
+        return MaskMoment(document.frame, document.run.session, self._on_all, self._screens)
+
+    def card(self) -> MaskCard:
+        """Return where masks come from, with the settings in force."""
+        document = self._document
+        views = document.run.session.views
+        cards = []
+        for view in views:
+            masks, roi = document.masks[view.name]
+            table = {} if masks is None or isinstance(masks, str) else mask_method_table(masks)
+            table.pop("method", None)
+            cards.append(
+                MaskCameraCard(
+                    view.name, view.camera.size, method_of((masks, roi)), table, roi,
+                    possible_methods(document, view),
+                )
+            )  # fmt: skip
+        words = ""
+        if all(set(card.possible) <= {FILES, NO_MASKS} for card in cards):
+            words = _NO_IMAGES
+        elif files := [card.name for card in cards if card.method == FILES]:
+            words = _FILES.format(", ".join(files))
+        return MaskCard(tuple(cards), document.unsaved_masks, words)
+
+    # ---- changing
+
+    @command(edits=True, latest=("camera", "values"), words="settings of masks")
+    def set_masks(self, camera: str, values: dict[str, object]) -> None:
+        """Change where the masks of a camera come from (`method`), settings of the method, or the region of interest (`roi`). camera:
+        empty for all that have what it takes.
+        """
+        names, slid = ", ".join(values), edits.is_slid(*values.values())
+
+        def change() -> None:
+            changed = masks_changed(self._document, camera, values)
+            self._store.do(f"Masks: {names}", changed, tag=f"{camera} {names}", is_stroke=slid)
+
+        self._change(change)
+
+    @command(edits=True, words="a box for masks")
+    def mark_mask_box(
+        self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
+    ) -> None:
+        """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
+        self._change(
+            lambda: self._store.do(
+                "Masks: box", marked_box(self._document, camera, what, box, frame)
+            )
+        )
+
+    @command(edits=True, words="settings of masks")
+    def restore_masks(self) -> None:
+        """Go back to the masks as session.toml has them."""
+        back = dict.fromkeys(self._document.unsaved_masks)
+        self._change(lambda: self._store.do("Masks of session.toml", decide(masks=back)))
+
+    @command(edits=True, files=True, words="saving settings of masks")
+    def save_masks(self) -> None:
+        """Write where masks come from into session.toml."""
+
+        def change() -> None:
+            said = saving.save_masks(self._store)
+            self._publish(Notice("done", "Masks' settings saved", said))
+
+        self._change(change)
+
+    @command(edits=True, files=True, words="the mask of {camera}, frame {frame}")
+    def paint_mask(
+        self,
+        frame: int,
+        camera: str,
+        brush: str,
+        points: tuple[tuple[float, float], ...],
+        radius_px: float,
+        tag: str = "",
+    ) -> None:
+        """Paint a stroke over a camera's mask in a frame.
+
+        brush: `hand`, `not hand`, `unknown`, or `as it is` (not corrected). points: columns and rows [px] of the undistorted image.
+        tag: of the drag; what follows soon with the same is one step of undo.
+        """
+        words = f"Mask of {camera}, frame {frame}"
+
+        def change() -> None:
+            self._store.check()  # what is painted becomes a file
+            values = painting(self._document, frame, camera, brush, points, radius_px)
+            self._store.do(words, values, f"{words} {tag}", waits=True, is_stroke=True)
+
+        self._change(change)
+
+    @command(edits=True, files=True, words="the mask of {camera}, frame {frame}")
+    def drop_correction(self, frame: int, camera: str) -> None:
+        """Forget what was painted over a camera's mask in a frame."""
+
+        def change() -> None:
+            self._store.check()
+            values = correction_dropped(self._document, camera, frame)
+            self._store.do(f"Correction of {camera} dropped, frame {frame}", values)
+
+        self._change(change)
+
+    @command(job=True, files=True, words="carrying masks on")
+    def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
+        """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
+        document, store = self._document, self._store
+
+        def change() -> None:
+            store.check()
+            store.write_what_rests(at_once=True)
+            views = [view for view in document.run.session.views if camera in ("", view.name)]
+            low, high = (min(max(n, 0), _MOST_CARRIED) for n in (before, behind))
+            at = document.clamped(frame)
+            frames = range(document.clamped(at - low), document.clamped(at + high) + 1)
+            self._jobs.begin(
+                lambda number, post: CarryingJob(
+                    number, views, at, frames,
+                    lambda name, own: is_painted(document, name, own), post,
+                )
+            )  # fmt: skip
+
+        self._change(change)

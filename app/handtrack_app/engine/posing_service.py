@@ -1,0 +1,334 @@
+"""Poses that the page gives: set, taken from elsewhere, pulled at, let go; and looks at what was before, which change nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from handtrack.arrays import D2, Floats, K, P, S
+from handtrack.errors import HandtrackError
+from handtrack.observation.observation import Observation
+from handtrack.observation.pins import Pin
+from handtrack.session.posed_frames import solver_params_of
+from handtrack.session.session_state import (
+    NOTHING,
+    Edit,
+    SessionState,
+    decide,
+    in_turn,
+    name_of,
+    read,
+)
+from handtrack.store.history import History, merged
+from handtrack.terms.keypoints import pinned_places
+from handtrack.tracking.pulling import pulled
+from handtrack_app.engine.document import Document, pinning
+from handtrack_app.engine.document_snapshots import pose_picture, pose_titles, words_of
+from handtrack_app.engine.job_control import drags, looks_elsewhere
+from handtrack_app.engine.store import edits
+from handtrack_app.engine.store.edits import set_pose
+from handtrack_app.protocol.calls import command
+from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice, PosePicture, Snapshot
+
+MakeEdit = Callable[[int, Edit, str, str, bool], None]
+"""changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
+_SOURCES = {"previous": "Pose of the frame before", "start": "First-frame pose"}
+_NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
+
+
+@dataclass
+class PoseService:
+    """Lives on the worker's thread."""
+
+    document: Document
+    history: Callable[[], History]
+    edit: MakeEdit
+    publish: Callable[[Snapshot], None]
+    show: Callable[[], None]
+    """shows the pose again"""
+
+    @command(edits=True, latest=("frame",), words="the pose of frame {frame}", at_once=drags)
+    def set_pose(
+        self,
+        frame: int,
+        values: tuple[float, ...],
+        version: int,
+        tag: str = "",
+        is_stroke: bool = False,
+        words: str = "Pose",
+    ) -> None:
+        """Set the whole pose of a frame by hand.
+
+        values: (S,) joint parameters [m, rad]. version: counts the user's edits; the answering snapshot carries it back. tag: the
+        control that is moved: what follows soon with the same is one step of undo. is_stroke: the tag is of this one drag: one step,
+        however long it takes. words: what is done, for undo.
+        """
+        if version >= self.document.version:
+            self.edit(frame, edits.pose(self.document, frame, values), words, tag, is_stroke)
+
+    @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
+    def take_pose(self, frame: int, source: str, version: int) -> None:
+        """Replace a frame's pose by `start` (the first-frame pose), `previous` (the frame before), or a pose of the library, for the
+        fingers.
+        """
+        taken = edits.taken_pose(self.document, frame, source)
+        self.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"), "", False)
+
+    @command(
+        edits=True,
+        latest=("frame", "joint", "bone", "tag"),
+        words="the pose of frame {frame}",
+        at_once=drags,
+    )
+    def pull_place(
+        self,
+        frame: int,
+        target: tuple[float, float, float],
+        version: int,
+        joint: str = "",
+        bone: str = "",
+        point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        tag: str = "",
+    ) -> None:
+        """Bend a finger or limb so that a joint, or a point of a bone [m], comes to a target in world [m]. tag: of the drag."""
+        pulled = edits.pulled_place(
+            self.document, frame, target, Pin("", (0.0, 0.0), joint, bone, point)
+        )
+        self.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
+
+    @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
+    def forget_pose(self, frame: int, version: int) -> None:
+        """Drop what was set by hand at a frame; the tracked pose shows again."""
+        known = self.document.clamped(frame) in self.document.by_hand
+        forgotten = edits.forgotten_pose(frame) if known else NOTHING
+        self.edit(frame, forgotten, "Pose dropped", "", False)
+
+    @command(job=True, words="the pose library")
+    def want_library(self, client_id: int) -> None:
+        """Send one client the pose library in pictures."""
+        model = self.document.model
+        drawn = (
+            PosePicture(one.name, one.short, one.group, pose_picture(model, one.name))
+            for one in pose_titles(model)
+        )
+        self.publish(LibrarySnapshot(client_id, tuple(drawn)))
+
+    @command(at_once=looks_elsewhere)
+    def look_before(self, on: bool) -> None:
+        """Show the frame's pose as it was before the last step that changed it, or as it is; a look, no edit."""
+        document = self.document
+        before = pose_before(document, self.history()) if on else None
+        if on and before is None:
+            self.publish(Notice("info", "Nothing before", _NOTHING_BEFORE))
+        document.before = before
+        self.show()
+
+
+_SAME = 1e-9
+"""[m, rad] a pose that was written and read again differs by less"""
+
+
+def pose_before(document: Document, history: History) -> Floats[S] | None:
+    """Return the joint parameters of the frame shown before the last step of the history that changed them; None where no step
+    did, or nobody knew a pose before.
+    """
+    state, here = document.state, ("pose", document.frame)
+    names, now = {name_of(here), name_of(("spans", None))}, document.shown
+    for step in history.past.latest_first():
+        earlier = read({c.key: c.before for c in merged(step) if c.key in names})
+        if not earlier:
+            continue
+        state = state.having(earlier)
+        was = _pose(document, state)
+        if was is not None and np.abs(was - now).max() > _SAME:
+            return was
+    return None
+
+
+def _pose(document: Document, state: SessionState) -> Floats[S] | None:
+    """Return the pose that showed at the frame when this was decided."""
+    frame, decided = document.frame, state.pose.get(document.frame)
+    if decided is not None:
+        return document.posed(decided)
+    for span in reversed(state.spans):
+        take = document.takes.get(span.take) if span.first <= frame < span.stop else None
+        if take is not None and take.parameter_names == document.model.parameter_names:
+            result = take.get(frame)  # where it lacks the frame, the one below shows
+            if result is not None:
+                return result.parameters
+    return document.start if frame == document.first_frame else None
+
+
+# ---- Pins of the page: pulled at, dropped, copied; the pose follows at once
+
+
+_MOST = 200
+"""pins of a frame; more than anybody places"""
+_FAR_PX = 10_000.0
+
+
+@dataclass
+class Pull:
+    """One drag: where it began, and what is seen meanwhile."""
+
+    tag: str
+    frame: int
+    stood: Floats[P]
+    seen: Observation
+
+
+def with_pin(document: Document, pull: Pull, pin: Pin, by_images: bool) -> Edit:
+    """Let a place lie at a pixel, and the hand follow. Raises HandtrackError for what is no such place."""
+    model = document.model
+    pinned_places(model, [pin])
+    size = document.run.session.view(pin.camera).camera.size
+    if not np.isfinite(pin.pixel).all() or np.abs(np.subtract(pin.pixel, size)).max() > _FAR_PX:
+        raise HandtrackError(f"a pin of {pin.joint or pin.bone}: {pin.pixel} is no pixel of {pin.camera}.")  # fmt: skip
+    own = document.run.session.pins.of(pull.frame)
+    others = [p for p in own if p.what != pin.what]
+    if len(others) >= _MOST:
+        raise HandtrackError(f"Frame {pull.frame} has {_MOST} pins already; drop some first.")
+    return _led(document, pull, (*others, pin), by_images)
+
+
+def pins_dropped(document: Document, pull: Pull, which: int | None, by_images: bool) -> Edit:
+    """Drop one of a frame's pins, or all: then the pose goes with them where they led to it."""
+    own = document.run.session.pins.of(pull.frame)
+    left = () if which is None else tuple(p for n, p in enumerate(own) if n != which)
+    if left == own:
+        return NOTHING
+    if left:
+        return _led(document, pull, left, by_images)
+    frame = pull.frame
+    led = {frame: None} if document.decided_pose(frame).pinned else {}
+    return decide(pins={frame: None}, pose=led)
+
+
+def pins_copied(document: Document, frame: int, others: Iterable[int]) -> Edit:
+    """Copy a frame's pins to others, each moved as the place that it holds moves in what was tracked."""
+    pins, found = document.run.session.pins, dict[int, Sequence[Pin]]()
+    own = pins.of(frame)
+    what = {pin.what for pin in own}
+    corrections = _corrections(document, frame, own)
+    for other in others:
+        if other == frame or other not in document.frames:
+            continue
+        at = _pixels(document, _tracked(document, other), own)
+        moved = [
+            replace(pin, pixel=(float(x), float(y)))
+            for pin, (x, y) in zip(own, at + corrections, strict=True)
+            if np.isfinite([x, y]).all()
+        ]
+        kept = [pin for pin in pins.of(other) if pin.what not in what]
+        found[other] = [*kept, *moved]
+    return pinning(found)
+
+
+def begun_pull(document: Document, frame: int, tag: str) -> Pull:
+    """Begin a pull at a frame, from the pose that shows there."""
+    model, frame = document.model, document.clamped(frame)
+    params = solver_params_of(model, document.pose_at(frame))
+    seen = document.run.observation(frame, model.bones(params))
+    return Pull(tag, frame, params, seen)
+
+
+def _led(document: Document, pull: Pull, pins: Sequence[Pin], by_images: bool) -> Edit:
+    """Return pins, and the pose to which they lead."""
+    model, session = document.model, document.run.session
+    names = model.joint_names, model.skeleton.bone_names
+    held = session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
+    seen = replace(pull.seen, pins=held)
+    params = solver_params_of(model, document.pose_at(pull.frame))
+    tells = bool(seen.silhouettes or seen.keypoints or seen.cloud or seen.images)
+    found = pulled(model, document.run.settings, seen, params, by_images and tells, pull.stood)
+    posed = set_pose(document, pull.frame, model.joint_params(found), pinned=True)
+    return in_turn(pinning({pull.frame: pins}), posed)
+
+
+def _tracked(document: Document, frame: int) -> Floats[S]:
+    """Return the pose that was tracked at a frame, else the one that shows there."""
+    result = document.results.get(frame)
+    return document.pose_at(frame) if result is None else result.parameters
+
+
+def _corrections(document: Document, frame: int, pins: Sequence[Pin]) -> Floats[K, D2]:
+    """Return how far each pin moves its place from where that was tracked [px]."""
+    return np.array([p.pixel for p in pins]).reshape(-1, 2) - _pixels(
+        document, _tracked(document, frame), pins
+    )
+
+
+def _pixels(document: Document, values: Floats[S], pins: Sequence[Pin]) -> Floats[K, D2]:
+    """Return where the pinned places of a pose lie in their cameras' undistorted images [px]."""
+    model, rig = document.model, document.run.session.rig
+    bone, point = pinned_places(model, pins)
+    places = model.bones(solver_params_of(model, values)).to_world(bone, point)
+    flat = {camera.name: camera.without_distortion() for camera in rig}
+    at = np.full((len(pins), 2), np.nan)
+    for n, pin in enumerate(pins):
+        at[n] = flat[pin.camera].project(places[n : n + 1])[0]
+    return at
+
+
+@dataclass
+class PinService:
+    """Lives on the worker's thread."""
+
+    document: Document
+    edit: Callable[[int, Edit, str, str, bool], None]
+    """changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
+    _pull: Pull | None = None
+
+    @command(
+        edits=True,
+        latest=("frame", "camera", "tag"),
+        words="pins of frame {frame}",
+        at_once=drags,
+    )
+    def set_pin(
+        self,
+        frame: int,
+        camera: str,
+        pixel: tuple[float, float],
+        version: int,
+        joint: str = "",
+        bone: str = "",
+        point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        by_images: bool = True,
+        tag: str = "",
+    ) -> None:
+        """Let a joint, or a point of a bone [m], lie at a pixel of a camera's undistorted image. by_images: the observations hold the
+        rest of the hand; else it changes least. tag: of the drag.
+        """
+        self._refuse_live()
+        pull = self._pull
+        if pull is None or (pull.tag, pull.frame) != (tag, frame):
+            pull = self._pull = begun_pull(self.document, frame, tag)
+        pin = Pin(camera, pixel, joint, bone, point)
+        placed = with_pin(self.document, pull, pin, by_images)
+        self.edit(frame, placed, f"Pin of {words_of(joint or bone)} in {camera}", tag, True)
+
+    @command(edits=True, words="pins of frame {frame}", at_once=looks_elsewhere)
+    def drop_pins(
+        self, frame: int, which: int | None, version: int, by_images: bool = True
+    ) -> None:
+        """Drop one of a frame's pins by its place in the list, or all (None)."""
+        self._refuse_live()
+        pull = self._pull = begun_pull(self.document, frame, "")
+        left = pins_dropped(self.document, pull, which, by_images)
+        self.edit(frame, left, "Pins dropped" if which is None else "Pin dropped", "", False)
+
+    @command(edits=True, words="pins of frame {frame}")
+    def copy_pins(self, frame: int, before: int, behind: int, version: int) -> None:
+        """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
+        self._refuse_live()
+        others = range(frame - before, frame + behind + 1)
+        self.edit(frame, pins_copied(self.document, frame, others), "Pins copied", "", False)
+
+    def _refuse_live(self) -> None:
+        if self.document.run.session.live is not None:
+            raise HandtrackError(
+                "Running cameras go on: a pin would be of an image that is gone. Record a session, and correct that."
+            )

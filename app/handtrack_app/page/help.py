@@ -1,0 +1,203 @@
+"""One page of help, and a tour of five things to do for who comes for the first time; both for one page alone, and left at once."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import viser
+
+from handtrack_app.page.html import text
+from handtrack_app.page.page import Action, Keys, Page, put
+from handtrack_app.page.panels.tracking import TrackingPanel
+
+if TYPE_CHECKING:
+    from handtrack_app.viser_internals import KeyModifier
+
+_KEPT_AS = "handtrack.toured"  # in the browser's storage
+_GESTURES = (
+    ("Drag", "Turns the free view; moves the picture of a camera"),
+    ("Wheel", "Nearer and farther; through a camera: larger and smaller"),
+    ("Ctrl click", "Through a camera: enlarges there. With Shift: smaller"),
+    ("Ctrl drag", "Through a camera: shows that box"),
+    (
+        "Drag the {kind}",
+        "Through a camera: a joint or segment is pinned there; the {middle} takes the whole {kind} along",
+    ),
+    (
+        "Shift drag",
+        "Of the {kind}, through a camera: turns it, as the right button does; freely: pulls a joint or segment",
+    ),
+    ("Arrows, arcs", "Of the handle: move and turn the {kind}"),
+)
+TOUR = (
+    (
+        "Move a {part}",
+        "In the tab Pose, move a slider. The numbers above it follow, and Ctrl Z takes it back.",
+    ),
+    (
+        "Pin a joint",
+        "Press 1 to look through a camera, then drag a joint to where the picture has it.",
+    ),
+    (
+        "Review",
+        "Shift Z shows the interval of lowest confidence. <b>Accept and next</b>, in the tab Review, locks it.",
+    ),
+    ("Plot", "Review, then Plots: choose what to see over time."),
+    ("Export", "More, then Export: download joint angles and positions."),
+)
+"""what is to be done, and how"""
+
+
+@dataclass
+class Help:
+    """Help and tour of the pages."""
+
+    page: Page
+    keys: Keys
+    offers_tour: bool = False
+    """to who comes for the first time"""
+    leave: Callable[[viser.ClientHandle], None] = lambda client: None
+    """leaves a camera's view"""
+    marks: tuple[Callable[[], object], ...] = ()
+    """for each step of the tour what differs once it is done"""
+    _steps: dict[int, tuple[viser.GuiFolderHandle, int, object]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for words, key, act in (
+            ("Help: all keys", "H", self.show),
+            ("Tour: five things to do", None, self.tour),
+            ("Close the dialog, or leave the camera", "escape", self.escape),
+        ):
+            from_user = self.page.from_user(lambda event, act=act: act(event.client))
+            modifier = "shift" if key == "H" else None
+            self.page.everyones.add(self.keys.add(words, key, from_user, modifier))
+
+    def escape(self, client: viser.ClientHandle) -> None:
+        """Close the dialog; where none is open, leave the camera that is looked through."""
+        if self.page.has_dialog(client):
+            self.page.close_dialog(client)
+        else:
+            self.leave(client)
+
+    def welcome(self, client: viser.ClientHandle) -> None:
+        """Offer the tour to a page whose browser knows of none."""
+        if self.offers_tour:
+            self.page.remembered(
+                client, _KEPT_AS, lambda kept: self.tour(client) if kept is None else None
+            )
+
+    def show(self, client: viser.ClientHandle) -> None:
+        """Show all keys."""
+        modal = self.page.dialog(client, "Keys and gestures")
+        with modal:
+            search = client.gui.add_text("Search", "")
+            found = client.gui.add_html(self.table())
+            close = client.gui.add_button("Close")
+        search.on_update(lambda event: put(found, content=self.table(str(event.target.value))))
+        close.on_click(lambda _: self.page.close_dialog(client))
+
+    def table(self, wanted: str = "") -> str:
+        """Return gestures and keys, or those of them that hold some words."""
+        say = self.page.words.of
+        known = (*_GESTURES, *self.keys.known, ("Ctrl K", "All commands, by name"))
+        rows = "".join(
+            f"<div><kbd>{html.escape(say(how))}</kbd><span>{html.escape(say(what))}</span></div>"
+            for how, what in known
+            if wanted.strip().lower() in f"{say(how)} {say(what)}".lower()
+        )
+        return (
+            f"<div class='handtrack-keys' tabindex='0'>{rows or 'Nothing has these words.'}</div>"
+        )
+
+    def tour(self, client: viser.ClientHandle) -> None:
+        """Begin the tour."""
+        self._step(client, 0)
+
+    def _step(self, client: viser.ClientHandle, number: int) -> None:
+        before = self._steps.pop(client.client_id, None)
+        if before is not None:
+            before[0].remove()
+        if number >= len(TOUR):
+            client.local_storage.set_item(_KEPT_AS, "yes")
+            return
+        title, words = (self.page.words.of(one) for one in TOUR[number])
+        with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
+            client.gui.add_html(text(words, faint=False))
+            on = client.gui.add_button("Skip this", color="gray")
+            leave = client.gui.add_button("Leave the tour", color="gray")
+        on.on_click(lambda _: self._step(client, number + 1))
+        leave.on_click(lambda _: self._step(client, len(TOUR)))
+        self._steps[client.client_id] = folder, number, self.marks[number]()
+
+    def watch(self) -> None:
+        """Go on where a step of the tour was done."""
+        here = self.page.server.get_clients()
+        for one, (_, number, before) in list(self._steps.items()):
+            if one not in here:
+                del self._steps[one]
+            elif self.marks[number]() != before:
+                self._step(here[one], number + 1)
+
+
+# ---- Keys, and entries of the palette, for the work itself: frames, tracking, keyframes, saving, export
+
+
+_TEN = 10
+_Entry = tuple[str, str | None, "KeyModifier | None", Action]
+
+
+def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
+    """Add them; each does what a button of the page does. Not W, A, S, D, Q, E, with whatever else: viser walks by them."""
+    state = page.state
+
+    def keyframe() -> None:
+        if state.values:
+            values = state.values
+            page.engine.set_pose(state.frame, values, state.begin_edit(), words="Keyframe")
+
+    entries: list[_Entry] = [
+        ("Undo", "Z", "cmd/ctrl", lambda _: page.travel(back=True)),
+        ("Redo", "Z", "cmd/ctrl+shift", lambda _: page.travel(back=False)),
+        ("Redo", "Y", "cmd/ctrl", lambda _: page.travel(back=False)),
+        ("Before/after: the pose before the last step", "tab", None, lambda _: page.flip()),
+        ("Play or pause", "space", None, lambda _: page.play(not state.playing)),
+        ("Next frame", "arrowright", None, lambda _: page.go_to(state.frame + 1)),
+        ("Previous frame", "arrowleft", None, lambda _: page.go_to(state.frame - 1)),
+        (
+            "Hide or show the model",
+            "H",
+            None,
+            lambda _: page.draw("hidden", not state.display.hidden),
+        ),
+        ("Ten frames on", "arrowright", "shift", lambda _: page.go_to(state.frame + _TEN)),
+        ("Ten frames back", "arrowleft", "shift", lambda _: page.go_to(state.frame - _TEN)),
+        ("First frame", "home", None, lambda _: page.go_to(state.start)),
+        ("Last frame", "end", None, lambda _: page.go_to(state.stop - 1)),
+        ("Next frame of low confidence, or lost", "N", "shift", lambda _: tracking.go_to_odd()),
+        ("Keep this pose: a keyframe", "M", None, lambda _: keyframe()),
+        (
+            "No keyframe here: the tracked pose",
+            "M",
+            "shift",
+            lambda _: page.engine.forget_pose(state.frame, state.begin_edit()),
+        ),
+        ("Track: from here on", "T", "shift", lambda _: tracking.start("forward ▶")),
+        ("Track: from here back", "B", "shift", lambda _: tracking.start("◀ backward")),
+        ("Track: all frames", None, None, lambda _: tracking.start("all")),
+        ("Track: pause, and go on", "P", "shift", lambda _: tracking.pause_or_go_on()),
+        ("Track: cancel", "C", "shift", lambda _: page.engine.cancel()),
+        ("Refine all frames together", "R", "shift", lambda _: page.engine.refine()),
+        ("Save the track", "V", "shift", lambda _: page.engine.save_track()),
+        ("Save this pose as the first frame's", None, None, lambda _: page.engine.save_pose()),
+        ("Export angles and positions (CSV)", "O", "shift", _export(page, "csv")),
+        ("Export everything (NPZ)", None, None, _export(page, "npz")),
+    ]
+    for words, key, modifier, act in entries:
+        keys.add(words, key, page.from_user(act), modifier)
+
+
+def _export(page: Page, kind: str) -> Action:
+    return lambda event: page.engine.export(kind, event.client.client_id)

@@ -1,0 +1,497 @@
+"""Masks: where they come from, tried live over all cameras, a box, and correcting them by hand."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import count
+
+import numpy as np
+import viser
+
+from handtrack_app import viser_internals as internals
+from handtrack_app.page.page import Keys, Page, UserEvent, clean_interval, number, put
+from handtrack_app.page.scene.stage import Stage
+from handtrack_app.page.scene.zoom import Pixel
+from handtrack_app.protocol.snapshots import MaskCameraCard, MaskCard, MaskPicture
+
+ALL = "all cameras"
+
+
+@dataclass
+class MaskPanel:
+    """Handles of the mask tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    stage: Stage
+    keys: Keys
+    card: MaskCard | None = None
+    built: bool = False
+    methods: dict[str, MethodWidgets] = field(default_factory=dict)
+
+    def fit(self, card: MaskCard) -> None:
+        """Build the tab once, then show what is in force."""
+        self.card = card
+        if not self.built:
+            self.built = True
+            with self.tab:
+                self._build(card)
+        self._show_chosen()
+        self.note.content = _small(card.words)
+        changed = ", ".join(card.unsaved)
+        self.saved.content = _small(
+            f"Not in session.toml yet: masks of {changed}." if changed else ""
+        )
+        for button in (self.save, self.back):
+            put(button, visible=bool(card.unsaved))
+
+    def _build(self, card: MaskCard) -> None:
+        page, gui = self.page, self.page.gui
+        names = tuple(camera.name for camera in card.cameras)
+        possible = [n for n in METHOD_WORDS if any(n in camera.possible for camera in card.cameras)]
+        blank = np.full((8, 8, 3), 36, np.uint8)
+        self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80, visible=False)
+        self.wrong = gui.add_html("")
+        self.note = gui.add_html("")
+        self.on = gui.add_checkbox(
+            "Show masks", page.state.display.masks,
+            hint=page.words.of("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
+        )  # fmt: skip
+        self.camera = gui.add_dropdown("Camera", (ALL, *names) if len(names) > 1 else names)
+        self.method = gui.add_dropdown("Masks from", tuple(METHOD_WORDS[n] for n in possible))
+        self.methods = {
+            name: MethodWidgets(page, name, self._set)
+            for name in possible
+            if name not in ("files", "none")
+        }
+        if "skin_adaptive" in self.methods:
+            with self.methods["skin_adaptive"].folder:
+                sample = gui.add_button(
+                    "Drag a box over skin", icon=viser.Icon.MARQUEE_2, color="gray"
+                )
+            page.on(sample, lambda event: self._drag(event, "sample"))
+        self._build_box(card)
+        self.saved = gui.add_html("")
+        self.save = gui.add_button(
+            "Save to session.toml", icon=viser.Icon.DEVICE_FLOPPY, color="gray", visible=False,
+            hint="Only masks and roi of the cameras change; the file before is kept in versions/.",
+        )  # fmt: skip
+        self.back = gui.add_button(
+            "Back to what is saved", icon=viser.Icon.RESTORE, color="gray", visible=False,
+            hint="Forget what was changed here since; corrections stay.",
+        )  # fmt: skip
+        self.correcting = CorrectingWidgets(
+            page, self.stage, self.keys, self._one_camera, self._named
+        )
+        page.on(self.on, lambda event: self._show_masks(bool(event.value)))
+        page.on(self.camera, lambda _: self._show_chosen())
+        page.on(self.method, lambda event: self._choose(str(event.value)))
+        page.on(self.save, lambda _: page.engine.save_masks())
+        page.on(self.back, lambda _: page.engine.restore_masks())
+
+    def _build_box(self, card: MaskCard) -> None:
+        page, gui = self.page, self.page.gui
+        width, height = card.cameras[0].size
+        with gui.add_folder("Box", expand_by_default=False):
+            self.box_words = gui.add_html("")
+            drag = gui.add_button(
+                "Drag a box over the image", icon=viser.Icon.MARQUEE_2, color="gray",
+                hint="Outside of it nothing counts as observed.",
+            )  # fmt: skip
+            self.across = gui.add_multi_slider(
+                "Box x px", 0, width, 1, initial_value=(0, width), min_range=2
+            )
+            self.down = gui.add_multi_slider(
+                "Box y px", 0, height, 1, initial_value=(0, height), min_range=2
+            )
+            self.no_box = gui.add_button("No box", icon=viser.Icon.X, color="gray", visible=False)
+        page.on(drag, lambda event: self._drag(event, "roi"))
+        for slider in (self.across, self.down):
+            page.on(slider, lambda _: self._set_box())
+        page.on(self.no_box, lambda _: self._set("roi", None, one=True))
+
+    # ---- which camera
+
+    def _named(self) -> str:
+        chosen = str(self.camera.value)
+        return "" if chosen == ALL else chosen
+
+    def _shown_camera(self) -> MaskCameraCard:
+        """Return the camera chosen, of all the first."""
+        assert self.card is not None
+        named = self._named()
+        return next((c for c in self.card.cameras if c.name == named), self.card.cameras[0])
+
+    def _one_camera(self, event: UserEvent) -> str | None:
+        """Return the camera that is meant where there can be one only: chosen, or looked through, or the first."""
+        through = self.page.state.look(event.client.client_id).through
+        return self._named() or through or self._shown_camera().name
+
+    def _show_chosen(self) -> None:
+        camera = self._shown_camera()
+        put(self.method, value=METHOD_WORDS[camera.method])
+        for name, widgets in self.methods.items():
+            put(widgets.folder, visible=name == camera.method)
+            if name == camera.method:
+                widgets.fit(camera.values)
+        (width, height), roi = camera.size, camera.roi
+        put(self.across, max=width)
+        put(self.down, max=height)
+        x, y, w, h = roi or (0, 0, width, height)
+        put(self.across, value=(x, x + w))
+        put(self.down, value=(y, y + h))
+        put(self.no_box, visible=roi is not None)
+        said = "no box: the whole image counts" if roi is None else f"{w} × {h} px from {x}, {y}"
+        self.box_words.content = _small(f"{camera.name}: {said}.")
+
+    # ---- changing
+
+    def _show_masks(self, on: bool) -> None:
+        self.page.draw("masks", on)
+        put(self.on, value=on)
+        put(self.sheet, visible=on)
+        if on:
+            self.wrong.content = _small("Masks are being made …")
+
+    def _set(self, name: str, value: object, one: bool = False) -> None:
+        camera = self._shown_camera().name if one else self._named()
+        self._show_masks(True)
+        self.page.engine.set_masks(camera, {name: value})
+
+    def _choose(self, words: str) -> None:
+        method = next((name for name, known in METHOD_WORDS.items() if known == words), None)
+        if method is not None:
+            self._set("method", method)
+
+    def _set_box(self) -> None:
+        pairs = [clean_interval(s.value, s.min, s.max) for s in (self.across, self.down)]
+        if pairs[0] is not None and pairs[1] is not None:
+            (left, right), (top, bottom) = pairs[0], pairs[1]
+            self._set("roi", (int(left), int(top), int(right - left), int(bottom - top)), one=True)
+
+    def _drag(self, event: UserEvent, what: str) -> None:
+        camera = self._one_camera(event)
+        if camera is None or event.client is None:
+            return
+
+        def marked(box: tuple[int, int, int, int]) -> None:
+            self._show_masks(True)
+            self.page.engine.mark_mask_box(camera, what, box, self.page.state.frame)
+
+        self.stage.mark_box(camera, event.client, marked)
+        over = "skin, away from its edges" if what == "sample" else "all that is to count"
+        self.page.notify(
+            "info",
+            f"Drag a box in {camera}",
+            f"Press the mouse and drag over {over}. The model is hidden until then; key 0 looks freely again.",
+            event.client,
+        )
+
+    # ---- snapshots
+
+    def show(self, picture: MaskPicture) -> None:
+        """Show the masks of a frame."""
+        if not self.built:
+            return
+        if picture.sheet is not None and self.page.state.display.masks:
+            self.sheet.image = picture.sheet
+            put(self.sheet, visible=True)
+        self.wrong.content = _small(picture.words)
+        self.correcting.say(picture.corrected)
+
+
+def _small(text: str) -> str:
+    if not text:
+        return ""
+    return f"<div style='padding:.3em .9em;font-size:.85em;line-height:1.4;opacity:.8'>{html.escape(text)}</div>"
+
+
+# ---- Widgets of the mask methods' settings: a folder for each method, of which the one in force shows
+
+
+METHOD_WORDS = {
+    "seeded": "seeded by joints",
+    "skin_ycrcb": "skin, fixed colours",
+    "skin_adaptive": "skin, colour of a box",
+    "background_median": "before the usual image",
+    "background_mog2": "before a changing background",
+    "depth_range": "range of depth",
+    "files": "files of the session",
+    "none": "none",
+}
+_Widget = viser.GuiCheckboxHandle | viser.GuiSliderHandle[float] | viser.GuiMultiSliderHandle[float]
+Set = Callable[[str, object], None]
+"""set(name, value): change a setting of the method"""
+
+
+@dataclass(frozen=True)
+class Field:
+    """How a setting of a method is drawn: a slider; of two numbers where `pair`; a checkbox where `high` is 0."""
+
+    label: str
+    hint: str
+    low: float = 0
+    high: float = 0
+    step: float = 1
+    pair: bool = False
+
+
+_OPEN = Field("Opening px", "Side of the square whose opening removes specks; 0: none.", 0, 25)
+_LARGEST = Field("Largest piece", "Other pieces are background.")
+_BRIGHT = Field("Brighter than", "Darker pixels are background.", 0, 255)
+_SAMPLES = Field("Learned from", "So many frames, evenly spaced over the recording.", 3, 100)
+FIELDS: dict[str, dict[str, Field]] = {
+    "seeded": {
+        "sure": Field("How sure", "Probability below which a pixel is unknown.", 0.55, 0.99, 0.01),
+        "samples": _SAMPLES,
+    },
+    "skin_ycrcb": {
+        "cr": Field("Cr (red)", "Range of skin's red difference.", 0, 255, 1, True),
+        "cb": Field("Cb (blue)", "Range of skin's blue difference.", 0, 255, 1, True),
+        "y_min": _BRIGHT, "open_px": _OPEN, "largest": _LARGEST,
+    },
+    "skin_adaptive": {
+        "size": Field("Ellipse's size", "In standard deviations of the box's colours.", 0.5, 8, 0.1),
+        "y_min": _BRIGHT, "open_px": _OPEN, "largest": _LARGEST,
+    },
+    "background_median": {
+        "threshold": Field("Difference", "In the pixel's own standard deviations.", 1, 40, 0.5),
+        "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
+    },
+    "background_mog2": {
+        "threshold": Field("Difference", "Squared, in variances.", 1, 100, 1),
+        "shadows": Field("No shadows", "Darkened background counts as such."),
+        "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
+    },
+    "depth_range": {
+        "near_m": Field("Nearest m", "Nearer is background.", 0.05, 3, 0.01),
+        "far_m": Field("Farthest m", "Farther is background.", 0.05, 3, 0.01),
+        "open_px": _OPEN, "largest": _LARGEST,
+    },
+}  # fmt: skip
+"""by method and setting"""
+
+
+class MethodWidgets:
+    """The settings of one method."""
+
+    def __init__(self, page: Page, method: str, set_: Set) -> None:
+        gui = page.gui
+        self.folder: viser.GuiFolderHandle = gui.add_folder(METHOD_WORDS[method], visible=False)
+        self._widgets: dict[str, _Widget] = {}
+        with self.folder:
+            for name, drawn in FIELDS[method].items():
+                widget = _widget(gui, drawn)
+                self._widgets[name] = widget
+                page.on(
+                    widget,
+                    lambda event, name=name, drawn=drawn: _send(set_, name, drawn, event.value),
+                )
+        self._fields = FIELDS[method]
+
+    def fit(self, values: Mapping[str, object]) -> None:
+        """Show the settings in force."""
+        for name, widget in self._widgets.items():
+            if name in values:
+                put(widget, value=_shown(self._fields[name], values[name]))
+
+
+def _widget(gui: viser.GuiApi, drawn: Field) -> _Widget:
+    if not drawn.high:
+        return gui.add_checkbox(drawn.label, False, hint=drawn.hint)
+    span = drawn.low, drawn.high, drawn.step
+    if drawn.pair:
+        ends = drawn.low, drawn.high
+        return gui.add_multi_slider(
+            drawn.label, *span, initial_value=ends, min_range=drawn.step, hint=drawn.hint
+        )
+    return gui.add_slider(drawn.label, *span, drawn.low, hint=drawn.hint)
+
+
+def _shown(drawn: Field, value: object) -> bool | float | tuple[float, ...]:
+    if not drawn.high:
+        return bool(value)
+    if isinstance(value, list | tuple):
+        return tuple(int(part) for part in value)
+    inside = number(value, drawn.low, drawn.high)
+    assert inside is not None, "settings in force are numbers"
+    return round(inside) if isinstance(drawn.step, int) else inside
+
+
+def _send(set_: Set, name: str, drawn: Field, value: object) -> None:
+    if not drawn.high:
+        set_(name, bool(value))
+        return
+    parts = [
+        number(part, drawn.low, drawn.high)
+        for part in (value if isinstance(value, list | tuple) else (value,))
+    ]
+    if any(part is None for part in parts):
+        return
+    whole = [
+        round(part) if isinstance(drawn.step, int) else round(part, 4)
+        for part in parts
+        if part is not None
+    ]
+    if drawn.pair:
+        set_(name, tuple(sorted(whole)))
+    else:
+        set_(name, float(whole[0]) if name == "threshold" else whole[0])
+
+
+# ---- Correcting a frame's mask: a brush on the camera's image, and what was painted carried to the frames beside
+
+
+_BRUSHES = {
+    "{kind}": "hand",
+    "not {kind}": "not hand",
+    "unknown": "unknown",
+    "as it is": "as it is",
+}
+"""words → what is sent"""
+_RADIUS = (1, 80, 1)  # [px]
+_FACTOR = 1.2  # by which a key changes the radius
+_MOST = 20  # frames to carry to, each way
+
+
+class CorrectingWidgets:
+    """A folder of the tab."""
+
+    def __init__(
+        self,
+        page: Page,
+        stage: Stage,
+        keys: Keys,
+        camera: Callable[[UserEvent], str | None],
+        named: Callable[[], str],
+    ) -> None:
+        """camera: the one that a user means; named: the one chosen in the tab, empty for all."""
+        self.page, self.stage, self.camera, self.named = page, stage, camera, named
+        self._modal = keys.modal
+        self._painter: viser.ClientHandle | None = None
+        self._strokes = count(1)
+        self._stroke, self._last = 0, None
+        self.brushes = {page.words.of(words): brush for words, brush in _BRUSHES.items()}
+        gui = page.gui
+        with gui.add_folder("Correct this frame"):
+            self.words = gui.add_html("")
+            self.brush = gui.add_dropdown(
+                "Brush",
+                tuple(self.brushes),
+                hint="Key X, while you paint, swaps with the one before. As it is: takes the correction away again.",
+            )
+            self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
+            self.paint = gui.add_button(
+                "Paint over the mask", icon=viser.Icon.BRUSH, color="gray",
+                hint="Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.",
+            )  # fmt: skip
+            self.done = gui.add_button("Done painting", icon=viser.Icon.CHECK, visible=False)
+            self.drop = gui.add_button(
+                "Drop this frame's correction", icon=viser.Icon.ERASER, color="gray"
+            )
+            self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
+            self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
+            self.carry = gui.add_button(
+                "Carry to these frames", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
+                hint="What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
+                "painted themselves stay.",
+            )  # fmt: skip
+        page.on(self.paint, self._begin)
+        page.on(self.done, self._end)
+        page.on(self.drop, self._drop)
+        page.on(self.carry, self._carry)
+        self.radius.on_update(lambda _: self._show_brush())  # whoever changed it
+        for words, key, factor in (("smaller", "[", 1 / _FACTOR), ("larger", "]", _FACTOR)):
+            act = page.from_user(lambda _, factor=factor: self._resize(factor))
+            keys.add(f"Brush for masks: {words}", key, act)
+        self._other = tuple(self.brushes)[1]
+        """what X swaps with"""
+        stage.stopped_painting = lambda: self._show_painting(None)
+
+    def say(self, corrected: dict[str, str]) -> None:
+        """Say which cameras are corrected in the frame shown."""
+        lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in corrected.items())
+        put(
+            self.words,
+            content=f"<div style='padding:.2em .9em;font-size:.8em;line-height:1.4;opacity:.8'>{lines}</div>"
+            if lines
+            else "",
+        )
+
+    def _begin(self, event: UserEvent) -> None:
+        camera = self.camera(event)
+        if camera is None or event.client is None:
+            return
+        self.stage.paint_on(camera, event.client, self._pointed)
+        self._show_painting(event.client)
+        self.page.notify(
+            "info",
+            f"Painting over {camera}",
+            "Drag with the left button over the image, or click. X swaps the brush, [ and ] change its radius. The wheel and the "
+            "right button still move the view; key 0 ends.",
+            event.client,
+        )
+
+    def _end(self, event: UserEvent) -> None:
+        if event.client is not None:
+            self.stage.look(self.page.state.look(event.client.client_id).through, event.client)
+
+    def _show_painting(self, painter: viser.ClientHandle | None) -> None:
+        """Take who paints; nobody does any more, for None."""
+        before, self._painter = self._painter, painter
+        put(self.paint, visible=painter is None)
+        put(self.done, visible=painter is not None)
+        if before is not None:
+            self._modal.pop(before.client_id, None)
+            _send_brush(before, 0.0)
+        if painter is not None:
+            self._modal[painter.client_id] = self._swapped
+            self._show_brush()
+
+    def _show_brush(self) -> None:
+        """Draw the brush as a circle about the pointer, in its size over the image."""
+        client, radius = self._painter, number(self.radius.value, *_RADIUS[:2])
+        card = None if client is None else self.stage.looking.card(client.client_id)
+        if client is not None and card is not None and radius is not None:
+            _send_brush(client, radius / float(card.matrix[1, 1]))
+
+    def _swapped(self, key: str) -> bool:
+        if key == "X":
+            self._other, self.brush.value = str(self.brush.value), self._other
+        return key == "X"
+
+    def _resize(self, factor: float) -> None:
+        wanted = self.radius.value * factor
+        wanted = math.ceil(wanted) if factor > 1 else math.floor(wanted)
+        self.radius.value = min(max(wanted, _RADIUS[0]), _RADIUS[1])
+
+    def _pointed(self, camera: str, at: Pixel, phase: str) -> None:
+        radius = number(self.radius.value, *_RADIUS[:2])
+        if radius is None:
+            return
+        if phase in ("start", "click"):
+            self._stroke, self._last = next(self._strokes), None
+        points = (at,) if self._last is None else (self._last, at)
+        self._last = None if phase in ("end", "click") else at
+        frame, brush = self.page.state.frame, self.brushes.get(str(self.brush.value))
+        if brush is None:
+            return
+        self.page.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
+
+    def _drop(self, event: UserEvent) -> None:
+        camera = self.camera(event)
+        if camera is not None:
+            self.page.engine.drop_correction(self.page.state.frame, camera)
+
+    def _carry(self, _: UserEvent) -> None:
+        before, behind = (number(s.value, 0, _MOST) or 0 for s in (self.before, self.behind))
+        frame = self.page.state.frame
+        self.page.engine.carry_masks(frame, self.named(), round(before), round(behind))
+
+
+def _send_brush(client: viser.ClientHandle, tangent: float) -> None:
+    """Show a page the brush. tangent: of the angle from its middle to its edge, seen from the camera; 0: none."""
+    internals.run_javascript(client, f"document.body.dataset.brush = {tangent:.6f}")

@@ -1,0 +1,365 @@
+"""Review: the intervals that are worth a look, the worst first; next, previous, accept."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+import viser
+
+from handtrack_app.page.page import Keys, Page, UserEvent, put
+from handtrack_app.page.panels.pose import GuessesPanel
+from handtrack_app.page.panels.tracking import Order, TrackingPanel
+from handtrack_app.protocol.snapshots import StretchCard, TakeSpan, TimelineSnapshot
+
+_ROWS = 8  # of the list, on one page
+_GO: tuple[str, ...] = ("Previous", "Next")
+_ACCEPT: tuple[str, ...] = ("Interval", "Frame", "All confident")
+_LET_GO: tuple[str, ...] = ("Interval", "Frame", "All")
+
+
+@dataclass
+class ReviewPanel:
+    """Handles of the tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    strip: TimelineSnapshot | None = None
+    at: int | None = None
+    """the place in the queue that was gone to"""
+    rows: list[viser.GuiButtonHandle] = field(default_factory=list)
+    moved: Callable[[], None] = lambda: None
+    """called when another interval is gone to"""
+    _met: dict[tuple[int, int], None] = field(default_factory=dict)
+    """intervals that were in the queue, first and last frame: those that are accepted by now are done"""
+
+    def __post_init__(self) -> None:
+        page, gui = self.page, self.page.gui
+        with self.tab:
+            self.head = gui.add_html(head_words(None, None))
+            self.accept_next = gui.add_button(
+                "Accept and next", icon=viser.Icon.CHECK, visible=False,
+                hint="Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.",
+            )  # fmt: skip
+            self.go = gui.add_button_group(
+                "Go to",
+                _GO,
+                visible=False,
+                hint="In the queue, the worst first. Keys Shift Z and, back, Shift U.",
+            )
+            self.accept = gui.add_button_group(
+                "Accept", _ACCEPT, visible=False,
+                hint="The interval that was gone to, the frame shown, or all tracked frames of high confidence. No tracking "
+                "or refining changes them; your own edits do. Undo takes it back.",
+            )  # fmt: skip
+            self.release = gui.add_button_group(
+                "Release", _LET_GO, visible=False,
+                hint="Tracking and refining may change these again.",
+            )  # fmt: skip
+            self.here = gui.add_html(here_words(0, False, None))
+            for n in range(_ROWS):
+                row = gui.add_button("–", color="gray", visible=False)
+                page.on(row, lambda _, n=n: self._chosen(n))
+                self.rows.append(row)
+            self.more = gui.add_html("")
+        page.on(self.go, lambda event: self.step(1 if event.value == "Next" else -1))
+        page.on(self.accept_next, lambda _: self.do_accept(""))
+        page.on(self.accept, lambda event: self.do_accept(event.value))
+        page.on(self.release, lambda event: self.let_go(event.value))
+
+    def add_keys(self, keys: Keys) -> None:
+        """Register what keys do."""
+        user = self.page.from_user
+        keys.add("Review: next in the queue", "Z", user(lambda _: self.step(1)), "shift")
+        keys.add("Review: previous in the queue", "U", user(lambda _: self.step(-1)), "shift")
+        keys.add("Review: accept and next", "Y", user(lambda _: self.do_accept("")), "shift")
+        keys.add("Review: release the frame", None, user(lambda _: self.let_go("Frame")))
+
+    # ---- the queue
+
+    @property
+    def stretches(self) -> tuple[StretchCard, ...]:
+        """The queue."""
+        return () if self.strip is None else self.strip.stretches
+
+    @property
+    def current(self) -> StretchCard | None:
+        """The stretch that was gone to, as long as the frame shown lies in it."""
+        frame = self.page.state.frame
+        if self.at is None or self.at >= len(self.stretches):
+            return None
+        stretch = self.stretches[self.at]
+        return stretch if stretch.first <= frame <= stretch.last else None
+
+    def step(self, by: int) -> None:
+        """Go on in the queue, or back; after its end to its beginning."""
+        count = len(self.stretches)
+        if count:
+            start = -1 if by > 0 else 0
+            self.visit(((start if self.at is None else self.at) + by) % count)
+
+    def visit(self, place: int) -> None:
+        """Show the worst frame of a stretch."""
+        if 0 <= place < len(self.stretches):
+            self.at = place
+            self.page.play(False)
+            self.page.go_to(self.stretches[place].worst)
+            self._show()
+            self.moved()
+
+    def _chosen(self, row: int) -> None:
+        self.visit(self._first_row + row)
+
+    @property
+    def _first_row(self) -> int:
+        return (self.at or 0) // _ROWS * _ROWS
+
+    # ---- accepting
+
+    def do_accept(self, what: str) -> None:
+        """Accept the stretch, the frame shown, all that is not doubted, or, of none of these, the stretch or the frame. After a stretch
+        comes the next.
+        """
+        stretch, frame = self.current, self.page.state.frame
+        if what == "All confident":
+            self.page.engine.accept(tuple(undoubted(self.strip)))
+        elif stretch is not None and what != "Frame":
+            self.page.engine.accept(((stretch.first, stretch.last),))
+            if len(self.stretches) > 1:
+                # it leaves the queue: the one after it stands in its place
+                following = self.stretches[
+                    (self.stretches.index(stretch) + 1) % len(self.stretches)
+                ]
+                self.page.go_to(following.worst)
+        else:
+            self.page.engine.accept(((frame, frame),))
+
+    def let_go(self, what: str) -> None:
+        """Let frames be changed again."""
+        frame, accepted = self.page.state.frame, sorted(self.strip.accepted) if self.strip else []
+        first = last = frame
+        if what == "All" and accepted:
+            first, last = accepted[0], accepted[-1]
+        elif what == "Interval":
+            known = set(accepted)
+            while first - 1 in known:
+                first -= 1
+            while last + 1 in known:
+                last += 1
+        self.page.engine.accept(((first, last),), on=False)
+
+    # ---- showing
+
+    def show_timeline(self, strip: TimelineSnapshot) -> None:
+        """Take the queue as it is now."""
+        if (
+            self.at is not None
+            and self.strip is not None
+            and strip.stretches != self.strip.stretches
+        ):
+            frame = self.page.state.frame
+            places = [n for n, s in enumerate(strip.stretches) if s.first <= frame <= s.last]
+            self.at = places[0] if places else min(self.at, max(len(strip.stretches) - 1, 0))
+        self.strip = strip
+        self._met.update(dict.fromkeys((s.first, s.last) for s in strip.stretches))
+        self._show()
+
+    @property
+    def done(self) -> int:
+        """How many intervals of the queue were accepted."""
+        accepted = set() if self.strip is None else self.strip.accepted
+        left = {(s.first, s.last) for s in self.stretches}
+        return sum(accepted.issuperset(range(a, b + 1)) for a, b in self._met if (a, b) not in left)
+
+    def show_frame(self) -> None:
+        """Say what is to be said of the frame shown."""
+        frame, strip = self.page.state.frame, self.strip
+        if strip is not None:
+            put(self.here, content=here_words(frame, frame in strip.accepted, self.current))
+
+    def _show(self) -> None:
+        strip = self.strip
+        if strip is None:
+            return
+        tracked = bool((strip.status >= 0).any() or strip.by_hand)
+        put(self.head, content=head_words(strip, self.at, self.done))
+        put(self.accept_next, visible=bool(self.stretches))
+        put(self.go, visible=bool(self.stretches))
+        put(self.accept, visible=tracked)
+        put(self.release, visible=bool(strip.accepted))
+        first = self._first_row
+        for n, row in enumerate(self.rows):
+            place = first + n
+            there = place < len(self.stretches)
+            if there:
+                stretch = self.stretches[place]
+                put(row, label=row_words(stretch), hint=stretch.words)
+                put(row, color="blue" if place == self.at else "gray")
+            put(row, visible=there)
+        left = len(self.stretches) - first - _ROWS
+        words = f"{first} before these, {left} after" if first else f"{left} more"
+        shown = f"<div style='padding:.1em .9em .5em;font-size:.8em;opacity:.75'>{words}</div>"
+        put(self.more, content=shown if left > 0 or first else "")
+        self.show_frame()
+
+
+def row_words(stretch: StretchCard) -> str:
+    """Return a stretch in a line: frames, reason and size."""
+    frames = str(stretch.first) if stretch.first == stretch.last else f"{stretch.first}–{stretch.last}"  # fmt: skip
+    return f"{frames}, {stretch.brief}"
+
+
+def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) -> str:
+    """Return how much there is to be looked at, and how much was accepted. done: intervals of the queue that are."""
+    if strip is None or not ((strip.status >= 0).any() or strip.by_hand):
+        return _words("Track some frames: what is worth a look is listed here, the worst first.")
+    count, stretches = len(strip.status), len(strip.stretches)
+    total = stretches + done
+    share = 100.0 * done / total if total else 100.0
+    place = (
+        "" if at is None or not stretches else f"Interval {min(done + at + 1, total)} of {total} · "
+    )
+    look = "<b>No frames of low confidence left.</b>" if not stretches else (
+        f"<b>{place}{done} of {total} accepted</b><div class='handtrack-bar'><div style='width:{share:.0f}%'></div></div>"
+        "Sorted by the expected number of wrong frames."
+    )  # fmt: skip
+    locked_frames = len(strip.accepted)
+    locked = f"<br>{locked_frames} of {count} frames are accepted: neither tracking nor refining changes them." if locked_frames else ""  # fmt: skip
+    return _words(look + locked)
+
+
+def here_words(frame: int, accepted: bool, stretch: StretchCard | None) -> str:
+    """Return what is to be said of the frame shown."""
+    text = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
+    if stretch is not None:
+        text += (
+            f"<b>{row_words(stretch).partition(',')[0]}</b>: ≈ {stretch.expected:.0f} frames wrong; worst {stretch.worst}: "
+            f"{html.escape(stretch.words)}."
+        )
+    return f"<div class='handtrack-queue'>{_words(text) if text else ''}</div>"
+
+
+def undoubted(strip: TimelineSnapshot | None) -> list[tuple[int, int]]:
+    """Return runs of frames, first to last, that are tracked well or set by hand."""
+    if strip is None:
+        return []
+    good = {strip.start + n for n, code in enumerate(strip.status.tolist()) if code in (0, 3, 4)}
+    good |= set(strip.by_hand)
+    runs: list[tuple[int, int]] = []
+    for frame in sorted(good):
+        if runs and runs[-1][1] == frame - 1:
+            runs[-1] = runs[-1][0], frame
+        else:
+            runs.append((frame, frame))
+    return runs
+
+
+def _words(text: str) -> str:
+    return f"<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>{text}</div>"
+
+
+# ---- The one next step of the work, as a sentence and a button over the timeline: detect, track, go on, review,
+# export
+
+
+@dataclass(frozen=True)
+class Step:
+    """What is to be done next."""
+
+    words: str
+    """plain; empty where the button says it all"""
+    label: str
+    act: Callable[[viser.ClientHandle | None], None]
+
+
+@dataclass
+class NextStep:
+    """Its widgets, built where the page builds now."""
+
+    page: Page
+    tracking: TrackingPanel
+    guesses: GuessesPanel
+    review: ReviewPanel
+    step: Step | None = None
+
+    def __post_init__(self) -> None:
+        gui = self.page.gui
+        self.words = gui.add_html("", visible=False)
+        self.button = gui.add_button("Next", visible=False)
+        self.page.on(self.button, self._press)
+
+    def _press(self, event: UserEvent) -> None:
+        if self.step is not None:
+            self.step.act(event.client)
+
+    def show(self) -> None:
+        """Offer the step that the recording's state calls for; none while something runs."""
+        strip, idle = self.tracking.strip, self.tracking.progress.state == "idle"
+        session = self.tracking.session
+        self.step = step = None
+        if strip is not None and session is not None and idle and not session.live:
+            self.step = step = self._of(strip, bool(session.seen))
+        if step is not None:
+            kind = "" if step.words else "handtrack-aside"
+            put(
+                self.words,
+                content=f"<div class='handtrack-next {kind}'>{html.escape(step.words)}</div>",
+            )
+            put(self.button, label=step.label)
+        put(self.words, visible=step is not None)
+        put(self.button, visible=step is not None)
+
+    def _of(self, strip: TimelineSnapshot, has_views: bool) -> Step | None:
+        say, tracked = self.page.words.of, np.flatnonzero(strip.status >= 0)
+        if strip.hidden:
+            take = max(span.take for span in strip.hidden)
+            return Step(
+                hidden_words(strip.hidden), "Show them", lambda _: self.page.engine.show_take(take)
+            )
+        if not has_views:
+            return None
+        if not strip.is_posed:
+            if not self.guesses.possible:
+                return Step(
+                    say("No pose yet. Drag the {kind} onto its picture."),
+                    "Look through a camera",
+                    self._look,
+                )
+            words = say("No pose yet. Detect the {kind}, or drag it onto its picture.")
+            return Step(words, say("Detect {kind}"), lambda _: self.guesses.search(anywhere=True))
+        if len(tracked) < 2:
+            words = say("The {kind} has a pose. Tracking carries it through all frames.")
+            return Step(words, "Track all", lambda _: self.tracking.start("all"))
+        last, stop = strip.start + int(tracked[-1]), strip.start + len(strip.status)
+        if last + 1 < stop:
+            return Step(
+                "",
+                f"Continue from frame {last + 1}",
+                lambda _: self.tracking.begin(Order(last, stop, last)),
+            )
+        count = len(self.review.stretches)
+        if count and self.review.at is None:
+            return Step("", f"Review {count} interval{'' if count == 1 else 's'}", self._review)
+        return (
+            None
+            if count
+            else Step("", "Export …", lambda client: self.page.open_tab(client, "More", "Export"))
+        )
+
+    def _review(self, client: viser.ClientHandle | None) -> None:
+        self.page.open_tab(client, "Review", "Queue")
+        self.review.visit(0)
+
+    def _look(self, client: viser.ClientHandle | None) -> None:
+        self.page.open_tab(client, "View")
+
+
+def hidden_words(hidden: tuple[TakeSpan, ...]) -> str:
+    """Return which tracked frames do not show, and why."""
+    count = sum(span.last - span.first + 1 for span in hidden)
+    takes = sorted({span.take for span in hidden})
+    named = f"take{'' if len(takes) == 1 else 's'} {', '.join(map(str, takes))}"
+    does = "frame does" if count == 1 else "frames do"
+    return f"{count} tracked {does} not show ({named}): tracked with another model, such as one with a forearm."

@@ -1,0 +1,451 @@
+"""Constraints: model, coupling, weights of the terms, the person's shape, and limits as ranges; all live."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import Any
+
+import viser
+
+from handtrack.model.shape import ShapeNumber
+from handtrack.setting import Setting
+from handtrack.tracking.frame.methods import METHODS
+from handtrack.tracking.frame.settings import SETTINGS
+from handtrack_app.page.page import Keys, Page, UserEvent, clean_interval, number, put
+from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
+from handtrack_app.protocol.snapshots import CLOUD, IMAGES, KEYPOINTS, SILHOUETTES, SessionSnapshot
+
+_SEEN_AS = {
+    "silhouettes": SILHOUETTES, "cloud": CLOUD, "keypoints": KEYPOINTS, "edges": IMAGES, "intensity": IMAGES,
+}  # fmt: skip
+"""groups of settings → what they weigh"""
+_OPEN = 2  # folders of limits that are open at first
+_TOLD = "<div style='padding:0 .9em .4em;font-size:.8em;line-height:1.4;opacity:.75'>{}</div>"
+
+_FARTHEST = 3.0  # standard deviations of adults that the slider reaches
+_LIST = "<div style='padding:.2em .9em .5em;font-size:.8em;line-height:1.45'>{}</div>"
+_GROUP = "<div style='font-weight:600;margin-top:.45em;text-transform:capitalize'>{}</div>"
+_ROW = (
+    "<div style='display:flex;gap:.8em;justify-content:space-between{}'><span>{}</span>"
+    "<span style='text-align:right;font-variant-numeric:tabular-nums'>{}</span></div>"
+)
+_FAINT = ";opacity:.55"
+
+
+@dataclass
+class SettingsPanel:
+    """A widget for every setting that the tracker has and people change."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    refits: RefitSwitch
+    controls: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
+    folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
+    told: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
+    """by setting: a sentence on the value that holds"""
+    session: SessionSnapshot | None = None
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the widgets once, then show the values in force, and which of them session.toml does not have."""
+        self.session = session
+        if not self.controls:
+            with self.tab:
+                self._build(session)
+        for setting, widget in self.controls.values():
+            value = session.settings.get(setting.name)
+            shown = shown_value(setting, value)
+            if shown is not None and widget.value != shown:
+                widget.value = shown
+            label = f"{setting.label} •" if setting.name in self.changed else setting.label
+            put(widget, label=label)
+            if setting.name in self.told:
+                put(
+                    self.told[setting.name],
+                    content=_TOLD.format(html.escape(setting.told.get(str(value), ""))),
+                )
+        self._show_what_counts(session)
+        self.shape.fit(session)
+        self.words.content = _changed_words(
+            to_be_said(session.settings, session.own_settings) if self.changed else {}
+        )
+        self.words.visible = self.save.visible = self.back.visible = bool(self.changed)
+
+    def _build(self, session: SessionSnapshot) -> None:
+        page, gui = self.page, self.page.gui
+        self.refits.build()
+        self.words = gui.add_html("", visible=False)
+        self.save = gui.add_button(
+            "Save to session.toml", color="gray", icon=viser.Icon.DEVICE_FLOPPY, visible=False,
+            hint="Only these settings of the table [tracking] change; the file before is kept in versions/.",
+        )  # fmt: skip
+        page.on(self.save, lambda _: page.engine.save_settings())
+        self.back = gui.add_button(
+            "Back to session.toml", color="gray", icon=viser.Icon.RESTORE, visible=False,
+            hint="Undo brings the changes back.",
+        )  # fmt: skip
+        page.on(self.back, lambda _: self._restore())
+        for title, settings in CONTROLS.items():
+            known = [s for s in settings if s.name in session.settings]
+            known = [s for s in known if s.about in ("", session.kind)]
+            if known:
+                folder = gui.add_folder(title, expand_by_default=title in OPEN)
+                self.folders[title] = folder
+                with folder:
+                    for setting in known:
+                        value = session.settings[setting.name]
+                        if setting.words or shown_value(setting, value) is not None:
+                            self._add(setting, value)
+        self.shape = ShapePanel(page)
+        self.shape.build(session)
+
+    def _show_what_counts(self, session: SessionSnapshot) -> None:
+        """Offer settings of what the recording has, or of what somebody changed all the same."""
+        for title, folder in self.folders.items():
+            counting = False
+            for setting in CONTROLS[title]:
+                if setting.name in self.controls:
+                    about = _SEEN_AS.get(setting.name.partition(".")[0])
+                    counts = about is None or about in session.seen or setting.name in self.changed
+                    put(self.controls[setting.name][1], visible=counts)
+                    if setting.name in self.told:
+                        put(self.told[setting.name], visible=counts)
+                    counting |= counts
+            put(folder, visible=counting)
+
+    @property
+    def changed(self) -> dict[str, object]:
+        """The settings in force that session.toml does not have, by name."""
+        if self.session is None:
+            return {}
+        own = self.session.own_settings
+        return {n: v for n, v in self.session.settings.items() if n in own and own[n] != v}
+
+    def _restore(self) -> None:
+        changed, own = self.changed, self.session.own_settings if self.session else {}
+        if changed:
+            for name in changed:
+                self.page.engine.set_setting(name, own[name], "Settings of session.toml")
+
+    def _add(self, setting: Setting, value: Any) -> None:
+        gui, shown = self.page.gui, shown_value(setting, value)
+        if setting.words:
+            words = tuple(setting.words.values())
+            widget: Any = gui.add_dropdown(
+                setting.label, words, initial_value=shown or words[0], hint=setting.help
+            )
+        elif isinstance(value, bool):
+            widget = gui.add_checkbox(setting.label, value, hint=setting.help)
+        else:
+            assert setting.slider is not None, f"{setting.name} has no widget"
+            low, high, step = setting.slider
+            widget = gui.add_slider(
+                setting.label,
+                min(low, shown),
+                max(high, shown),
+                step,
+                initial_value=shown,
+                hint=setting.help,
+            )
+        self.page.on(widget, lambda event: self._changed(setting, event))
+        self.controls[setting.name] = (setting, widget)
+        if setting.told:
+            self.told[setting.name] = gui.add_html("")
+
+    def _changed(self, setting: Setting, event: UserEvent) -> None:
+        value: Any = event.value
+        if setting.words:
+            value = next((own for own, word in setting.words.items() if word == value), None)
+        elif not isinstance(value, bool):
+            value = number(value, event.target.min, event.target.max)
+            if value is not None and setting.kind is int:
+                value = round(value)
+        if value is not None and self.session is not None:
+            self.page.engine.set_setting(setting.name, value, setting.label)
+
+
+def to_be_said(now: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
+    """Return what must be given to the command line: what differs, but for what each has by its method alone."""
+    usual, before = (METHODS[str(one["method"])].values for one in (now, own))
+    return {
+        name: value
+        for name, value in now.items()
+        if value != own[name]
+        and (
+            value != usual.get(name, SETTINGS[name].default)
+            or own[name] != before.get(name, SETTINGS[name].default)
+            or name == "method"
+        )
+    }
+
+
+def _changed_words(changed: dict[str, object]) -> str:
+    """Return which settings were changed here, as the command line takes them."""
+    if not changed:
+        return ""
+    options = " ".join(f"--set {name}={_plain(value)}" for name, value in changed.items())
+    return (
+        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>Changed here (•), kept with your work. "
+        f"For one run of <code>handtrack track</code>:<br><code style='overflow-wrap:anywhere'>{html.escape(options)}</code></div>"
+    )
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def shown_value(setting: Setting, value: Any) -> Any:
+    """Return how a setting's value stands on the page; None if it cannot be shown."""
+    if setting.words:
+        return setting.words.get(str(value))
+    if isinstance(value, bool):
+        return value
+    if isinstance(value, (int, float)):
+        return int(value) if setting.kind is int else float(value)
+    return None
+
+
+@dataclass
+class ShapePanel:
+    """A list of all numbers; the one that is chosen has a slider."""
+
+    page: Page
+    session: SessionSnapshot | None = None
+
+    def build(self, session: SessionSnapshot) -> None:
+        """Add the widgets where the page stands."""
+        page, gui = self.page, self.page.gui
+        with gui.add_folder("Shape", expand_by_default=False) as self.folder:
+            self.size = gui.add_button(
+                "Fit the size", color="gray", icon=viser.Icon.RULER_MEASURE,
+                hint="Of the person's {kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
+                "first tracking.".replace("{kind}", session.kind),
+            )  # fmt: skip
+            labels = [row.label for row in session.shape]
+            self.chosen = gui.add_dropdown("Number", labels, hint="Of the person's shape, to be set by hand. Where session.toml says scale = fit, tracking begins with it and may change it.")  # fmt: skip
+            self.slider = gui.add_slider(" ", -1.0, 1.0, 0.1, initial_value=0.0)
+            self.list = gui.add_html("")
+        page.on(self.size, lambda _: page.engine.fit_size())
+        page.on(self.chosen, lambda _: self._show_slider())
+        page.on(self.slider, self._set)
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Show the shape in force."""
+        self.session = session
+        put(self.size, visible=session.kind == "hand" or KEYPOINTS in session.seen)
+        labels = tuple(row.label for row in session.shape)
+        if tuple(self.chosen.options) != labels:
+            self.chosen.options = labels
+        put(self.list, content=shape_list(session.shape, session.kind))
+        self._show_slider()
+
+    @property
+    def _row(self) -> ShapeNumber | None:
+        rows = self.session.shape if self.session else ()
+        return next((row for row in rows if row.label == self.chosen.value), None)
+
+    def _show_slider(self) -> None:
+        row = self._row
+        if row is not None:
+            reach = max(_FARTHEST * row.sigma, abs(row.value))
+            put(self.slider, min=-reach, max=reach, label=row.unit, value=row.value)
+
+    def _set(self, event: UserEvent) -> None:
+        row = self._row
+        value = number(event.value, event.target.min, event.target.max)
+        if row is not None and value is not None:
+            self.page.engine.set_shape(row.name, value, f"Shape: {row.label}")
+
+
+def shape_list(rows: Sequence[ShapeNumber], kind: str) -> str:
+    """Return the numbers by groups: what was measured or set stands out from what is as in the mean."""
+    shown = [f"Against the mean {kind}, ± one standard deviation. Faint: not measured."]
+    for group, members in groupby(rows, lambda row: row.group):
+        shown.append(_GROUP.format(html.escape(group)))
+        for row in members:
+            faint = not (row.is_measured or (row.std is None and row.value))
+            shown.append(
+                _ROW.format(_FAINT if faint else "", html.escape(row.label), html.escape(row.words))
+            )
+    return _LIST.format("".join(shown))
+
+
+@dataclass
+class LimitsPanel:
+    """A range for every joint, grouped by finger."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    refits: RefitSwitch
+    ranges: dict[str, viser.GuiMultiSliderHandle[float]] = field(default_factory=dict)
+    folders: list[viser.GuiFolderHandle] = field(default_factory=list)
+    names: tuple[str, ...] = ()
+    session: SessionSnapshot | None = None
+
+    def __post_init__(self) -> None:
+        gui = self.page.gui
+        with self.tab:
+            gui.add_html(
+                "<div style='padding:.5em .9em .2em;font-size:.85em;opacity:.75'>How far each joint may bend, in "
+                "degrees. The solver stays inside, and so do the pose sliders.</div>"
+            )
+            self.refits.build()
+            self.back = gui.add_button(
+                "Restore the model's limits", color="gray", icon=viser.Icon.RESTORE, visible=False,
+                hint="Of the joints marked •. Undo brings the changes back.",
+            )  # fmt: skip
+        self.page.on(self.back, lambda _: self._restore())
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the ranges for a session's joints, then show the limits in force."""
+        self.session = session
+        if session.parameter_names != self.names:
+            for folder in self.folders:
+                folder.remove()
+            self.names, self.ranges, self.folders = session.parameter_names, {}, []
+            with self.tab:
+                groups = groups_of(self.names)
+                groups.pop(PLACE, None)
+                for number, (group, members) in enumerate(groups.items()):
+                    self._add_folder(group, members, session, is_open=number < _OPEN)
+        for s, name in enumerate(self.names):
+            if name in self.ranges:
+                shown = degrees(session.interval[s])
+                if tuple(self.ranges[name].value) != shown:
+                    self.ranges[name].value = shown
+                self._name(name, shown)
+        self.back.visible = any(self._own(name) is not None for name in self.ranges)
+
+    def _own(self, name: str) -> tuple[float, float] | None:
+        """Return the interval [rad] that the user set; None where the model's holds."""
+        assert self.session is not None, "no ranges before a session"
+        s = self.names.index(name)
+        low, high = (float(v) for v in self.session.interval[s])
+        same = (low, high) == tuple(self.session.own_interval[s].tolist())
+        return None if same else (low, high)
+
+    def _add_folder(
+        self, group: str, members: Sequence[str], session: SessionSnapshot, is_open: bool
+    ) -> None:
+        folder = self.page.gui.add_folder(group, expand_by_default=is_open)
+        self.folders.append(folder)
+        with folder:
+            for name in members:
+                low, high = degrees(session.own_interval[self.names.index(name)])
+                widget = self.page.gui.add_multi_slider(
+                    label_of(name),
+                    low - 40.0,
+                    high + 40.0,
+                    1.0,
+                    initial_value=(low, high),
+                    min_range=1.0,
+                )
+                self.page.on(widget, lambda event, name=name: self._changed(name, event))
+                self.ranges[name] = widget
+
+    def _name(self, name: str, interval: tuple[float, float]) -> None:
+        """The range itself shows no numbers: they stand in its label."""
+        label = f"{label_of(name).removesuffix('°').rstrip()} {interval[0]:.0f}\u2060…\u2060{interval[1]:.0f}°".replace(
+            "-", "−"
+        )
+        if self._own(name) is not None:
+            label += " •"
+        put(self.ranges[name], label=label)
+
+    def _changed(self, name: str, event: UserEvent) -> None:
+        interval = clean_interval(event.value, event.target.min, event.target.max)
+        if interval is not None:
+            unit = unit_of(name)
+            self.page.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))
+
+    def _restore(self) -> None:
+        for name in self.ranges:
+            if self._own(name) is not None:
+                self.page.engine.set_limits(name, None, "Limits of the model")
+
+
+def degrees(interval: Sequence[float]) -> tuple[float, float]:
+    """Return an interval [rad] in whole degrees."""
+    return (float(round(math.degrees(interval[0]))), float(round(math.degrees(interval[1]))))
+
+
+# ---- Which settings of the tracker the page draws, folder by folder; what each is like stands where it is declared
+
+
+OPEN = ("Model", "Weights")
+"""folders that are open at first"""
+EXPERT = "For experts"
+"""the folder of what only `--set` and session.toml had else"""
+_FOLDERS = {
+    "Model": ("model.name", "model.fallback", "model.coupling", "model.forearm"),
+    "Weights": (
+        "silhouettes.weight",
+        "cloud.weight",
+        "cloud.balance",
+        "keypoints.weight",
+        "edges.weight",
+        "intensity.weight",
+    ),
+    "Linked spread (18 freedoms)": (
+        "model.spread_index",
+        "model.spread_middle",
+        "model.spread_ring",
+        "model.spread_little",
+    ),
+    "Silhouettes": ("silhouettes.term", "silhouettes.outline_sigma_mm"),
+    "Point cloud": ("cloud.sigma_mm",),
+    "Keypoints": ("keypoints.sigma_px", "keypoints.sigma_mm"),
+    "Motion": (
+        "tracker.estimate",
+        "tracker.smoothing",
+        "prior.motion_sigma_deg",
+        "prior.rest_sigma_deg",
+    ),
+    "Other poses": ("tracker.recovery", "tracker.hypotheses"),
+    "Solver": ("solver.iterations",),
+    EXPERT: ("method", "cloud.distance", "cloud.sharpness_per_mm"),
+}
+CONTROLS: dict[str, tuple[Setting, ...]] = {
+    folder: tuple(SETTINGS[name] for name in names) for folder, names in _FOLDERS.items()
+}
+
+
+# ---- The switch of refitting while tuning, on each tab whose widgets change what a frame is fitted by
+
+
+_HINT = (
+    "Each change of a setting, limit or filter fits the frame shown anew at once, from where it stands; the card says what that did "
+    "to energy and overlap. Ctrl-Z takes the change and its fit back together; Tab shows the pose before."
+)
+
+
+@dataclass
+class RefitSwitch:
+    """Handles of the switch; they show one state."""
+
+    page: Page
+    keys: Keys
+    on: bool = False
+    boxes: list[viser.GuiCheckboxHandle] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        act = self.page.from_user(lambda _: self.turn(not self.on))
+        self.keys.add("Refit while tuning: on, off", "R", act, "alt")
+
+    def build(self) -> None:
+        """Add a switch where the page builds now."""
+        box = self.page.gui.add_checkbox("Refit as I tune", self.on, hint=_HINT)
+        self.page.on(box, lambda event: self.turn(bool(event.value)))
+        self.boxes.append(box)
+
+    def turn(self, on: bool) -> None:
+        """Turn it on or off."""
+        self.on = on
+        for box in self.boxes:
+            put(box, value=on)
+        self.page.engine.refit_while_tuning(on)

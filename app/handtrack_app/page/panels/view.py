@@ -1,0 +1,480 @@
+"""Session: what is open, and how it is drawn: display modes, cameras, looking through one."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+
+import cv2
+import numpy as np
+import viser
+
+from handtrack.arrays import D3, Bytes, H, W
+from handtrack_app import viser_internals as internals
+from handtrack_app.page.page import Keys, Page, number, put
+from handtrack_app.page.panels.tracking import progress_words
+from handtrack_app.page.scene.camera_view import CameraNames
+from handtrack_app.page.scene.looking import ALL, Through, Views, Walls
+from handtrack_app.protocol.palette import BRAND
+from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
+
+FREE, TOGETHER = "orbit view", "all cameras"
+_MODE_WORDS = {
+    "ellipsoids": "Flesh",
+    "surface": "Surface",
+    "skeleton": "Skeleton",
+    "conic field": "Field",
+    "everything": "All",
+}
+_STATES = {
+    "idle": ("ready", "#009e73"),
+    "failed": ("failed", "#d55e00"),
+    "opening": ("opening", "#f0e442"),
+    "preparing": ("preparing", "#f0e442"),
+    "tracking": ("tracking", "#56b4e9"),
+    "paused": ("paused", "#cc79a7"),
+}
+_SAVED = {
+    "saved": "<span style='opacity:.7'>✓ All changes saved</span>",
+    "saving": "<span style='opacity:.7'>… Saving</span>",
+    "unsaved": "<b class='handtrack-warning'>⚠ The last changes are not saved yet</b>",
+    "kept nowhere": "<b class='handtrack-warning'>⚠ To look at: nothing is saved</b>",
+}
+_OVERLAPS = (
+    "<div style='padding:.1em .9em .2em;font-size:.8em' title='of {kind} and mask: their common area by that of both'>"
+    "<span style='opacity:.65'>overlap</span> {}</div>"
+)
+_PAINT_HINT = (
+    "Residual: orange is silhouette without model, blue is model without silhouette; lines lead from where a joint was seen to where "
+    "the model has it. Mask: what counts as {kind}; of what is purple nobody knows, and it counts for nothing."
+)
+_PAINT_WORDS = {
+    "nothing": "plain",
+    "model's outline": "outline",
+    "residual": "residual",
+    "mask": "mask",
+    "model's field": "field",
+}
+
+
+@dataclass
+class SessionPanel:
+    """The head of the main panel and its View tab."""
+
+    page: Page
+    tab: viser.GuiTabHandle
+    look: Callable[..., None]
+    """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
+    paint_over: Callable[[int, str], None]
+    """what is painted over the camera's image that a client sees"""
+    keys: Keys
+    zoom: ZoomKeys
+    room: Room
+    others: viser.GuiButtonHandle = field(init=False)
+    """leads to the start page"""
+    built: bool = False
+    cameras: tuple[str, ...] = ()
+    toggles: dict[str, viser.GuiCheckboxHandle] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        with self.tab:
+            self.others = self.page.gui.add_button(
+                "Other recordings …", icon=viser.Icon.FOLDERS, color="gray", order=1e6,
+                hint="Leaves this one; all that was done is kept.",
+            )  # fmt: skip
+            self.room.build()  # a page that comes while the session opens has its taste at once
+
+    def fit(self, session: SessionSnapshot) -> None:
+        """Build the tab once for a session's cameras."""
+        if self.built:
+            return
+        self.built = True
+        page, gui, display = self.page, self.page.gui, self.page.state.display
+        cameras = self.cameras = tuple(card.name for card in session.cameras)
+        with self.tab:
+            blank = np.full((8, 8, 3), 36, np.uint8)
+            self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
+            self.played = gui.add_html("", visible=False)
+            self.overlaps = gui.add_html("", visible=False)
+            self.mode = gui.add_dropdown(
+                "Model style", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
+                hint="Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
+            )  # fmt: skip
+            self.opacity = gui.add_slider("Opacity", 0.1, 1.0, 0.05, display.opacity)
+            with gui.add_folder("Cameras"):
+                self.through = gui.add_dropdown(
+                    "Camera view",
+                    (FREE, *cameras, TOGETHER),
+                    initial_value=FREE,
+                    hint=self.page.words.of(
+                        "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
+                    ),
+                )
+                self.zoom.build()
+                self.paint = gui.add_dropdown(
+                    "Overlay", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
+                    hint=page.words.of(_PAINT_HINT),
+                )  # fmt: skip
+                self._toggle("Cameras", "cameras", "Draw the cameras in the scene.")
+                self._toggle(
+                    "Live images",
+                    "images",
+                    "Show each camera's image of this frame, in the scene and above.",
+                )
+            with gui.add_folder("Show"):
+                self._toggle(
+                    "Handle", "handle", "Drag the whole model: arrows move it, arcs turn it. Without it Shift and a drag pull any "
+                    "joint or segment in the free view.",
+                )  # fmt: skip
+                if session.has_truth:
+                    self._toggle("Ground truth", "truth", "True joints, white.")
+            self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
+            self._look_by_keys(cameras)
+        page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.value)))
+        page.on(self.opacity, lambda e: page.draw("opacity", number(e.value, 0.1, 1.0)))
+        page.own(self.through, self._look)
+        page.own(self.paint, self._paint)
+        page.own(
+            self.view, lambda client, what: self._show_look(None, client, what == "Everything")
+        )
+
+    def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
+        look = self.page.from_user
+        for i, name in enumerate(cameras[:9], start=1):
+            act = look(lambda event, name=name: self._show_look(name, event.client))
+            self.page.everyones.add(self.keys.add(f"Look through {name}", str(i), act))
+        act = look(lambda event: self._next_paint(event.client))
+        self.page.everyones.add(self.keys.add("Next overlay: outline, residual, …", "O", act))
+        act = look(lambda event: self._show_look(None, event.client))
+        self.page.everyones.add(self.keys.add("Orbit view", "0", act))
+        act = look(lambda event: self._show_look(ALL, event.client))
+        self.page.everyones.add(self.keys.add("See the {kind} in all cameras", "B", act))
+        self.zoom.walls.chosen = self._show_look
+
+    def show_pictures(self, pictures: PictureSnapshot) -> None:
+        """Show what the cameras see, side by side."""
+        if not self.built:
+            return
+        wanted, playing = self.page.state.display.images, self.page.state.playing
+        if wanted and pictures.sheet is not None:
+            if playing:
+                self.played.content = _at_once(pictures.sheet)
+            else:
+                self.sheet.image = pictures.sheet
+        put(self.sheet, visible=wanted and not playing)
+        put(self.played, visible=wanted and playing)
+
+    def show_names(self, names: CameraNames) -> None:
+        """Show below the cameras' pictures how far the hand shown overlaps each mask, where that is known."""
+        if not self.built:
+            return
+        told = [names.of(camera) for camera in self.cameras]
+        words = " · ".join(html.escape(one) for one in told)
+        known = told != list(self.cameras)
+        known |= self.page.state.playing and self.overlaps.visible  # the line keeps its place
+        known &= self.page.state.display.images
+        put(self.overlaps, visible=known)
+        if known:
+            put(self.overlaps, content=self.page.words.of(_OVERLAPS).replace("{}", words))
+
+    def _toggle(self, label: str, name: str, hint: str) -> None:
+        page = self.page
+        box = page.gui.add_checkbox(label, getattr(page.state.display, name), hint=hint)
+        page.on(box, lambda event: page.draw(name, bool(event.value)))
+        self.toggles[name] = box
+
+    def _look(self, client: viser.ClientHandle, chosen: str) -> None:
+        self.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
+
+    def _show_look(
+        self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False
+    ) -> None:
+        if client is not None:
+            word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
+            internals.show_value(client, self.through, word)
+            self.look(camera, client, everything)
+
+    def _paint(self, client: viser.ClientHandle, chosen: str) -> None:
+        """Paint over what a page looks through; the one that edits also sees it on the small pictures of all."""
+        paint, state = _PAINT_WORDS[chosen], self.page.state
+        self.paint_over(client.client_id, paint)
+        if state.editor == client.client_id:
+            state.display.paint = "plain" if paint == "mask" else paint
+        self.page.redraw()
+
+    def _next_paint(self, client: viser.ClientHandle | None) -> None:
+        """Take the next overlay."""
+        if client is not None:
+            now = self.page.state.look(client.client_id).paint
+            found = list(_PAINT_WORDS.values())
+            chosen = list(_PAINT_WORDS)[(found.index(now) + 1) % len(found)]
+            internals.show_value(client, self.paint, chosen)
+            self._paint(client, chosen)
+
+    def leave(self, client: viser.ClientHandle) -> None:
+        """Go from a camera's view to the free one."""
+        if self.page.state.look(client.client_id).through is not None:
+            self._show_look(None, client)
+
+    def show_display(self) -> None:
+        """Show the display options in force."""
+        display = self.page.state.display
+        if self.built:
+            put(self.mode, value=_word_of(_MODE_WORDS, display.mode))
+
+
+def _at_once(picture: Bytes[H, W, D3]) -> str:
+    """Return a picture that the browser shows together with the words that come with it; viser's own widget loads it first."""
+    _, packed = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 80))
+    data = base64.b64encode(packed.tobytes()).decode()
+    return (
+        "<div style='padding:0 var(--mantine-spacing-xs) .5em'><img decoding='sync' style='max-width:100%;display:block' "
+        f"src='data:image/jpeg;base64,{data}'></div>"
+    )
+
+
+def _word_of(words: dict[str, str], value: str) -> str:
+    return next(word for word, own in words.items() if own == value)
+
+
+def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str = "") -> str:
+    """Return the head of the main panel: session, hand, what is going on, and whether the work is saved."""
+    word, colour = _STATES.get(progress.state, ("Busy", "#56b4e9"))
+    title, facts = "Opening …", ""
+    if session is not None:
+        title = html.escape(session.name)
+        number = len(session.cameras)
+        cameras = f"{number} camera{'s' if number != 1 else ''}"
+        frames = "live" if session.live else f"{session.stop - session.start} frames"
+        counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
+        facts = f"<div style='opacity:.85' title='{html.escape(session.model)}'>{counts}</div>"
+        facts += f"<div>{_SAVED[saved]}</div>" if saved in _SAVED else ""
+    elif progress.state == "failed":
+        title = "No session"
+    return (
+        "<div style='padding:.2em .9em 0;font-size:.85em;line-height:1.4'>"
+        "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
+        f"<span class='handtrack-title' style='font-size:1.1em;font-weight:600'>{title}</span>"
+        f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
+        f"border-radius:50%;background:{colour};margin-right:.4em'></span>{word}</span></div>{facts}"
+        f"{_activity(progress)}</div>"
+    )
+
+
+def _activity(progress: ProgressSnapshot) -> str:
+    """Return what goes on in words, with a bar: seen whatever tab is open."""
+    if progress.state in ("idle", "failed"):
+        return ""
+    text = html.escape(progress_words(progress))
+    share = 100.0 * progress.done / progress.total if progress.total else 0.0
+    return (
+        f"<div style='margin-top:.35em'>{text}</div>"
+        "<div style='height:4px;border-radius:2px;background:rgba(128,128,128,.3);margin-top:.3em'>"
+        f"<div style='height:4px;border-radius:2px;background:#56b4e9;width:{share:.1f}%'></div></div>"
+    )
+
+
+# ---- How each page is laid out, whatever others do: folded panels, light or dark, large text. The browser remembers
+# it
+
+
+_KEPT_AS = "handtrack.room"  # in the browser's storage
+_LARGER = 1.25
+_LARGE = "document.documentElement.style.setProperty('--mantine-scale', '{}', 'important')"
+DARK, LIGHT, USUAL, LARGE = "dark", "light", "usual", "large"
+WIDTH = 276
+"""of the panel, with usual text [px]: the scene keeps 70 % of a window of 1280 x 800"""
+_SYSTEM = """
+const key = "viser-user:handtrack.room";
+if (!localStorage.getItem(key)) localStorage.setItem(key, JSON.stringify({
+  folded: false, text: "usual", colours: matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"}));
+"""
+"""a browser that remembers nothing takes the system's colours"""
+_COLOURS: tuple[str, ...] = (DARK, LIGHT)
+_TEXTS: tuple[str, ...] = (USUAL, LARGE)
+
+
+@dataclass(frozen=True)
+class Taste:
+    """What a user wants of a page."""
+
+    folded: bool = False
+    """the panel is hidden"""
+    colours: str = DARK
+    text: str = USUAL
+
+    @classmethod
+    def read(cls, kept: str | None) -> Taste | None:
+        """Return what a browser kept, None for nothing, or for what is none of ours."""
+        try:
+            values = json.loads(kept or "")
+            colours = LIGHT if values["colours"] == LIGHT else DARK
+            return cls(
+                values["folded"] is True, colours, LARGE if values["text"] == LARGE else USUAL
+            )
+        except (ValueError, KeyError, TypeError):
+            return None
+
+
+def colours(gui: viser.GuiApi, chosen: str = DARK) -> None:
+    """Give a page its colours; all pages, by the server's `gui`."""
+    gui.configure_theme(
+        dark_mode=chosen == DARK, show_logo=False, show_share_button=False, control_width="medium",
+        brand_color=BRAND,
+    )  # fmt: skip
+
+
+@dataclass
+class Room:
+    """The pages' tastes."""
+
+    page: Page
+    keys: Keys
+    tastes: dict[int, Taste] = field(default_factory=dict)
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def build(self) -> None:
+        """Add the widgets where the page builds now, and the keys."""
+        gui, own = self.page.gui, self.page.own
+        with gui.add_folder("This page", expand_by_default=False, order=1e5):
+            self.colours = gui.add_dropdown(
+                "Colours", _COLOURS, initial_value=DARK, hint="Light is for print and projectors."
+            )  # fmt: skip
+            self.text = gui.add_dropdown(
+                "Text", _TEXTS, initial_value=USUAL, hint="Of all panels. Your browser remembers it."
+            )  # fmt: skip
+        own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
+        own(self.text, lambda client, chosen: self.change(client, text=chosen))
+        self._key("Hide or show the panel", "T", self.fold)
+        self._key("Light or dark", None, self._other_colours)
+        self._key("Large or usual text", None, self._other_text)
+
+    def _key(self, words: str, key: str | None, act: Callable[[viser.ClientHandle], None]) -> None:
+        from_user = self.page.from_user(lambda event: act(event.client))
+        self.page.everyones.add(self.keys.add(words, key, from_user))
+
+    def welcome(self, client: viser.ClientHandle) -> None:
+        """Lay a page out as its browser remembers; else in the system's colours."""
+        internals.run_javascript(client, _SYSTEM)
+
+        def begin(kept: str | None) -> None:
+            taste = Taste.read(kept)
+            if taste is not None:
+                self._apply(client, taste)
+
+        self.page.remembered(client, _KEPT_AS, begin)
+
+    def fold(self, client: viser.ClientHandle, folded: bool | None = None) -> None:
+        """Hide the panel, or show a hidden one."""
+        before = self.tastes.get(client.client_id, Taste()).folded
+        self.change(client, folded=not before if folded is None else folded)
+
+    def change(self, client: viser.ClientHandle, **values: object) -> None:
+        """Change a taste, and let the browser remember it."""
+        taste = replace(self.tastes.get(client.client_id, Taste()), **values)
+        self._apply(client, taste)
+        client.local_storage.set_item(_KEPT_AS, json.dumps(asdict(taste)))
+
+    def _other_colours(self, client: viser.ClientHandle) -> None:
+        now = self.tastes.get(client.client_id, Taste()).colours
+        self.change(client, colours=LIGHT if now == DARK else DARK)
+
+    def _other_text(self, client: viser.ClientHandle) -> None:
+        now = self.tastes.get(client.client_id, Taste()).text
+        self.change(client, text=LARGE if now == USUAL else USUAL)
+
+    def _apply(self, client: viser.ClientHandle, taste: Taste) -> None:
+        with self._lock:
+            here = self.page.server.get_clients()
+            self.tastes = {one: kept for one, kept in self.tastes.items() if one in here}
+            before = self.tastes.get(client.client_id, Taste())
+            self.tastes[client.client_id] = taste
+            gui = self.page.gui
+            if taste.folded != before.folded:
+                internals.place_panel(client, gui, gui.main_panel, folded=taste.folded)
+            if taste.colours != before.colours:
+                colours(client.gui, taste.colours)
+                internals.show_value(client, self.colours, taste.colours)
+            if taste.text != before.text:
+                internals.show_value(client, self.text, taste.text)
+                factor = _LARGER if taste.text == LARGE else 1.0
+                internals.place_panel(client, gui, gui.main_panel, width=factor * WIDTH)
+                internals.run_javascript(client, _LARGE.format(factor))
+
+
+# ---- What a user does with a view through a camera: keys and buttons; and a line that says how the picture is seen
+
+
+_STEP = 1.4  # two of them twice as large
+_HINT = (
+    "Looking through a camera: Z and X, or the wheel, enlarge and widen; Ctrl with a click enlarges what is there, Ctrl with a drag "
+    "the box; a drag of the picture moves it. C is the {kind} again, V the whole image."
+)
+
+
+@dataclass
+class ZoomKeys:
+    """Keys and buttons of the views; each page's own line about its view."""
+
+    page: Page
+    views: Views
+    walls: Walls
+    keys: Keys
+    _lines: dict[int, viser.GuiHtmlHandle] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.views.changed = self._say
+
+    def build(self) -> None:
+        """Add the buttons where the page builds now, and the keys."""
+        views, say = self.views, self.page.words.of
+        acts: dict[str, Callable[[viser.ClientHandle], None]] = {
+            say("{Kind}"): views.to_hand,
+            "In": lambda client: views.zoom_by(client, _STEP),
+            "Out": lambda client: views.zoom_by(client, 1 / _STEP),
+            "All": views.fit,
+        }
+        buttons = self.page.gui.add_button_group("Zoom", tuple(acts), hint=say(_HINT))
+        self.page.own(buttons, lambda client, what: acts[what](client))
+        for words, key, act in (
+            ("View: the {kind}, and back into the camera", "C", say("{Kind}")),
+            ("View: nearer", "Z", "In"),
+            ("View: wider", "X", "Out"),
+            ("View: the whole image", "V", "All"),
+        ):
+            self._key(words, key, acts[act])
+
+    def _key(self, words: str, key: str, act: Callable[[viser.ClientHandle], None]) -> None:
+        from_user = self.page.from_user(lambda event: act(event.client))
+        self.page.everyones.add(self.keys.add(words, key, from_user))
+
+    def _say(self, client: viser.ClientHandle, view: Through | None) -> None:
+        line = self._lines.get(client.client_id)
+        if view is None:
+            self._lines.pop(client.client_id, None)
+            if line is not None:
+                line.remove()
+            return
+        here = self.page.server.get_clients()
+        self._lines = {one: handle for one, handle in self._lines.items() if one in here}
+        if line is None:
+            line = self._lines[client.client_id] = client.gui.add_html("", order=0.5)
+        put(line, content=self.page.words.of(view_words(view)))
+
+
+def view_words(view: Through) -> str:
+    """Return the line about a view."""
+    name = html.escape(view.card.name)
+    words, colour = f"<b>{name}</b>, {view.zoom.times:.1f} ×", "#56b4e9"
+    if view.follows:
+        words += ", follows the {kind}"
+    if view.left:
+        words, colour = f"<b>You left {name}:</b> C goes back", "#e69f00"
+    return (
+        f"<div style='margin:.3em .9em 0;padding:.15em .6em;border-left:3px solid {colour};font-size:.85em'>"
+        f"{words}</div>"
+    )
