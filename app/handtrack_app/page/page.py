@@ -7,10 +7,10 @@ import json
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
 import viser
 
@@ -222,6 +222,7 @@ class UserEvent:
 
 Action = Callable[[UserEvent], None]
 Shows = TypeVar("Shows")
+Widget = TypeVar("Widget")
 
 
 @dataclass(frozen=True)
@@ -368,6 +369,58 @@ class Page:
 
         self.own_widgets[internals.id_of(widget)] = call
 
+    def button(
+        self, label: str, act: Callable[[], object] | None, icon: str = "", hint: str = "",
+        color: Literal["gray", "red"] | None = "gray", visible: bool = True,
+    ) -> viser.GuiButtonHandle:  # fmt: skip
+        """Add a button that calls `act`; None: `on` says what it does. icon: of viser, by its name there."""
+        named = cast("viser.IconName", icon) if icon else None
+        made = self.gui.add_button(
+            label, icon=named, hint=hint or None, color=color, visible=visible
+        )
+        return made if act is None else self.bind(made, act)
+
+    def buttons(
+        self, label: str, names: Sequence[str], act: Callable[[str], object], hint: str = "",
+        visible: bool = True,
+    ) -> viser.GuiButtonGroupHandle:  # fmt: skip
+        """Add a row of buttons that call `act` with their names."""
+        return self.bind(
+            self.gui.add_button_group(label, tuple(names), hint=hint or None, visible=visible), act
+        )
+
+    def check(
+        self, label: str, on: bool, act: Callable[[bool], object], hint: str = "",
+        visible: bool = True,
+    ) -> viser.GuiCheckboxHandle:  # fmt: skip
+        """Add a check box."""
+        return self.bind(self.gui.add_checkbox(label, on, hint=hint or None, visible=visible), act)
+
+    def choice(
+        self, label: str, words: Iterable[str] | Mapping[str, object], act: Callable[[Any], object], hint: str = "",
+        now: str | None = None,
+    ) -> viser.GuiDropdownHandle[str]:  # fmt: skip
+        """Add a choice of words that calls `act` with the word, or with what it stands for. now: the word at first, else the first."""
+        options = tuple(words)
+        widget: viser.GuiDropdownHandle[str] = self.gui.add_dropdown(
+            label, options, initial_value=now or options[0], hint=hint or None
+        )
+        if isinstance(words, Mapping):
+            return self.bind(widget, lambda word: act(words[word]))
+        return self.bind(widget, act)
+
+    def bind(self, widget: Widget, act: Callable[..., object]) -> Widget:
+        """Have a user's use of a widget call `act`: with what was chosen, where that can be; of a button with nothing."""
+
+        def use(event: UserEvent) -> None:
+            if isinstance(widget, viser.GuiButtonHandle):
+                act()
+            elif (value := chosen(widget, event.value)) is not None:
+                act(value)
+
+        self.on(widget, use)
+        return widget
+
     def on(self, widget: Any, action: Action) -> None:
         """Call back when a user presses a button, or changes the value of another widget."""
         register = getattr(widget, "on_click", None) or widget.on_update
@@ -397,6 +450,19 @@ def put(handle: object, **values: object) -> None:
     for name, value in values.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
+
+
+def chosen(widget: Any, value: object) -> Any:
+    """Return what a client gave to a widget as one of its values; None if it is none."""
+    match widget:
+        case viser.GuiCheckboxHandle():
+            return bool(value)
+        case viser.GuiSliderHandle():
+            return number(value, widget.min, widget.max)
+        case viser.GuiMultiSliderHandle():
+            return clean_interval(value, widget.min, widget.max)
+        case _:
+            return value if value in widget.options else None
 
 
 def number(value: object, low: float, high: float) -> float | None:

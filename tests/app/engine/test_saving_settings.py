@@ -36,13 +36,13 @@ def store(tmp_path):
 def test_a_changed_setting_is_saved_by_its_button(bench):
     panel, path = bench.layout.settings, bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
-    control = panel.controls["cloud.weight"][1]
+    control = panel.controls["cloud.weight"].widget
     with WireClient(bench.url) as client:
         client.set_value(control, 2.0)
-        eventually(lambda: bool(panel.save.visible), "it can be saved")
-        client.set_value(panel.save, True)
+        eventually(lambda: bool(panel.saved.save.visible), "it can be saved")
+        client.set_value(panel.saved.save, True)
         eventually(lambda: control.label == "Cloud", "no longer marked")
-        eventually(lambda: not panel.save.visible and not panel.back.visible, "nothing to save")
+        eventually(lambda: not panel.saved.save.visible and not panel.saved.back.visible, "nothing to save")
     assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
     assert control.value == 2.0
     bench.engine.set_setting("cloud.weight", 1.0)

@@ -10,10 +10,10 @@ pytestmark = pytest.mark.usefixtures("left_open")
 
 def test_saving_is_offered_where_something_is_not_saved(cloudy):
     panel = cloudy.layout.cloud
-    save, back = panel.widgets["save"], panel.widgets["back"]
+    save, back = panel.saved.save, panel.saved.back
     assert not save.visible
     with WireClient(cloudy.url) as client:
-        client.set_value(panel.filters.sliders.known["voxel_m"][1], 8.0)
+        client.set_value(panel.filters.known["voxel_m"].widget, 8.0)
         eventually(lambda: bool(save.visible and back.visible), "offered")
         client.set_value(save, True)
         eventually(lambda: not save.visible and not back.visible, "saved")
@@ -22,7 +22,7 @@ def test_saving_is_offered_where_something_is_not_saved(cloudy):
 
 
 def test_nothing_stands_before_the_image_while_a_box_is_dragged(cloudy):
-    stage, skin, wide = cloudy.stage, cloudy.layout.cloud.skin, cloudy.layout.cloud.widgets["wide"]
+    stage, skin, wide = cloudy.stage, cloudy.layout.cloud.skin, cloudy.layout.cloud.wide
     hand, root, points = stage.hand.flesh, stage.root.control, stage.cloud.points
 
     def shown():

@@ -12,19 +12,21 @@ from tests.app.wire import WireClient
 
 def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench, wire):
     panel, undo = bench.layout.settings, bench.layout.pose.edit_buttons
-    control = panel.controls["cloud.weight"][1]
-    iterations = panel.controls["solver.iterations"][1]
+    control = panel.controls["cloud.weight"].widget
+    iterations = panel.controls["solver.iterations"].widget
     usual = iterations.value
     wire.set_value(control, 2.0)
-    eventually(lambda: "--set cloud.weight=2" in panel.words.content, "what is changed is told")
-    eventually(lambda: control.label == "Cloud •" and bool(panel.back.visible), "marked")
+    eventually(
+        lambda: "--set cloud.weight=2" in panel.saved.words.content, "what is changed is told"
+    )
+    eventually(lambda: control.label == "Cloud •" and bool(panel.saved.back.visible), "marked")
     wire.set_value(iterations, 7)
     eventually(lambda: iterations.label == "Iterations •", "marked")
     wire.set_value(undo, "Undo")
     eventually(lambda: iterations.value == usual, "the last change is taken back")
     assert control.value == 2.0
-    wire.set_value(panel.back, True)
-    eventually(lambda: control.value == 1.0 and not panel.back.visible, "as session.toml")
+    wire.set_value(panel.saved.back, True)
+    eventually(lambda: control.value == 1.0 and not panel.saved.back.visible, "as session.toml")
     eventually(lambda: control.label == "Cloud", "no longer marked")
     wire.set_value(undo, "Undo")
     eventually(lambda: control.value == 2.0, "that can be undone, too")
@@ -71,7 +73,7 @@ def cloudy(tmp_path):
 
 
 def test_a_filter_is_undone_and_made_again(cloudy):
-    slider: Any = cloudy.layout.cloud.filters.sliders.known["voxel_m"][1]
+    slider: Any = cloudy.layout.cloud.filters.known["voxel_m"].widget
     undo = cloudy.layout.pose.edit_buttons
     assert slider.value == 3.0
     with WireClient(cloudy.url) as client:

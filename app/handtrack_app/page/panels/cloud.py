@@ -5,15 +5,16 @@ from __future__ import annotations
 import html
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 import viser
 
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
-from handtrack.setting import Setting
-from handtrack_app.page.page import Page, UserEvent, clean_interval, number, put
+from handtrack_app.page.html import escaped
+from handtrack_app.page.page import Page, UserEvent, number, put
+from handtrack_app.page.panels.settings import Box, BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, FilterCount
 
@@ -38,7 +39,6 @@ class CloudPanel:
     large: viser.PanelHandle | None = None
     built: bool = False
     large_image: viser.GuiImageHandle | None = None
-    widgets: dict[str, Any] = field(default_factory=dict)
 
     def fit(self, card: CloudCard) -> None:
         """Build the tab once, then show the settings in force."""
@@ -56,7 +56,8 @@ class CloudPanel:
         if not card.source:
             self.counts.content = ""
         self._offer_pictures(card)
-        self._say_saved()
+        changed = ", ".join(card.unsaved)
+        self.saved.show(escaped(f"Not in session.toml yet: {changed}.") if changed else "")
         self.note.content = _note(card)
 
     def _build(self, card: CloudCard) -> None:
@@ -66,49 +67,37 @@ class CloudPanel:
         self.said = gui.add_html("")
         self.counts = gui.add_html("")
         self.note = gui.add_html(_note(card))
-        picture = gui.add_dropdown(
-            "Picture", tuple(_PICTURES),
-            hint="Cameras: each point in the colour of the filter that dropped it; yellow ones stay.",
+        self.which = page.choice(
+            "Picture", _PICTURES, partial(self._show, "cloud_picture"),
+            "Cameras: each point in the colour of the filter that dropped it; yellow ones stay.",
         )  # fmt: skip
-        wide = gui.add_checkbox("Large", display.cloud_wide, hint="Over the scene.")
+        self.wide = self._option("Large", "cloud_wide", "Over the scene.")
         self.scene = gui.add_folder("In the scene")
         with self.scene:
-            on = gui.add_checkbox("Cloud", display.cloud)
-            colour = gui.add_dropdown(
-                "Colour", tuple(_COLOURS), initial_value=next(iter(_COLOURS)),
-                hint="Distance to the model: blue inside, grey on its surface, orange outside.",
+            self.on = self._option("Cloud", "cloud")
+            self.colour = page.choice(
+                "Colour", _COLOURS, partial(self._show, "cloud_colour"),
+                "Distance to the model: blue inside, grey on its surface, orange outside.",
             )  # fmt: skip
             size = gui.add_slider("Point mm", 0.4, 6.0, 0.2, display.cloud_size_mm)
-            dropped = gui.add_checkbox(
-                "Dropped", display.cloud_dropped, hint="Grey: what the filters dropped."
-            )
+            page.bind(size, partial(self._show, "cloud_size_mm"))
+            self._option("Dropped", "cloud_dropped", "Grey: what the filters dropped.")
             self.legend = gui.add_html(ramp_legend())
         self.filters = FilterControls(page, self.set)
         self.skin = SkinControls(page, self.set, self._mark)
         self.stereo = StereoControls(page, self.set)
         for controls in (self.filters, self.skin, self.stereo):
             controls.fit(card)
-        self.saved = gui.add_html("")
-        save = gui.add_button(
-            "Save to session.toml", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
-            hint="Only the table [clouds] changes; the file before is kept in versions/.",
+        self.saved = SavedSettings(
+            page, page.engine.save_clouds, page.engine.restore_clouds, "Back to session.toml",
+            "Only the table [clouds] changes; the file before is kept in versions/.",
+            "Forget what was changed here since.",
         )  # fmt: skip
-        back = gui.add_button(
-            "Back to session.toml", icon=viser.Icon.RESTORE, color="gray",
-            hint="Forget what was changed here since.",
-        )  # fmt: skip
-        page.on(picture, lambda e: self._show("cloud_picture", _PICTURES.get(e.value)))
-        page.on(wide, lambda e: self._show("cloud_wide", bool(e.value)))
-        page.on(on, lambda e: self._show("cloud", bool(e.value)))
-        page.on(colour, lambda e: self._show("cloud_colour", _COLOURS.get(e.value)))
-        page.on(dropped, lambda e: self._show("cloud_dropped", bool(e.value)))
-        page.on(size, lambda e: self._show("cloud_size_mm", number(e.value, 0.4, 6.0)))
-        page.on(save, lambda _: page.engine.save_clouds())
-        page.on(back, lambda _: page.engine.restore_clouds())
-        self.widgets = {
-            "picture": picture, "wide": wide, "on": on, "colour": colour, "size": size, "dropped": dropped,
-            "save": save, "back": back,
-        }  # fmt: skip
+
+    def _option(self, label: str, name: str, hint: str = "") -> viser.GuiCheckboxHandle:
+        """Add a check box of what is drawn."""
+        now = getattr(self.page.state.display, name)
+        return self.page.check(label, now, partial(self._show, name), hint)
 
     def set(self, **values: object) -> None:
         """Change settings of [clouds]."""
@@ -117,7 +106,7 @@ class CloudPanel:
     def _mark(self, camera: str, client: viser.ClientHandle, marked: Callable[..., None]) -> None:
         """Have a box dragged over a camera's image; the large picture would stand before it."""
         self._show("cloud_wide", False)
-        self.widgets["wide"].value = False
+        self.wide.value = False
         self.mark(camera, client, marked)
 
     def _offer_pictures(self, card: CloudCard) -> None:
@@ -126,14 +115,10 @@ class CloudPanel:
         words = {w: p for w, p in _PICTURES.items() if some[p]}
         wished = self.page.state.display.cloud_picture
         shown = next((w for w, p in words.items() if p == wished), "none")
-        picture = self.widgets["picture"]
-        put(picture, options=tuple(words))
-        put(picture, value=shown)
-        picture.visible = self.widgets["wide"].visible = len(words) > 1
+        put(self.which, options=tuple(words), value=shown)
+        self.which.visible = self.wide.visible = len(words) > 1
 
     def _show(self, name: str, value: object) -> None:
-        if value is None:
-            return
         self.page.draw(name, value)
         self.legend.visible = self.page.state.display.cloud_colour == "residual"
         self._place_picture()
@@ -155,7 +140,7 @@ class CloudPanel:
             self._large().image = picture.image
         else:
             self.picture.image = picture.image
-        self.said.content = _small(picture.words)
+        self.said.content = escaped(picture.words)
         self._place_picture()
 
     def _large(self) -> viser.GuiImageHandle:
@@ -176,13 +161,6 @@ class CloudPanel:
         if self.large is not None:
             self.large.visible = some and display.cloud_wide
 
-    def _say_saved(self) -> None:
-        changed = self.card.unsaved if self.card is not None else ()
-        text = f"Not in session.toml yet: {', '.join(changed)}." if changed else ""
-        self.saved.content = _small(text)
-        for name in ("save", "back"):
-            self.widgets[name].visible = bool(changed)
-
 
 def _note(card: CloudCard) -> str:
     if card.source:
@@ -194,13 +172,7 @@ def _note(card: CloudCard) -> str:
         text += (
             " Add a table [clouds] to session.toml: from files, depth images or pairs of cameras."
         )
-    return _small(text)
-
-
-def _small(text: str) -> str:
-    if not text:
-        return ""
-    return f"<div style='padding:.3em .9em;font-size:.85em;line-height:1.4;opacity:.8'>{html.escape(text)}</div>"
+    return escaped(text)
 
 
 def counts_table(cloud: CloudSnapshot) -> str:
@@ -274,160 +246,89 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
 # ---- Sliders of the clouds' filters and of stereo matching; 0 switches a filter off
 
 
+CROP = ("near_m", "far_m", "crop_m", "component", "front_m")
+THIN = ("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
+STEREO = (
+    "stereo_method", "stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px",
+)  # fmt: skip
+_LABELS = {"component": "Part"}
+"""where the page has a shorter one"""
 Set = Callable[..., None]
 """set(name=value, ...): change settings of [clouds]"""
 
 
-@dataclass(frozen=True)
-class FilterSlider:
-    """How one number of [clouds] is drawn."""
-
-    known: Setting
-
-    @property
-    def name(self) -> str:
-        return self.known.name
-
-    @property
-    def hint(self) -> str:
-        return f"{self.known.help} 0: off." if self.span[0] == 0 else self.known.help
-
-    @property
-    def span(self) -> tuple[float, float, float]:
-        """Low, high and step on the page."""
-        assert self.known.slider is not None, f"{self.name} has no slider"
-        return self.known.slider
-
-    def on_page(self, value: object) -> float:
-        """Return where the slider stands for a setting; off is 0."""
-        if not isinstance(value, int | float) or isinstance(value, bool):
-            return self.span[0]
-        shown = min(max(value / self.known.page_unit, self.span[0]), self.span[1])
-        return round(shown) if self.known.kind is int else round(shown, 4)
-
-    def in_file(self, shown: float) -> float | int | bool:
-        """Return the setting for a slider's value; False at 0."""
-        if shown <= 0:
-            return False
-        if self.known.kind is float:
-            return round(shown * self.known.page_unit, 6)
-        odd = self.span[2] == 2
-        return 2 * int(shown // 2) + 1 if odd else round(shown)
-
-
-def _sliders(*names: str) -> tuple[FilterSlider, ...]:
-    return tuple(FilterSlider(CLOUD_SETTINGS[name]) for name in names)
-
-
-CROP = _sliders("near_m", "far_m", "crop_m", "front_m")
-THIN = _sliders("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
-STEREO = _sliders(
-    "stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px"
-)
-_PARTS = {word: value for value, word in CLOUD_SETTINGS["component"].words.items()}
-_METHODS = {word: value for value, word in CLOUD_SETTINGS["stereo_method"].words.items()}
-
-
 @dataclass
-class Sliders:
-    """Sliders for numbers of [clouds]."""
+class CloudControls:
+    """Widgets of settings of [clouds]."""
 
     page: Page
     set: Set
-    known: dict[str, tuple[FilterSlider, viser.GuiSliderHandle[float]]] = field(
-        default_factory=dict
-    )
+    known: dict[str, SettingWidget] = field(default_factory=dict)
 
-    def add(self, slider: FilterSlider) -> None:
-        """Add a slider where the page builds now."""
-        low, high, step = slider.span
-        widget = self.page.gui.add_slider(
-            slider.known.label, low, high, step, low, hint=slider.hint
-        )
-        self.page.on(widget, lambda event: self._changed(slider, event.value))
-        self.known[slider.name] = (slider, widget)
+    def add(self, *names: str) -> None:
+        """Add them where the page builds now."""
+        for name in names:
+            setting = CLOUD_SETTINGS[name]
+            setting = replace(setting, label=_LABELS.get(name, setting.label))
+            self.known[name] = SettingWidget(
+                self.page, setting, lambda value, name=name: self.set(**{name: value})
+            )
 
     def fit(self, card: CloudCard) -> None:
         """Show the settings in force."""
-        for name, (slider, widget) in self.known.items():
-            shown = slider.on_page(card.values.get(name))
-            put(widget, value=shown)
-
-    def _changed(self, slider: FilterSlider, value: object) -> None:
-        shown = number(value, *slider.span[:2])
-        if shown is not None:
-            self.set(**{slider.name: slider.in_file(shown)})
+        for name, one in self.known.items():
+            one.show(card.values.get(name))
 
 
-class FilterControls:
+@dataclass
+class FilterControls(CloudControls):
     """Crop and part in one folder, thinning and outliers in another."""
 
-    def __init__(self, page: Page, set_: Set) -> None:
-        gui = page.gui
-        self.sliders = Sliders(page, set_)
+    def __post_init__(self) -> None:
+        gui = self.page.gui
         crop = gui.add_folder("Crop")
         thin = gui.add_folder("Thin, and drop outliers", expand_by_default=False)
         self.folders = (crop, thin)
         with crop:
-            for slider in CROP[:3]:
-                self.sliders.add(slider)
-            self.part = gui.add_dropdown(
-                "Part",
-                tuple(_PARTS),
-                hint=CLOUD_SETTINGS["component"].help,
-            )
-            self.sliders.add(CROP[3])
+            self.add(*CROP)
         with thin:
-            for slider in THIN:
-                self.sliders.add(slider)
-        page.on(self.part, lambda e: set_(component=_PARTS.get(e.value, "all")))
+            self.add(*THIN)
 
     def fit(self, card: CloudCard) -> None:
         """Show the settings in force."""
-        self.sliders.fit(card)
-        shown = next((w for w, own in _PARTS.items() if own == card.values.get("component")), "all")
-        put(self.part, value=shown)
-        self.sliders.known["front_m"][1].disabled = card.values.get("component") != "nearest"
+        super().fit(card)
+        self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
 
 
-class StereoControls:
+@dataclass
+class StereoControls(CloudControls):
     """The pair that is looked at, and how it is matched."""
 
-    def __init__(self, page: Page, set_: Set) -> None:
-        self.page, self.set = page, set_
-        self.card: CloudCard | None = None
-        self.folder: viser.GuiFolderHandle | None = None
+    card: CloudCard | None = None
+    folder: viser.GuiFolderHandle | None = None
 
     def _build(self, card: CloudCard) -> None:
-        page, gui = self.page, self.page.gui
-        self.sliders = Sliders(page, self.set)
-        self.folder = gui.add_folder("Stereo", expand_by_default=not card.source)
+        page = self.page
+        self.folder = page.gui.add_folder("Stereo", expand_by_default=not card.source)
         with self.folder:
-            pairs = tuple(" – ".join(pair) for pair in card.pairs)
+            pairs = {" – ".join(pair): pair for pair in card.pairs}
             first = " – ".join(card.pair or card.pairs[0])
-            self.pair = gui.add_dropdown("Pair", pairs, initial_value=first)
-            self.method = gui.add_dropdown("Method", tuple(_METHODS))
-            for slider in STEREO:
-                self.sliders.add(slider)
-            self.take = gui.add_button(
-                "Clouds from this pair", icon=viser.Icon.ARROW_MERGE, color="gray", visible=False,
-                hint="The session's clouds come from this pair from now on.",
+            page.choice("Pair", pairs, self._choose, now=first)
+            self.add(*STEREO)
+            self.take = page.button(
+                "Clouds from this pair", self._take, "arrow-merge",
+                "The session's clouds come from this pair from now on.", visible=False,
             )  # fmt: skip
-        page.on(self.pair, lambda event: self._choose(event.value))
-        page.on(self.method, lambda e: self.set(stereo_method=_METHODS.get(e.value, "sgbm")))
-        page.on(self.take, lambda _: self._take())
 
     def chosen(self) -> tuple[str, str] | None:
         """Return the pair that is looked at."""
         chosen = self.page.state.display.stereo_pair
         return chosen if chosen is not None or self.card is None else self.card.pair
 
-    def _choose(self, words: object) -> None:
-        pairs = {" – ".join(pair): pair for pair in (self.card.pairs if self.card else ())}
-        if words in pairs:
-            self.page.state.display.stereo_pair = pairs[str(words)]
-            self._offer()
-            self.page.redraw()
+    def _choose(self, pair: tuple[str, str]) -> None:
+        self.page.state.display.stereo_pair = pair
+        self._offer()
+        self.page.redraw()
 
     def _take(self) -> None:
         pair = self.chosen()
@@ -446,19 +347,13 @@ class StereoControls:
             return
         if self.folder is None:
             self._build(card)
-        self.sliders.fit(card)
-        shown = next(
-            (w for w, own in _METHODS.items() if own == card.values["stereo_method"]), None
-        )
-        if shown is not None and self.method.value != shown:
-            self.method.value = shown
+        super().fit(card)
         self._offer()
 
 
 # ---- Skin colour: an ellipse in (r, g) fitted to a box on an image, with its size as the threshold
 
 
-Box = tuple[int, int, int, int]
 _SIZE = (0.5, 10.0, 0.1)
 _LATER = "no box marked yet"
 
@@ -481,41 +376,37 @@ class SkinControls:
         self.folder = gui.add_folder("Skin colour", expand_by_default=False)
         with self.folder:
             self.words = gui.add_html("")
-            self.on = gui.add_checkbox(
-                "Skin only", False, hint="Drop points of other colours; take the colour first."
+            self.on = page.check(
+                "Skin only",
+                False,
+                self._switch,
+                "Drop points of other colours; take the colour first.",
             )
-            self.size = gui.add_slider(
-                "Ellipse's size", *_SIZE, 2.5,
-                hint="The threshold, in standard deviations of the samples' (r, g).",
+            self.size = page.bind(
+                gui.add_slider(
+                    "Ellipse's size", *_SIZE, 2.5,
+                    hint="The threshold, in standard deviations of the samples' (r, g).",
+                ),
+                self._resize,
             )  # fmt: skip
-            self.camera = gui.add_dropdown("Box in", card.image_cameras)
-            drag = gui.add_button(
-                "Drag a box over the image", icon=viser.Icon.MARQUEE_2, color="gray",
-                hint="Looks through the camera; drag over skin, away from its edges.",
+            self.camera = page.choice("Box in", card.image_cameras, self._camera_chosen)
+            self.drag = page.button(
+                "Drag a box over the image", None, "marquee-2",
+                "Looks through the camera; drag over skin, away from its edges.",
             )  # fmt: skip
             width, height = card.sizes[card.image_cameras[0]]
-            self.across = gui.add_multi_slider(
-                "Box x px", 0, width, 1, initial_value=(width // 3, width // 2), min_range=2
+            self.box = BoxSliders(page, (width, height), lambda: self._show_box(self.box.value))
+            self.box.show(
+                (width // 3, height // 3, width // 2 - width // 3, height // 2 - height // 3)
             )
-            self.down = gui.add_multi_slider(
-                "Box y px", 0, height, 1, initial_value=(height // 3, height // 2), min_range=2
+            self.take = page.button(
+                "Take the colour in the box", lambda: self._take(self.box.value), "color-picker"
             )
-            take = gui.add_button(
-                "Take the colour in the box", icon=viser.Icon.COLOR_PICKER, color="gray"
-            )
-            painted = gui.add_button(
-                "Take it from painted masks", icon=viser.Icon.BRUSH, color="gray",
-                hint="Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
+            page.button(
+                "Take it from painted masks", lambda: self._send(None), "brush",
+                "Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
             )  # fmt: skip
-        page.on(painted, lambda _: self._take_painted())
-        page.on(self.on, lambda event: self._switch(bool(event.value)))
-        page.on(self.size, lambda event: self._resize(event.value))
-        page.on(self.camera, lambda _: self._camera_chosen())
-        for slider in (self.across, self.down):
-            page.on(slider, lambda _: self._show_box(self.box()))
-        page.on(drag, self._drag)
-        page.on(take, lambda _: self._take(self.box()))
-        self.drag, self.take = drag, take
+        page.on(self.drag, self._drag)
 
     @property
     def ellipse(self) -> SkinEllipse | None:
@@ -523,19 +414,10 @@ class SkinControls:
         skin = None if self.card is None else self.card.values.get("skin")
         return skin if isinstance(skin, SkinEllipse) else None
 
-    def box(self) -> Box | None:
-        """Return the box that the sliders mark; None where they hold no numbers."""
-        pairs = [clean_interval(s.value, s.min, s.max) for s in (self.across, self.down)]
-        if pairs[0] is None or pairs[1] is None:
-            return None
-        (left, right), (top, bottom) = pairs[0], pairs[1]
-        return int(left), int(top), int(right - left), int(bottom - top)
-
-    def _camera_chosen(self) -> None:
-        size = self.card.sizes.get(str(self.camera.value)) if self.card is not None else None
-        if size is not None:
-            self.across.max, self.down.max = size
-            self._show_box(self.box())
+    def _camera_chosen(self, camera: str) -> None:
+        assert self.card is not None
+        self.box.resize(self.card.sizes[camera])
+        self._show_box(self.box.value)
 
     def _switch(self, on: bool) -> None:
         if not on:
@@ -544,11 +426,10 @@ class SkinControls:
         elif getattr(self, "kept", None) is not None:
             self.set(skin=self.kept)
         else:
-            self._take(self.box())
+            self._take(self.box.value)
 
-    def _resize(self, value: object) -> None:
-        size = number(value, *_SIZE[:2])
-        if size is not None and self.ellipse is not None:
+    def _resize(self, size: float) -> None:
+        if self.ellipse is not None:
             self.set(skin=replace(self.ellipse, size=round(size, 3)))
 
     def _show_box(self, box: Box | None) -> None:
@@ -558,8 +439,7 @@ class SkinControls:
 
     def _drag(self, event: UserEvent) -> None:
         def marked(box: Box) -> None:
-            self.across.value = (box[0], box[0] + box[2])
-            self.down.value = (box[1], box[1] + box[3])
+            self.box.show(box)
             self._show_box(box)
             self._take(box)
 
@@ -576,9 +456,6 @@ class SkinControls:
         if box is not None:
             self._show_box(box)
             self._send(box)
-
-    def _take_painted(self) -> None:
-        self._send(None)
 
     def _send(self, box: Box | None) -> None:
         size = number(self.size.value, *_SIZE[:2]) or 2.5

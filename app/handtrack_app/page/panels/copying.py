@@ -60,7 +60,9 @@ class CopyPanel:
         gui, page = self.page.gui, self.page
         with gui.add_folder("Copy, paste, mirror", expand_by_default=False):
             self.whole = gui.add_button_group("Hand", (COPY, PASTE, MIRROR), hint=_HINT)
-            self.part = gui.add_button_group("Finger", (COPY, PASTE), hint=_PART_HINT)
+            self.part = page.buttons(
+                "Finger", (COPY, PASTE), lambda name: acts[name](self.group), _PART_HINT
+            )
             self.line = gui.add_html("")
         page.words.on(self.whole, label="{Kind}")
         page.words.on(self.part, hint=_PART_HINT)
@@ -71,7 +73,6 @@ class CopyPanel:
                 self.mirror(event.client) if event.value == MIRROR else acts[event.value](ALL)
             ),
         )
-        page.on(self.part, lambda event: acts[event.value](self.group))
         keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[], None]], ...] = (
             ("Copy the pose", "C", "alt", lambda: self.copy(ALL)),
             ("Paste the pose that was copied", "V", "alt", lambda: self.paste(ALL)),

@@ -29,11 +29,12 @@ class ExportPanel:
         with self.tab:
             gui.add_html(_TEXT.format("What has been tracked so far, for other programs."))
             kinds = tuple(known.name for known in FORMATS)
-            chosen = gui.add_dropdown(
+            chosen = page.choice(
                 "Format",
                 kinds,
-                initial_value=_USUAL,
-                hint="The formats of `handtrack export --to`.",
+                lambda _: explain(),
+                "The formats of `handtrack export --to`.",
+                _USUAL,
             )
             purpose = gui.add_html("")
             up = gui.add_dropdown(
@@ -50,7 +51,7 @@ class ExportPanel:
                 hint="The pose you see, as init.json.",
             )  # fmt: skip
 
-        def explain(_: object = None) -> None:
+        def explain() -> None:
             known = export_format(chosen.value)
             purpose.content = _TEXT.format(known.purpose)
             up.visible = bool(known.up)
@@ -60,7 +61,6 @@ class ExportPanel:
             page.engine.export(chosen.value, event.client.client_id, axis)
 
         explain()
-        page.on(chosen, explain)
         page.on(button, download)
         page.on(first, lambda event: page.engine.export("init", event.client.client_id))
 

@@ -6,13 +6,17 @@ import html
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count
+from typing import Any
 
 import numpy as np
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.page import Keys, Page, UserEvent, clean_interval, number, put
+from handtrack_app.page.html import escaped, text
+from handtrack_app.page.page import Keys, Page, UserEvent, number, put
+from handtrack_app.page.panels.settings import BoxSliders, SavedSettings
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
 from handtrack_app.protocol.snapshots import MaskCameraCard, MaskCard, MaskPicture
@@ -40,13 +44,9 @@ class MaskPanel:
             with self.tab:
                 self._build(card)
         self._show_chosen()
-        self.note.content = _small(card.words)
+        self.note.content = escaped(card.words)
         changed = ", ".join(card.unsaved)
-        self.saved.content = _small(
-            f"Not in session.toml yet: masks of {changed}." if changed else ""
-        )
-        for button in (self.save, self.back):
-            put(button, visible=bool(card.unsaved))
+        self.saved.show(escaped(f"Not in session.toml yet: masks of {changed}.") if changed else "")
 
     def _build(self, card: MaskCard) -> None:
         page, gui = self.page, self.page.gui
@@ -56,12 +56,14 @@ class MaskPanel:
         self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80, visible=False)
         self.wrong = gui.add_html("")
         self.note = gui.add_html("")
-        self.on = gui.add_checkbox(
-            "Show masks", page.state.display.masks,
-            hint=page.words.of("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
+        self.on = page.check(
+            "Show masks", page.state.display.masks, self._show_masks,
+            page.words.of("Green: {kind}. Hatched: unknown. Blue outline: corrected by you."),
         )  # fmt: skip
-        self.camera = gui.add_dropdown("Camera", (ALL, *names) if len(names) > 1 else names)
-        self.method = gui.add_dropdown("Masks from", tuple(METHOD_WORDS[n] for n in possible))
+        choices = (ALL, *names) if len(names) > 1 else names
+        self.camera = page.choice("Camera", choices, lambda _: self._show_chosen())
+        methods = {METHOD_WORDS[n]: n for n in possible}
+        self.method = page.choice("Masks from", methods, lambda name: self._set("method", name))
         self.methods = {
             name: MethodWidgets(page, name, self._set)
             for name in possible
@@ -69,49 +71,33 @@ class MaskPanel:
         }
         if "skin_adaptive" in self.methods:
             with self.methods["skin_adaptive"].folder:
-                sample = gui.add_button(
-                    "Drag a box over skin", icon=viser.Icon.MARQUEE_2, color="gray"
-                )
+                sample = page.button("Drag a box over skin", None, "marquee-2")
             page.on(sample, lambda event: self._drag(event, "sample"))
         self._build_box(card)
-        self.saved = gui.add_html("")
-        self.save = gui.add_button(
-            "Save to session.toml", icon=viser.Icon.DEVICE_FLOPPY, color="gray", visible=False,
-            hint="Only masks and roi of the cameras change; the file before is kept in versions/.",
-        )  # fmt: skip
-        self.back = gui.add_button(
-            "Back to what is saved", icon=viser.Icon.RESTORE, color="gray", visible=False,
-            hint="Forget what was changed here since; corrections stay.",
+        self.saved = SavedSettings(
+            page, page.engine.save_masks, page.engine.restore_masks, "Back to what is saved",
+            "Only masks and roi of the cameras change; the file before is kept in versions/.",
+            "Forget what was changed here since; corrections stay.",
         )  # fmt: skip
         self.correcting = CorrectingWidgets(
             page, self.stage, self.keys, self._one_camera, self._named
         )
-        page.on(self.on, lambda event: self._show_masks(bool(event.value)))
-        page.on(self.camera, lambda _: self._show_chosen())
-        page.on(self.method, lambda event: self._choose(str(event.value)))
-        page.on(self.save, lambda _: page.engine.save_masks())
-        page.on(self.back, lambda _: page.engine.restore_masks())
 
     def _build_box(self, card: MaskCard) -> None:
         page, gui = self.page, self.page.gui
-        width, height = card.cameras[0].size
         with gui.add_folder("Box", expand_by_default=False):
             self.box_words = gui.add_html("")
-            drag = gui.add_button(
-                "Drag a box over the image", icon=viser.Icon.MARQUEE_2, color="gray",
-                hint="Outside of it nothing counts as observed.",
-            )  # fmt: skip
-            self.across = gui.add_multi_slider(
-                "Box x px", 0, width, 1, initial_value=(0, width), min_range=2
+            drag = page.button(
+                "Drag a box over the image",
+                None,
+                "marquee-2",
+                "Outside of it nothing counts as observed.",
             )
-            self.down = gui.add_multi_slider(
-                "Box y px", 0, height, 1, initial_value=(0, height), min_range=2
+            self.box = BoxSliders(page, card.cameras[0].size, self._set_box)
+            self.no_box = page.button(
+                "No box", lambda: self._set("roi", None, one=True), "x", visible=False
             )
-            self.no_box = gui.add_button("No box", icon=viser.Icon.X, color="gray", visible=False)
         page.on(drag, lambda event: self._drag(event, "roi"))
-        for slider in (self.across, self.down):
-            page.on(slider, lambda _: self._set_box())
-        page.on(self.no_box, lambda _: self._set("roi", None, one=True))
 
     # ---- which camera
 
@@ -138,14 +124,12 @@ class MaskPanel:
             if name == camera.method:
                 widgets.fit(camera.values)
         (width, height), roi = camera.size, camera.roi
-        put(self.across, max=width)
-        put(self.down, max=height)
-        x, y, w, h = roi or (0, 0, width, height)
-        put(self.across, value=(x, x + w))
-        put(self.down, value=(y, y + h))
+        x, y, w, h = box = roi or (0, 0, width, height)
+        self.box.resize(camera.size)
+        self.box.show(box)
         put(self.no_box, visible=roi is not None)
         said = "no box: the whole image counts" if roi is None else f"{w} × {h} px from {x}, {y}"
-        self.box_words.content = _small(f"{camera.name}: {said}.")
+        self.box_words.content = escaped(f"{camera.name}: {said}.")
 
     # ---- changing
 
@@ -154,23 +138,16 @@ class MaskPanel:
         put(self.on, value=on)
         put(self.sheet, visible=on)
         if on:
-            self.wrong.content = _small("Masks are being made …")
+            self.wrong.content = escaped("Masks are being made …")
 
     def _set(self, name: str, value: object, one: bool = False) -> None:
         camera = self._shown_camera().name if one else self._named()
         self._show_masks(True)
         self.page.engine.set_masks(camera, {name: value})
 
-    def _choose(self, words: str) -> None:
-        method = next((name for name, known in METHOD_WORDS.items() if known == words), None)
-        if method is not None:
-            self._set("method", method)
-
     def _set_box(self) -> None:
-        pairs = [clean_interval(s.value, s.min, s.max) for s in (self.across, self.down)]
-        if pairs[0] is not None and pairs[1] is not None:
-            (left, right), (top, bottom) = pairs[0], pairs[1]
-            self._set("roi", (int(left), int(top), int(right - left), int(bottom - top)), one=True)
+        if (box := self.box.value) is not None:
+            self._set("roi", box, one=True)
 
     def _drag(self, event: UserEvent, what: str) -> None:
         camera = self._one_camera(event)
@@ -199,14 +176,8 @@ class MaskPanel:
         if picture.sheet is not None and self.page.state.display.masks:
             self.sheet.image = picture.sheet
             put(self.sheet, visible=True)
-        self.wrong.content = _small(picture.words)
+        self.wrong.content = escaped(picture.words)
         self.correcting.say(picture.corrected)
-
-
-def _small(text: str) -> str:
-    if not text:
-        return ""
-    return f"<div style='padding:.3em .9em;font-size:.85em;line-height:1.4;opacity:.8'>{html.escape(text)}</div>"
 
 
 # ---- Widgets of the mask methods' settings: a folder for each method, of which the one in force shows
@@ -284,11 +255,8 @@ class MethodWidgets:
         self._widgets: dict[str, _Widget] = {}
         with self.folder:
             for name, drawn in FIELDS[method].items():
-                widget = _widget(gui, drawn)
-                self._widgets[name] = widget
-                page.on(
-                    widget,
-                    lambda event, name=name, drawn=drawn: _send(set_, name, drawn, event.value),
+                self._widgets[name] = page.bind(
+                    _widget(gui, drawn), partial(_send, set_, name, drawn)
                 )
         self._fields = FIELDS[method]
 
@@ -321,25 +289,12 @@ def _shown(drawn: Field, value: object) -> bool | float | tuple[float, ...]:
     return round(inside) if isinstance(drawn.step, int) else inside
 
 
-def _send(set_: Set, name: str, drawn: Field, value: object) -> None:
-    if not drawn.high:
-        set_(name, bool(value))
-        return
-    parts = [
-        number(part, drawn.low, drawn.high)
-        for part in (value if isinstance(value, list | tuple) else (value,))
-    ]
-    if any(part is None for part in parts):
-        return
-    whole = [
-        round(part) if isinstance(drawn.step, int) else round(part, 4)
-        for part in parts
-        if part is not None
-    ]
-    if drawn.pair:
-        set_(name, tuple(sorted(whole)))
-    else:
-        set_(name, float(whole[0]) if name == "threshold" else whole[0])
+def _send(set_: Set, name: str, drawn: Field, value: Any) -> None:
+    if drawn.high:
+        whole = isinstance(drawn.step, int)
+        parts = [round(n) if whole else round(n, 4) for n in (value if drawn.pair else (value,))]
+        value = tuple(parts) if drawn.pair else float(parts[0]) if name == "threshold" else parts[0]
+    set_(name, value)
 
 
 # ---- Correcting a frame's mask: a brush on the camera's image, and what was painted carried to the frames beside
@@ -379,30 +334,26 @@ class CorrectingWidgets:
         with gui.add_folder("Correct this frame"):
             self.words = gui.add_html("")
             self.brush = gui.add_dropdown(
-                "Brush",
-                tuple(self.brushes),
+                "Brush", tuple(self.brushes),
                 hint="Key X, while you paint, swaps with the one before. As it is: takes the correction away again.",
-            )
-            self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
-            self.paint = gui.add_button(
-                "Paint over the mask", icon=viser.Icon.BRUSH, color="gray",
-                hint="Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.",
             )  # fmt: skip
-            self.done = gui.add_button("Done painting", icon=viser.Icon.CHECK, visible=False)
-            self.drop = gui.add_button(
-                "Drop this frame's correction", icon=viser.Icon.ERASER, color="gray"
-            )
+            self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
+            self.paint = page.button(
+                "Paint over the mask", None, "brush",
+                "Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.",
+            )  # fmt: skip
+            self.done = page.button("Done painting", None, "check", color=None, visible=False)
+            self.drop = page.button("Drop this frame's correction", None, "eraser")
             self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
             self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
-            self.carry = gui.add_button(
-                "Carry to these frames", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
-                hint="What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
+            self.carry = page.button(
+                "Carry to these frames", self._carry, "arrows-horizontal",
+                "What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
                 "painted themselves stay.",
             )  # fmt: skip
         page.on(self.paint, self._begin)
         page.on(self.done, self._end)
         page.on(self.drop, self._drop)
-        page.on(self.carry, self._carry)
         self.radius.on_update(lambda _: self._show_brush())  # whoever changed it
         for words, key, factor in (("smaller", "[", 1 / _FACTOR), ("larger", "]", _FACTOR)):
             act = page.from_user(lambda _, factor=factor: self._resize(factor))
@@ -414,12 +365,7 @@ class CorrectingWidgets:
     def say(self, corrected: dict[str, str]) -> None:
         """Say which cameras are corrected in the frame shown."""
         lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in corrected.items())
-        put(
-            self.words,
-            content=f"<div style='padding:.2em .9em;font-size:.8em;line-height:1.4;opacity:.8'>{lines}</div>"
-            if lines
-            else "",
-        )
+        put(self.words, content=text(lines))
 
     def _begin(self, event: UserEvent) -> None:
         camera = self.camera(event)
@@ -486,7 +432,7 @@ class CorrectingWidgets:
         if camera is not None:
             self.page.engine.drop_correction(self.page.state.frame, camera)
 
-    def _carry(self, _: UserEvent) -> None:
+    def _carry(self) -> None:
         before, behind = (number(s.value, 0, _MOST) or 0 for s in (self.before, self.behind))
         frame = self.page.state.frame
         self.page.engine.carry_masks(frame, self.named(), round(before), round(behind))

@@ -88,16 +88,16 @@ class PlotsPanel:
     def __post_init__(self) -> None:
         gui, page = self.page.gui, self.page
         with self.tab:
-            self.group: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-                "Angles of", (_NONE,), initial_value=_NONE,
-                hint="For the part of the recording that the timeline shows. The compared take (Track, Takes) and the ground truth "
+            self.group = page.choice(
+                "Angles of", (_NONE,), self._choose,
+                "For the part of the recording that the timeline shows. The compared take (Track, Takes) and the ground truth "
                 "are plotted beside the track. Drag in a plot to zoom; double-click for all.",
             )  # fmt: skip
-            self.speed = gui.add_checkbox("Speed", False, hint="Plot the angles' speed instead.")
+            self.speed = page.check(
+                "Speed", False, lambda _: self.draw(), "Plot the angles' speed instead."
+            )
             self.note = gui.add_html("")
         page.words.on(self.note, content=text(_CHOOSE))
-        page.on(self.group, lambda event: self._choose(str(event.value)))
-        page.on(self.speed, lambda _: self.draw())
 
     def fit(self, session: SessionSnapshot) -> None:
         """Offer the groups of the model's parameters."""

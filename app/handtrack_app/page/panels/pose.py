@@ -6,6 +6,7 @@ import html
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -78,49 +79,44 @@ class PosePanel:
     def __post_init__(self) -> None:
         page, gui = self.page, self.page.gui
         with self.tab:
-            self.edit_buttons = gui.add_button_group(
-                "Edit",
-                ("Undo", "Redo", _FLIP),
-                hint="Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Y. 'Before/after' "
+            self.edit_buttons = page.buttons(
+                "Edit", ("Undo", "Redo", _FLIP), self._edit,
+                "Poses, settings, limits, filters, size and takes, as far back as you like: Ctrl-Z, Ctrl-Y. 'Before/after' "
                 "only shows the pose before the last step, and back. Key: Tab.",
-            )
-            self.history: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-                "History", (_NOW,), initial_value=_NOW,
-                hint="The last steps by name. Choose one to go back to just before it, or, of those undone (↷), to make it again.",
+            )  # fmt: skip
+            self.history = page.choice(
+                "History", (_NOW,), self._go_back,
+                "The last steps by name. Choose one to go back to just before it, or, of those undone (↷), to make it again.",
             )  # fmt: skip
             self.sliders_at = gui.add_html("").order
-            take = gui.add_button_group("Pose from", ("Before", "First", "Tracked"))
-            self.library = gui.add_dropdown(
+            page.buttons("Pose from", ("Before", "First", "Tracked"), self.take)
+            self.library = page.choice(
                 "Fingers as",
                 (_KEEP,),
-                initial_value=_KEEP,
-                hint="Set all but the place to a pose of the library.",
+                self._choose,
+                "Set all but the place to a pose of the library.",
             )
-            pictures = gui.add_button(
-                "Poses in pictures", icon=viser.Icon.PHOTO, color="gray",
-                hint="The whole library as it looks; a click takes a pose.",
+            pictures = page.button(
+                "Poses in pictures",
+                None,
+                "photo",
+                "The whole library as it looks; a click takes a pose.",
+            )
+            page.button(
+                "Fit frame", self._fit, "focus-2",
+                "Solves this frame from the pose you see. Undo brings your pose back.",
             )  # fmt: skip
-            fit = gui.add_button(
-                "Fit frame", icon=viser.Icon.FOCUS_2, color="gray",
-                hint="Solves this frame from the pose you see. Undo brings your pose back.",
-            )  # fmt: skip
-            save = gui.add_button(
-                "Save as first-frame pose", icon=viser.Icon.DEVICE_FLOPPY, color="gray",
-                hint="Writes init.json into the session: tracking starts from this pose.",
+            page.button(
+                "Save as first-frame pose", page.engine.save_pose, "device-floppy",
+                "Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
             self.guesses.build()
             self.pins.build()
             self.copies.build()
             self.nudges.build()
-        page.on(fit, lambda _: self._fit())
         self.nudges.keys.add("Fit frame", "F", page.from_user(lambda _: self._fit()))
-        page.on(self.edit_buttons, lambda event: self._edit(str(event.value)))
-        page.on(self.history, lambda event: self._go_back(str(event.value)))
-        page.on(take, lambda event: self.take(event.value))
-        page.on(self.library, self._choose)
         page.on(pictures, self._ask)
         self.nudges.keys.add("Poses in pictures", "L", page.from_user(self._ask), "alt")
-        page.on(save, lambda _: page.engine.save_pose())
 
     def _edit(self, which: str) -> None:
         if which == _FLIP:
@@ -160,8 +156,7 @@ class PosePanel:
         source = {"Before": "previous", "First": "start"}.get(choice, choice)
         self.page.engine.take_pose(state.frame, source, version)
 
-    def _choose(self, event: UserEvent) -> None:
-        chosen = str(event.value)
+    def _choose(self, chosen: str) -> None:
         if chosen != _KEEP:
             self.take(self.titles[chosen])
             self.library.value = _KEEP  # so that the same pose can be chosen again
@@ -202,8 +197,7 @@ class PosePanel:
                     "Edit joints of" if i == 0 else " ", named, order=self.sliders_at,
                     hint="One group's sliders at a time: all of them are on the screen.",
                 )  # fmt: skip
-                self.page.on(row, lambda event: self.open(str(event.value)))
-                self.rows.append(row)
+                self.rows.append(self.page.bind(row, self.open))
             for group, members in groups.items():
                 self._add_folder(group, members, session)
         self.open(next(g for g in ("Index", "Left arm", *groups) if g in self.folders))
@@ -452,45 +446,34 @@ class GuessesPanel:
     def build(self) -> None:
         """Add the widgets where the page builds now."""
         gui, page = self.page.gui, self.page
-        self.find = gui.add_button_group(
-            "Detect hand", (_HERE, _ANYWHERE), hint=_FIND_HINTS["hand"],
+        self.find = page.buttons(
+            "Detect hand", (_HERE, _ANYWHERE), lambda name: self.search(name == _ANYWHERE), _FIND_HINTS["hand"]
         )  # fmt: skip
         page.words.on(self.find, label="Detect {kind}")
-        self.fetch = gui.add_button(
-            f"Get the detector ({DOWNLOAD_MB} MB) and find", icon=viser.Icon.DOWNLOAD, color="gray", visible=False,
-            hint="Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
-            "by pip, once for all recordings. Google's, Apache License 2.0.",
+        self.fetch = page.button(
+            f"Get the detector ({DOWNLOAD_MB} MB) and find", lambda: self.search(fetch=True), "download",
+            "Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
+            "by pip, once for all recordings. Google's, Apache License 2.0.", visible=False,
         )  # fmt: skip
-        self.cancel = gui.add_button(
-            "Cancel the search", icon=viser.Icon.PLAYER_STOP, color="red", visible=False
+        self.cancel = page.button(
+            "Cancel the search", page.engine.cancel, "player-stop", color="red", visible=False
         )
-        page.on(self.find, lambda event: self.search(event.value == _ANYWHERE))
-        page.on(self.fetch, lambda _: self.search(fetch=True))
-        page.on(self.cancel, lambda _: page.engine.cancel())
         self.folder = gui.add_folder("Other poses", visible=False)
         with self.folder:
             self.list = gui.add_html("")
-            self.takes = gui.add_button_group(
-                "Take", ("1",), hint="Set this frame's pose to one of these."
-            )
-            self.ghosts = gui.add_checkbox(
-                "Ghosts",
-                True,
-                hint="Draw these poses in the scene, each in the colour of its number.",
-            )
-        page.on(self.takes, lambda event: self._take(event.value))
-        page.on(self.ghosts, lambda event: page.draw("ghosts", bool(event.value)))
+            self.takes = page.buttons(
+                "Take", ("1",), lambda rank: self.take(int(rank) - 1), "Set this frame's pose to one of these."
+            )  # fmt: skip
+            page.check(
+                "Ghosts", True, partial(page.draw, "ghosts"),
+                "Draw these poses in the scene, each in the colour of its number.",
+            )  # fmt: skip
 
     def search(self, anywhere: bool = False, fetch: bool = False) -> None:
         """Detect the model in the frame shown, or in the surest of several."""
         state = self.page.state
         state.playing = False
         self.page.engine.find_hand(None if anywhere else state.frame, fetch)
-
-    def _take(self, pressed: object) -> None:
-        words = str(pressed)
-        if words.isdecimal() and int(words) > 0:
-            self.take(int(words) - 1)
 
     def take(self, rank: int) -> None:
         """Take one of the list."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import html
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import viser
 
+from handtrack_app.page.html import text
 from handtrack_app.page.page import Keys, Page, UserEvent, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
@@ -39,35 +41,27 @@ class ReviewPanel:
         page, gui = self.page, self.page.gui
         with self.tab:
             self.head = gui.add_html(head_words(None, None))
-            self.accept_next = gui.add_button(
-                "Accept and next", icon=viser.Icon.CHECK, visible=False,
-                hint="Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.",
+            self.accept_next = page.button(
+                "Accept and next", lambda: self.do_accept(""), "check",
+                "Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.", None, visible=False,
             )  # fmt: skip
-            self.go = gui.add_button_group(
-                "Go to",
-                _GO,
-                visible=False,
-                hint="In the queue, the worst first. Keys Shift Z and, back, Shift U.",
-            )
-            self.accept = gui.add_button_group(
-                "Accept", _ACCEPT, visible=False,
-                hint="The interval that was gone to, the frame shown, or all tracked frames of high confidence. No tracking "
-                "or refining changes them; your own edits do. Undo takes it back.",
+            self.go = page.buttons(
+                "Go to", _GO, lambda name: self.step(1 if name == "Next" else -1),
+                "In the queue, the worst first. Keys Shift Z and, back, Shift U.", visible=False,
             )  # fmt: skip
-            self.release = gui.add_button_group(
-                "Release", _LET_GO, visible=False,
-                hint="Tracking and refining may change these again.",
+            self.accept = page.buttons(
+                "Accept", _ACCEPT, self.do_accept,
+                "The interval that was gone to, the frame shown, or all tracked frames of high confidence. No tracking "
+                "or refining changes them; your own edits do. Undo takes it back.", visible=False,
+            )  # fmt: skip
+            self.release = page.buttons(
+                "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.", visible=False
             )  # fmt: skip
             self.here = gui.add_html(here_words(0, False, None))
-            for n in range(_ROWS):
-                row = gui.add_button("–", color="gray", visible=False)
-                page.on(row, lambda _, n=n: self._chosen(n))
-                self.rows.append(row)
+            self.rows = [
+                page.button("–", partial(self._chosen, n), visible=False) for n in range(_ROWS)
+            ]
             self.more = gui.add_html("")
-        page.on(self.go, lambda event: self.step(1 if event.value == "Next" else -1))
-        page.on(self.accept_next, lambda _: self.do_accept(""))
-        page.on(self.accept, lambda event: self.do_accept(event.value))
-        page.on(self.release, lambda event: self.let_go(event.value))
 
     def add_keys(self, keys: Keys) -> None:
         """Register what keys do."""
@@ -214,7 +208,9 @@ def row_words(stretch: StretchCard) -> str:
 def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) -> str:
     """Return how much there is to be looked at, and how much was accepted. done: intervals of the queue that are."""
     if strip is None or not ((strip.status >= 0).any() or strip.by_hand):
-        return _words("Track some frames: what is worth a look is listed here, the worst first.")
+        return text(
+            "Track some frames: what is worth a look is listed here, the worst first.", faint=False
+        )
     count, stretches = len(strip.status), len(strip.stretches)
     total = stretches + done
     share = 100.0 * done / total if total else 100.0
@@ -227,18 +223,18 @@ def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) ->
     )  # fmt: skip
     locked_frames = len(strip.accepted)
     locked = f"<br>{locked_frames} of {count} frames are accepted: neither tracking nor refining changes them." if locked_frames else ""  # fmt: skip
-    return _words(look + locked)
+    return text(look + locked, faint=False)
 
 
 def here_words(frame: int, accepted: bool, stretch: StretchCard | None) -> str:
     """Return what is to be said of the frame shown."""
-    text = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
+    said = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
     if stretch is not None:
-        text += (
+        said += (
             f"<b>{row_words(stretch).partition(',')[0]}</b>: ≈ {stretch.expected:.0f} frames wrong; worst {stretch.worst}: "
             f"{html.escape(stretch.words)}."
         )
-    return f"<div class='handtrack-queue'>{_words(text) if text else ''}</div>"
+    return f"<div class='handtrack-queue'>{text(said, faint=False)}</div>"
 
 
 def undoubted(strip: TimelineSnapshot | None) -> list[tuple[int, int]]:
@@ -254,10 +250,6 @@ def undoubted(strip: TimelineSnapshot | None) -> list[tuple[int, int]]:
         else:
             runs.append((frame, frame))
     return runs
-
-
-def _words(text: str) -> str:
-    return f"<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>{text}</div>"
 
 
 # ---- The one next step of the work, as a sentence and a button over the timeline: detect, track, go on, review,

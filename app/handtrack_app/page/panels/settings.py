@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import groupby
 from typing import Any
 
@@ -15,10 +16,12 @@ from handtrack.model.shape import ShapeNumber
 from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
-from handtrack_app.page.page import Keys, Page, UserEvent, clean_interval, number, put
+from handtrack_app.page.page import Keys, Page, clean_interval, put
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.protocol.snapshots import CLOUD, IMAGES, KEYPOINTS, SILHOUETTES, SessionSnapshot
 
+Box = tuple[int, int, int, int]
+"""x, y, width, height [px]"""
 _SEEN_AS = {
     "silhouettes": SILHOUETTES, "cloud": CLOUD, "keypoints": KEYPOINTS, "edges": IMAGES, "intensity": IMAGES,
 }  # fmt: skip
@@ -37,13 +40,120 @@ _FAINT = ";opacity:.55"
 
 
 @dataclass
+class SettingWidget:
+    """A setting where the page builds now: a choice of words, a check box, or a slider, at 0 of which it is off, if it can be."""
+
+    page: Page
+    known: Setting
+    act: Callable[[Any], object]
+    """told of a value that a user chose"""
+
+    def __post_init__(self) -> None:
+        page, known, act = self.page, self.known, self.act
+        if known.words:
+            values = {word: value for value, word in known.words.items()}
+            self.widget: Any = page.choice(known.label, values, act, known.help)
+        elif known.slider is None:
+            self.widget = page.check(known.label, False, act, known.help)
+        else:
+            hint = f"{known.help} 0: off." if known.optional and not known.slider[0] else known.help
+            low, high, step = known.slider
+            slider = page.gui.add_slider(known.label, low, high, step, low, hint=hint)
+            self.widget = page.bind(slider, lambda shown: act(in_file(known, shown)))
+
+    def show(self, value: object) -> None:
+        """Show the value in force, where it can be shown."""
+        shown = on_page(self.known, value)
+        if shown is not None:
+            if isinstance(self.widget, viser.GuiSliderHandle):
+                put(self.widget, min=min(self.widget.min, shown), max=max(self.widget.max, shown))
+            put(self.widget, value=shown)
+
+
+def on_page(known: Setting, value: Any) -> Any:
+    """Return how a setting's value stands on the page; None if it cannot be shown."""
+    if known.words:
+        return known.words.get(str(value))
+    if known.kind is bool:
+        return value if isinstance(value, bool) else None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return known.slider[0] if known.slider and known.optional else None
+    shown = value / known.page_unit
+    return round(shown) if known.kind is int else round(shown, 4)
+
+
+def in_file(known: Setting, shown: float) -> float | int | bool:
+    """Return a setting for its slider's value; False at 0 of what can be switched off."""
+    if known.optional and shown <= 0:
+        return False
+    if known.kind is float:
+        return round(shown * known.page_unit, 6)
+    is_odd = known.slider is not None and known.slider[2] == 2
+    return 2 * int(shown // 2) + 1 if is_odd else round(shown)
+
+
+class SavedSettings:
+    """What is not in session.toml yet, with buttons to save it and to go back, where the page builds now."""
+
+    def __init__(
+        self, page: Page, save: Callable[[], object], restore: Callable[[], object], back: str,
+        save_hint: str, back_hint: str,
+    ) -> None:  # fmt: skip
+        self.words = page.gui.add_html("", visible=False)
+        self.save = page.button(
+            "Save to session.toml", save, "device-floppy", save_hint, visible=False
+        )
+        self.back = page.button(back, restore, "restore", back_hint, visible=False)
+
+    def show(self, words: str) -> None:
+        """Show what is not saved, in words (HTML); nothing where all is."""
+        put(self.words, content=words)
+        for widget in (self.words, self.save, self.back):
+            put(widget, visible=bool(words))
+
+
+class BoxSliders:
+    """A box in an image, as ranges across and down, where the page builds now."""
+
+    def __init__(self, page: Page, size: tuple[int, int], act: Callable[[], object]) -> None:
+        """act: called when a user changed it. size: of the image [px]."""
+        self.across, self.down = (
+            page.bind(
+                page.gui.add_multi_slider(label, 0, most, 1, initial_value=(0, most), min_range=2),
+                lambda _: act(),
+            )
+            for label, most in zip(("Box x px", "Box y px"), size, strict=True)
+        )
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Take the size of another image [px]."""
+        put(self.across, max=size[0])
+        put(self.down, max=size[1])
+
+    def show(self, box: Box) -> None:
+        """Show a box."""
+        x, y, width, height = box
+        put(self.across, value=(x, x + width))
+        put(self.down, value=(y, y + height))
+
+    @property
+    def value(self) -> Box | None:
+        """The box; None where the ranges hold no numbers."""
+        pairs = [clean_interval(s.value, s.min, s.max) for s in (self.across, self.down)]
+        if pairs[0] is None or pairs[1] is None:
+            return None
+        (left, right), (top, bottom) = pairs[0], pairs[1]
+        return int(left), int(top), int(right - left), int(bottom - top)
+
+
+@dataclass
 class SettingsPanel:
     """A widget for every setting that the tracker has and people change."""
 
     page: Page
     tab: viser.GuiTabHandle
     refits: RefitSwitch
-    controls: dict[str, tuple[Setting, Any]] = field(default_factory=dict)
+    controls: dict[str, SettingWidget] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     told: dict[str, viser.GuiHtmlHandle] = field(default_factory=dict)
     """by setting: a sentence on the value that holds"""
@@ -55,39 +165,29 @@ class SettingsPanel:
         if not self.controls:
             with self.tab:
                 self._build(session)
-        for setting, widget in self.controls.values():
-            value = session.settings.get(setting.name)
-            shown = shown_value(setting, value)
-            if shown is not None and widget.value != shown:
-                widget.value = shown
-            label = f"{setting.label} •" if setting.name in self.changed else setting.label
-            put(widget, label=label)
-            if setting.name in self.told:
-                put(
-                    self.told[setting.name],
-                    content=_TOLD.format(html.escape(setting.told.get(str(value), ""))),
-                )
+        for name, one in self.controls.items():
+            value = session.settings.get(name)
+            one.show(value)
+            put(
+                one.widget,
+                label=f"{one.known.label} •" if name in self.changed else one.known.label,
+            )
+            if name in self.told:
+                words = html.escape(one.known.told.get(str(value), ""))
+                put(self.told[name], content=_TOLD.format(words))
         self._show_what_counts(session)
         self.shape.fit(session)
-        self.words.content = _changed_words(
-            to_be_said(session.settings, session.own_settings) if self.changed else {}
-        )
-        self.words.visible = self.save.visible = self.back.visible = bool(self.changed)
+        changed = to_be_said(session.settings, session.own_settings) if self.changed else {}
+        self.saved.show(_changed_words(changed))
 
     def _build(self, session: SessionSnapshot) -> None:
         page, gui = self.page, self.page.gui
         self.refits.build()
-        self.words = gui.add_html("", visible=False)
-        self.save = gui.add_button(
-            "Save to session.toml", color="gray", icon=viser.Icon.DEVICE_FLOPPY, visible=False,
-            hint="Only these settings of the table [tracking] change; the file before is kept in versions/.",
+        self.saved = SavedSettings(
+            page, page.engine.save_settings, self._restore, "Back to session.toml",
+            "Only these settings of the table [tracking] change; the file before is kept in versions/.",
+            "Undo brings the changes back.",
         )  # fmt: skip
-        page.on(self.save, lambda _: page.engine.save_settings())
-        self.back = gui.add_button(
-            "Back to session.toml", color="gray", icon=viser.Icon.RESTORE, visible=False,
-            hint="Undo brings the changes back.",
-        )  # fmt: skip
-        page.on(self.back, lambda _: self._restore())
         for title, settings in CONTROLS.items():
             known = [s for s in settings if s.name in session.settings]
             known = [s for s in known if s.about in ("", session.kind)]
@@ -96,9 +196,8 @@ class SettingsPanel:
                 self.folders[title] = folder
                 with folder:
                     for setting in known:
-                        value = session.settings[setting.name]
-                        if setting.words or shown_value(setting, value) is not None:
-                            self._add(setting, value)
+                        if on_page(setting, session.settings[setting.name]) is not None:
+                            self._add(setting)
         self.shape = ShapePanel(page)
         self.shape.build(session)
 
@@ -110,7 +209,7 @@ class SettingsPanel:
                 if setting.name in self.controls:
                     about = _SEEN_AS.get(setting.name.partition(".")[0])
                     counts = about is None or about in session.seen or setting.name in self.changed
-                    put(self.controls[setting.name][1], visible=counts)
+                    put(self.controls[setting.name].widget, visible=counts)
                     if setting.name in self.told:
                         put(self.told[setting.name], visible=counts)
                     counting |= counts
@@ -130,41 +229,13 @@ class SettingsPanel:
             for name in changed:
                 self.page.engine.set_setting(name, own[name], "Settings of session.toml")
 
-    def _add(self, setting: Setting, value: Any) -> None:
-        gui, shown = self.page.gui, shown_value(setting, value)
-        if setting.words:
-            words = tuple(setting.words.values())
-            widget: Any = gui.add_dropdown(
-                setting.label, words, initial_value=shown or words[0], hint=setting.help
-            )
-        elif isinstance(value, bool):
-            widget = gui.add_checkbox(setting.label, value, hint=setting.help)
-        else:
-            assert setting.slider is not None, f"{setting.name} has no widget"
-            low, high, step = setting.slider
-            widget = gui.add_slider(
-                setting.label,
-                min(low, shown),
-                max(high, shown),
-                step,
-                initial_value=shown,
-                hint=setting.help,
-            )
-        self.page.on(widget, lambda event: self._changed(setting, event))
-        self.controls[setting.name] = (setting, widget)
+    def _add(self, setting: Setting) -> None:
+        set_it = self.page.engine.set_setting
+        self.controls[setting.name] = SettingWidget(
+            self.page, setting, lambda value: set_it(setting.name, value, setting.label)
+        )
         if setting.told:
-            self.told[setting.name] = gui.add_html("")
-
-    def _changed(self, setting: Setting, event: UserEvent) -> None:
-        value: Any = event.value
-        if setting.words:
-            value = next((own for own, word in setting.words.items() if word == value), None)
-        elif not isinstance(value, bool):
-            value = number(value, event.target.min, event.target.max)
-            if value is not None and setting.kind is int:
-                value = round(value)
-        if value is not None and self.session is not None:
-            self.page.engine.set_setting(setting.name, value, setting.label)
+            self.told[setting.name] = self.page.gui.add_html("")
 
 
 def to_be_said(now: Mapping[str, object], own: Mapping[str, object]) -> dict[str, object]:
@@ -199,17 +270,6 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def shown_value(setting: Setting, value: Any) -> Any:
-    """Return how a setting's value stands on the page; None if it cannot be shown."""
-    if setting.words:
-        return setting.words.get(str(value))
-    if isinstance(value, bool):
-        return value
-    if isinstance(value, (int, float)):
-        return int(value) if setting.kind is int else float(value)
-    return None
-
-
 @dataclass
 class ShapePanel:
     """A list of all numbers; the one that is chosen has a slider."""
@@ -221,18 +281,17 @@ class ShapePanel:
         """Add the widgets where the page stands."""
         page, gui = self.page, self.page.gui
         with gui.add_folder("Shape", expand_by_default=False) as self.folder:
-            self.size = gui.add_button(
-                "Fit the size", color="gray", icon=viser.Icon.RULER_MEASURE,
-                hint="Of the person's {kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
+            self.size = page.button(
+                "Fit the size", page.engine.fit_size, "ruler-measure",
+                "Of the person's {kind}, from frames of this recording. Where session.toml says so it is done by itself before the "
                 "first tracking.".replace("{kind}", session.kind),
             )  # fmt: skip
             labels = [row.label for row in session.shape]
-            self.chosen = gui.add_dropdown("Number", labels, hint="Of the person's shape, to be set by hand. Where session.toml says scale = fit, tracking begins with it and may change it.")  # fmt: skip
-            self.slider = gui.add_slider(" ", -1.0, 1.0, 0.1, initial_value=0.0)
+            self.chosen = page.choice("Number", labels, lambda _: self._show_slider(), "Of the person's shape, to be set by hand. Where session.toml says scale = fit, tracking begins with it and may change it.")  # fmt: skip
+            self.slider = page.bind(
+                gui.add_slider(" ", -1.0, 1.0, 0.1, initial_value=0.0), self._set
+            )
             self.list = gui.add_html("")
-        page.on(self.size, lambda _: page.engine.fit_size())
-        page.on(self.chosen, lambda _: self._show_slider())
-        page.on(self.slider, self._set)
 
     def fit(self, session: SessionSnapshot) -> None:
         """Show the shape in force."""
@@ -255,10 +314,9 @@ class ShapePanel:
             reach = max(_FARTHEST * row.sigma, abs(row.value))
             put(self.slider, min=-reach, max=reach, label=row.unit, value=row.value)
 
-    def _set(self, event: UserEvent) -> None:
+    def _set(self, value: float) -> None:
         row = self._row
-        value = number(event.value, event.target.min, event.target.max)
-        if row is not None and value is not None:
+        if row is not None:
             self.page.engine.set_shape(row.name, value, f"Shape: {row.label}")
 
 
@@ -295,11 +353,10 @@ class LimitsPanel:
                 "degrees. The solver stays inside, and so do the pose sliders.</div>"
             )
             self.refits.build()
-            self.back = gui.add_button(
-                "Restore the model's limits", color="gray", icon=viser.Icon.RESTORE, visible=False,
-                hint="Of the joints marked •. Undo brings the changes back.",
+            self.back = self.page.button(
+                "Restore the model's limits", self._restore, "restore",
+                "Of the joints marked •. Undo brings the changes back.", visible=False,
             )  # fmt: skip
-        self.page.on(self.back, lambda _: self._restore())
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the ranges for a session's joints, then show the limits in force."""
@@ -337,16 +394,10 @@ class LimitsPanel:
         with folder:
             for name in members:
                 low, high = degrees(session.own_interval[self.names.index(name)])
-                widget = self.page.gui.add_multi_slider(
-                    label_of(name),
-                    low - 40.0,
-                    high + 40.0,
-                    1.0,
-                    initial_value=(low, high),
-                    min_range=1.0,
-                )
-                self.page.on(widget, lambda event, name=name: self._changed(name, event))
-                self.ranges[name] = widget
+                ranges = self.page.gui.add_multi_slider(
+                    label_of(name), low - 40.0, high + 40.0, 1.0, initial_value=(low, high), min_range=1.0
+                )  # fmt: skip
+                self.ranges[name] = self.page.bind(ranges, partial(self._changed, name))
 
     def _name(self, name: str, interval: tuple[float, float]) -> None:
         """The range itself shows no numbers: they stand in its label."""
@@ -357,11 +408,9 @@ class LimitsPanel:
             label += " •"
         put(self.ranges[name], label=label)
 
-    def _changed(self, name: str, event: UserEvent) -> None:
-        interval = clean_interval(event.value, event.target.min, event.target.max)
-        if interval is not None:
-            unit = unit_of(name)
-            self.page.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))
+    def _changed(self, name: str, interval: tuple[float, float]) -> None:
+        unit = unit_of(name)
+        self.page.engine.set_limits(name, (interval[0] * unit, interval[1] * unit))
 
     def _restore(self) -> None:
         for name in self.ranges:
@@ -439,9 +488,7 @@ class RefitSwitch:
 
     def build(self) -> None:
         """Add a switch where the page builds now."""
-        box = self.page.gui.add_checkbox("Refit as I tune", self.on, hint=_HINT)
-        self.page.on(box, lambda event: self.turn(bool(event.value)))
-        self.boxes.append(box)
+        self.boxes.append(self.page.check("Refit as I tune", self.on, self.turn, _HINT))
 
     def turn(self, on: bool) -> None:
         """Turn it on or off."""

@@ -57,101 +57,81 @@ class TrackingPanel:
         if is_built:
             self._show_size()
             return
-        page, gui, icon = self.page, self.page.gui, viser.Icon
+        page, gui = self.page, self.page.gui
         last = max(session.stop - 1, session.start + 1)
         with self.tab:
             self.status = gui.add_html(_where(session))
             self.bar = gui.add_progress_bar(0.0, visible=False)
-            self.pause = gui.add_button(
-                "Pause", icon=icon.PLAYER_PAUSE, color="gray", visible=False
-            )
-            self.cancel = gui.add_button(
-                "Cancel", icon=icon.PLAYER_STOP, color="red", visible=False
+            self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
+            self.cancel = page.button(
+                "Cancel", page.engine.cancel, "player-stop", color="red", visible=False
             )
             if session.live:
-                starters = [("live", gui.add_button(
-                    "Track live", icon=icon.PLAYER_PLAY,
-                    hint="From the pose shown on, in the cameras' newest images.",
-                ))]  # fmt: skip
+                begin = page.button(
+                    "Track live", lambda: self.start("live"), "player-play",
+                    "From the pose shown on, in the cameras' newest images.", None,
+                )  # fmt: skip
             else:
-                starters = [("all", gui.add_button(
-                    "Track all frames", icon=icon.PLAYER_PLAY,
-                    hint="From the first-frame pose, forward and backward: the same numbers as `handtrack track`. Poses set "
-                    "by hand elsewhere stay, and tracking starts again from each.",
-                ))]  # fmt: skip
-            starters.append(("here", gui.add_button("Track this frame", icon=icon.FOCUS_2, color="gray",
-                                                    hint="Fit the pose you see to this frame.")))  # fmt: skip
-            self.starters = [button for _, button in starters]
-            self.later = gui.add_checkbox(
-                page.words.of("Fit the {kind}'s size later"), False, visible=False,
-                hint="Track at once. The size is fitted afterwards, to what was tracked; then all can be tracked again.",
+                begin = page.button(
+                    "Track all frames", lambda: self.start("all"), "player-play",
+                    "From the first-frame pose, forward and backward: the same numbers as `handtrack track`. Poses set "
+                    "by hand elsewhere stay, and tracking starts again from each.", None,
+                )  # fmt: skip
+            here = page.button(
+                "Track this frame", lambda: self.start("here"), "focus-2", "Fit the pose you see to this frame."
+            )  # fmt: skip
+            self.starters = [begin, here]
+            self.later = page.check(
+                page.words.of("Fit the {kind}'s size later"), False, self._put_off,
+                "Track at once. The size is fitted afterwards, to what was tracked; then all can be tracked again.", visible=False,
             )  # fmt: skip
             self.sized = gui.add_html("", visible=False)
-            self.again = gui.add_button_group("Track again", _AGAIN, visible=False)
+            self.again = page.buttons("Track again", _AGAIN, self._again, visible=False)
             if not session.live:
                 self._add_range(session, last)
-            self.follow = gui.add_checkbox(
-                "Follow",
-                True,
-                visible=session.live,
-                hint=page.words.of("Show the newest images; posing the {kind} halts them.")
-                if session.live
-                else "Show each frame as it is tracked.",
+            hint = "Show the newest images; posing the {kind} halts them." if session.live else "Show each frame as it is tracked."  # fmt: skip
+            self.follow = page.check(
+                "Follow", True, self._follow, page.words.of(hint), visible=session.live
             )
-            self.refine = gui.add_button(
-                "Refine", icon=icon.SPARKLES, color="gray", visible=False,
-                hint="All tracked frames together, each by those after it as well. Poses set by hand hold, and what lies beside "
-                "follows from both sides. What was tracked stays as a take.",
+            self.refine = page.button(
+                "Refine", page.engine.refine, "sparkles",
+                "All tracked frames together, each by those after it as well. Poses set by hand hold, and what lies beside "
+                "follows from both sides. What was tracked stays as a take.", visible=False,
             )  # fmt: skip
-            self.between = gui.add_button(
-                "Track between", icon=icon.ARROWS_JOIN, color="gray", visible=False,
-                hint="The frames between the two kept ones around the frame shown (set by hand, or accepted): half from each, then "
-                "refined together where that is set.",
+            self.between = page.button(
+                "Track between", lambda: self.start("between"), "arrows-join",
+                "The frames between the two kept ones around the frame shown (set by hand, or accepted): half from each, then "
+                "refined together where that is set.", visible=False,
             )  # fmt: skip
             self.marked = gui.add_html("", visible=False)
-            self.odd = gui.add_button(
-                "Next frame of low confidence, or lost", icon=icon.PLAYER_TRACK_NEXT, color="gray", visible=False,
-                hint="Key: Shift N.",
+            self.odd = page.button(
+                "Next frame of low confidence, or lost", self.go_to_odd, "player-track-next", "Key: Shift N.", visible=False
             )  # fmt: skip
-            save = gui.add_button("Save track", icon=icon.DEVICE_FLOPPY, color="gray", visible=not session.live,
-                                  hint="Writes tracks/poses.npz into the session.")  # fmt: skip
-            self.residuals = gui.add_button(
-                "Open in rerun", icon=icon.CHART_DOTS, color="gray",
-                hint="Residuals of every camera in rerun's viewer: of the frames tracked so far, then as they come.",
+            page.button(
+                "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
+                visible=not session.live,
             )  # fmt: skip
-        page.on(self.odd, lambda _: self.go_to_odd())
-        page.on(self.refine, lambda _: page.engine.refine())
-        page.on(self.between, lambda _: self.start("between"))
-        for which, button in starters:
-            page.on(button, lambda _, which=which: self.start(which))
-        page.on(self.later, lambda event: self._put_off(bool(event.value)))
-        page.on(self.again, lambda event: self._again(event.value))
-        page.on(self.pause, lambda _: self.pause_or_go_on())
-        page.on(self.cancel, lambda _: page.engine.cancel())
-        page.on(self.follow, lambda event: self._follow(bool(event.value)))
-        page.on(save, lambda _: page.engine.save_track())
-        page.on(self.residuals, lambda _: page.engine.open_rerun())
+            self.residuals = page.button(
+                "Open in rerun", page.engine.open_rerun, "chart-dots",
+                "Residuals of every camera in rerun's viewer: of the frames tracked so far, then as they come.",
+            )  # fmt: skip
         self._show_size()
 
     def _add_range(self, session: SessionSnapshot, last: int) -> None:
         """Offer parts of a recording."""
         page, gui = self.page, self.page.gui
-        onward = gui.add_button_group("From here", ("◀ backward", "forward ▶"))
+        onward = page.buttons("From here", ("◀ backward", "forward ▶"), self.start)
         with gui.add_folder("Range") as span:
             self.range = gui.add_multi_slider(
                 "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
             )
-            ends = gui.add_button_group(
-                "Reaches", _ENDS,
-                hint="From the frame shown, to the frame shown, or over the whole recording.",
+            page.buttons(
+                "Reaches", _ENDS, self._reach, "From the frame shown, to the frame shown, or over the whole recording."
             )  # fmt: skip
-            ranged = gui.add_button(
-                "Track range", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
-                hint="From the frame shown, if it has a pose of its own; else from the nearest frame of the range that has one.",
+            page.button(
+                "Track range", lambda: self.start("range"), "arrows-horizontal",
+                "From the frame shown, if it has a pose of its own; else from the nearest frame of the range that has one.",
             )  # fmt: skip
-        page.on(onward, lambda event: self.start(event.value))
-        page.on(ranged, lambda _: self.start("range"))
-        page.on(ends, lambda event: self._reach(str(event.value)))
         self.range.on_update(lambda _: self._name_range())  # whoever moved it
         self._name_range()
         self.starters += [onward, span]
@@ -427,12 +407,11 @@ class LivePanel:
         self.built = True
         gui = self.page.gui
         with self.tab:
-            self.record = gui.add_button(
-                "Record", icon=viser.Icon.PLAYER_RECORD, color="gray",
-                hint="Writes what the cameras show from now on, and the poses tracked in it, to a new session folder.",
+            self.record = self.page.button(
+                "Record", lambda: self.page.engine.record(not self.recording), "player-record",
+                "Writes what the cameras show from now on, and the poses tracked in it, to a new session folder.",
             )  # fmt: skip
             self.counts = gui.add_html("")
-        self.page.on(self.record, lambda _: self.page.engine.record(not self.recording))
 
     def show(self, live: LiveSnapshot) -> None:
         """Show the counts, and whether something is recorded."""
@@ -498,32 +477,29 @@ class TakesPanel:
     strip: TimelineSnapshot | None = None
 
     def _build(self, numbers: tuple[str, ...]) -> None:
-        gui, state = self.page.gui, self.page.state
+        page, gui, state = self.page, self.page.gui, self.page.state
         with self.tab:
             self.folder = gui.add_folder("Takes", expand_by_default=False)
         with self.folder:
             self.list = gui.add_html("")
-            self.compare: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-                "Compare to", (_NONE, *numbers), initial_value=_NONE,
-                hint="It stands in the scene as a yellow skeleton, a lane says how far it is, the plots have its curves.",
+            self.compare = page.choice(
+                "Compare to", (_NONE, *numbers), self._compare,
+                "It stands in the scene as a yellow skeleton, a lane says how far it is, the plots have its curves.",
             )  # fmt: skip
             self.apart = gui.add_html("")
             self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", numbers)
-            self.back = gui.add_button(
-                "Bring this take back", icon=viser.Icon.RESTORE, color="gray",
-                hint="It becomes the whole track again, but for accepted frames. Undo takes that back; nothing is ever overwritten.",
+            self.back = page.button(
+                "Bring this take back", lambda: self._restore(None), "restore",
+                "It becomes the whole track again, but for accepted frames. Undo takes that back; nothing is ever overwritten.",
             )  # fmt: skip
             last = max(state.stop - 1, state.start + 1)
             self.span: viser.GuiMultiSliderHandle[int] = gui.add_multi_slider(
                 "Frames", state.start, last, 1, initial_value=(state.start, last), min_range=0
             )
-            self.part = gui.add_button(
-                "Bring these frames back", icon=viser.Icon.ARROWS_HORIZONTAL, color="gray",
-                hint="From this take; all others stay.",
+            self.part = page.button(
+                "Bring these frames back", lambda: self._restore(self.frames), "arrows-horizontal",
+                "From this take; all others stay.",
             )  # fmt: skip
-        self.page.on(self.back, lambda _: self._restore(None))
-        self.page.on(self.part, lambda _: self._restore(self.frames))
-        self.page.on(self.compare, lambda event: self._compare(str(event.value)))
         self.span.on_update(lambda _: self._name_span())
         self._name_span()
 

@@ -8,6 +8,7 @@ import json
 import threading
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ import viser
 
 from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.page import Keys, Page, number, put
+from handtrack_app.page.page import Keys, Page, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.camera_view import CameraNames
 from handtrack_app.page.scene.looking import ALL, Through, Views, Walls
@@ -100,11 +101,13 @@ class SessionPanel:
             self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
             self.played = gui.add_html("", visible=False)
             self.overlaps = gui.add_html("", visible=False)
-            self.mode = gui.add_dropdown(
-                "Model style", tuple(_MODE_WORDS), initial_value=_word_of(_MODE_WORDS, display.mode),
-                hint="Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
+            self.mode = page.choice(
+                "Model style", _MODE_WORDS, partial(page.draw, "mode"),
+                "Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
+                _word_of(_MODE_WORDS, display.mode),
             )  # fmt: skip
             self.opacity = gui.add_slider("Opacity", 0.1, 1.0, 0.05, display.opacity)
+            page.bind(self.opacity, partial(page.draw, "opacity"))
             with gui.add_folder("Cameras"):
                 self.through = gui.add_dropdown(
                     "Camera view",
@@ -134,8 +137,6 @@ class SessionPanel:
                     self._toggle("Ground truth", "truth", "True joints, white.")
             self.view = gui.add_button_group("Look at", (session.kind.capitalize(), "Everything"))
             self._look_by_keys(cameras)
-        page.on(self.mode, lambda e: page.draw("mode", _MODE_WORDS.get(e.value)))
-        page.on(self.opacity, lambda e: page.draw("opacity", number(e.value, 0.1, 1.0)))
         page.own(self.through, self._look)
         page.own(self.paint, self._paint)
         page.own(
@@ -183,8 +184,7 @@ class SessionPanel:
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         page = self.page
-        box = page.gui.add_checkbox(label, getattr(page.state.display, name), hint=hint)
-        page.on(box, lambda event: page.draw(name, bool(event.value)))
+        box = page.check(label, getattr(page.state.display, name), partial(page.draw, name), hint)
         self.toggles[name] = box
 
     def _look(self, client: viser.ClientHandle, chosen: str) -> None:
