@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import html
+import os
 import re
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import quote, unquote
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Bytes, H, W
+from handtrack.arrays import D2, D3, Bytes, Floats, H, N, W
+from handtrack.detector.hand_detector import DetectedHand
+from handtrack.files.atomic import replacing
 from handtrack.session.session import Session
 from handtrack.session.sources.views import View
 from handtrack_app.page.html import text
 
+PREVIEW = "HANDTRACK_PREVIEW"
+"""the environment variable by which a command is told the folder for its pictures"""
 _BAR = re.compile(r"^\w+:\s+(\d+)%\|.*?[\d:]+<([\d:]+|\?)")
 """of tqdm: what is done, how much of it, and the time that is left"""
 _STEPS = {"looking for the first pose": "Find first pose", "detecting": "Detect joints", "sizing": "Fit size", "tracking": "Track", "refining": "Refine"}  # fmt: skip
@@ -67,18 +75,39 @@ def joints_found(folder: Path) -> dict[str, Bytes[H, W, D3]]:
     """Return a small picture BGR of each camera of a session, with the joints that were detected in it. Raises HandtrackError."""
     session = Session.open(folder)
     middle = session.frame_range[session.frame_count // 2]
-    drawn = {view.name: _drawn(view, middle) for view in session.views}
-    return {name: picture for name, picture in drawn.items() if picture is not None}
+    return {
+        view.name: small_picture(image, [found.pixels for found in view.keypoints(middle, 1.0)])
+        for view in session.views
+        if (image := view.image(middle)) is not None
+    }
 
 
-def _drawn(view: View, frame: int) -> Bytes[H, W, D3] | None:
-    image = view.image(frame)
-    if image is None:
-        return None
+def preview(view: View, frame: int, hands: Iterable[DetectedHand]) -> None:
+    """While hands are detected: leave a camera's picture for the page that shows how far it is, if one does."""
+    folder = os.environ.get(PREVIEW)
+    image = None if folder is None else view.image(frame)
+    if folder is None or image is None:
+        return
+    picture = small_picture(image, [hand.points for hand in hands])
+    with suppress(OSError), replacing(Path(folder) / f"{quote(view.name, safe='')}.png") as path:
+        cv2.imwrite(str(path), picture)
+
+
+def previews(folder: Path) -> dict[str, Bytes[H, W, D3]]:
+    """Return by camera the pictures that `preview` left."""
+    pictures = (
+        (unquote(path.stem), cv2.imread(str(path))) for path in sorted(folder.glob("[!.]*.png"))
+    )
+    return {
+        name: np.asarray(picture, np.uint8) for name, picture in pictures if picture is not None
+    }
+
+
+def small_picture(image: Bytes[H, W, D3], joints: Iterable[Floats[N, D2]]) -> Bytes[H, W, D3]:
+    """Return an image small, with joints [px] as points."""
     scale = _HIGH / image.shape[0]
     size = (round(image.shape[1] * scale), _HIGH)
     small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    for found in view.keypoints(frame, 1.0):
-        for x, y in scale * found.pixels[np.isfinite(found.pixels).all(axis=1)]:
-            cv2.circle(small, (round(x), round(y)), 3, _JOINT, -1, cv2.LINE_AA)
+    for x, y in (scale * row for hand in joints for row in hand[np.isfinite(hand).all(axis=1)]):
+        cv2.circle(small, (round(x), round(y)), 3, _JOINT, -1, cv2.LINE_AA)
     return small

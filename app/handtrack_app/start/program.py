@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 _ITSELF = "import sys; from handtrack_app.cli import main; sys.exit(main(sys.argv[1:]))"
 
@@ -16,10 +16,18 @@ class Program:
     """A running command."""
 
     def __init__(
-        self, args: Sequence[str], tell: Callable[[str], None], end: Callable[[int], None]
+        self,
+        args: Sequence[str],
+        tell: Callable[[str], None],
+        end: Callable[[int], None],
+        environment: Mapping[str, str],
     ) -> None:
-        """Start it. tell: is called with each line, end: with the exit code, both on a thread of its own."""
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+        """Start it. tell: is called with each line, end: with the exit code, both on a thread of its own; environment: variables beside ours."""
+        environment = {
+            **os.environ,
+            **environment,
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        }
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-c", _ITSELF, *args],
             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,

@@ -30,7 +30,7 @@ from handtrack_app.page.page import put
 from handtrack_app.page.style import dress
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
-from handtrack_app.start.import_progress import ImportProgress, joints_found
+from handtrack_app.start.import_progress import PREVIEW, ImportProgress, joints_found, previews
 from handtrack_app.start.program import Program
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.start.rig_view import first_image, show_rig
@@ -383,14 +383,17 @@ class StartPage:
         """Run a command in place of the form. out: the session that it makes, which is offered if it ends early."""
         if self._program is not None:
             raise HandtrackError("a command is running: wait for it, or cancel it.")
-        progress = ImportProgress(title)
+        progress, seen = ImportProgress(title), TemporaryDirectory(prefix="handtrack-")
         self._show_running(True)
         put(self.open_done, visible=False)
         put(self.pictures, visible=False)
         self.output.content = progress.words()
 
         def tell(line: str) -> None:
-            if progress.hear(line) and out is not None:
+            began = progress.hear(line)
+            if pictures := previews(Path(seen.name)):
+                self._show_pictures(pictures)
+            elif began and out is not None:
                 threading.Thread(target=self._show_joints, args=(out,), daemon=True).start()
             self.output.content = progress.words()
             put(
@@ -401,6 +404,7 @@ class StartPage:
 
         def end(code: int) -> None:
             self._program = None
+            seen.cleanup()
             self._show_running(False)
             progress.title = "Done." if code == 0 else "It was refused:" if code == 2 else "It ended early:"  # fmt: skip
             self.output.content = text(f"<b>{progress.title}</b>", faint=False) + "".join(map(escaped, progress.lines))  # fmt: skip
@@ -410,7 +414,7 @@ class StartPage:
                 self._out = out
                 put(self.open_done, visible=True)
 
-        self._program = Program(args, tell, end)
+        self._program = Program(args, tell, end, {PREVIEW: seen.name})
 
     def _show_running(self, on: bool) -> None:
         put(self.cancel, visible=on)
@@ -421,12 +425,15 @@ class StartPage:
     def _show_joints(self, out: Path) -> None:
         """Show each camera's picture, with the joints that were detected in it."""
         with suppress(HandtrackError, OSError):
-            images = "".join(
-                f"<figure>{_picture(image)}<figcaption>{html.escape(name)}</figcaption></figure>"
-                for name, image in joints_found(out).items()
-            )
-            self.pictures.content = f"<div class='handtrack-thumbnails'>{images}</div>"
-            put(self.pictures, visible=True)
+            self._show_pictures(joints_found(out))
+
+    def _show_pictures(self, pictures: dict[str, Bytes[H, W, D3]]) -> None:
+        images = "".join(
+            f"<figure>{_picture(image)}<figcaption>{html.escape(name)}</figcaption></figure>"
+            for name, image in pictures.items()
+        )
+        self.pictures.content = f"<div class='handtrack-thumbnails'>{images}</div>"
+        put(self.pictures, visible=True)
 
     def _cancel(self) -> None:
         if self._program is not None:
