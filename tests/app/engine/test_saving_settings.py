@@ -42,7 +42,9 @@ def test_a_changed_setting_is_saved_by_its_button(bench):
         eventually(lambda: bool(panel.saved.save.visible), "it can be saved")
         client.set_value(panel.saved.save, True)
         eventually(lambda: control.label == "Cloud", "no longer marked")
-        eventually(lambda: not panel.saved.save.visible and not panel.saved.back.visible, "nothing to save")
+        eventually(
+            lambda: not panel.saved.save.visible and not panel.saved.back.visible, "nothing to save"
+        )
     assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
     assert control.value == 2.0
     bench.engine.set_setting("cloud.weight", 1.0)
