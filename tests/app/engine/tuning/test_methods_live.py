@@ -68,7 +68,8 @@ def test_the_command_line_is_told_no_more_than_it_needs(store):
 def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
     panel, run = bench.layout.settings, lambda: bench.worker.document.run.settings
     method, distance, sharpness = (
-        panel.controls[name][1] for name in ("method", "cloud.distance", "cloud.sharpness_per_mm")
+        panel.controls[name].widget
+        for name in ("method", "cloud.distance", "cloud.sharpness_per_mm")
     )
     wire.set_value(distance, "d1, by the level")
     wire.set_value(sharpness, 0.5)
