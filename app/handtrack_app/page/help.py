@@ -176,7 +176,7 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
         ("Ten frames back", "arrowleft", "shift", lambda _: page.go_to(state.frame - _TEN)),
         ("First frame", "home", None, lambda _: page.go_to(state.start)),
         ("Last frame", "end", None, lambda _: page.go_to(state.stop - 1)),
-        ("Next frame of low confidence, or lost", "N", "shift", lambda _: tracking.go_to_odd()),
+        ("Next low confidence or lost", "N", "shift", lambda _: tracking.go_to_odd()),
         ("Keep this pose: a keyframe", "M", None, lambda _: keyframe()),
         (
             "No keyframe here: the tracked pose",

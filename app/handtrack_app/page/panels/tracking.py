@@ -105,7 +105,7 @@ class TrackingPanel:
             )  # fmt: skip
             self.marked = gui.add_html("", visible=False)
             self.odd = page.button(
-                "Next frame of low confidence, or lost", self.go_to_odd, "player-track-next", "Key: Shift N.", visible=False
+                "Next low confidence or lost", self.go_to_odd, "player-track-next", "Key: Shift N.", visible=False
             )  # fmt: skip
             page.button(
                 "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
