@@ -255,9 +255,9 @@ class StartPage:
             if several or any(len(read_calibration([one]).cameras) > 1 for one in known):
                 known = []
             self._taken = [*known, path]
-        self.calibration.value = "; ".join(map(str, self._taken))
-        self._say("")
-        self.look()
+            self.calibration.value = "; ".join(map(str, self._taken))
+            self._say("")
+            self.look()  # it writes the field, too
 
     def _uploaded(self, number: int, name: str, content: bytes | None) -> None:
         if content is not None:
