@@ -49,7 +49,7 @@ class PoseService:
     show: Callable[[], None]
     """shows the pose again"""
 
-    @command(edits=True, latest=("frame",), words="the pose of frame {frame}", at_once=drags)
+    @command(edits=True, latest=("frame", "tag"), words="the pose of frame {frame}", at_once=drags)
     def set_pose(
         self,
         frame: int,

@@ -32,6 +32,14 @@ def test_newest_pose_and_frame_win_and_nothing_else_is_dropped():
     ]
 
 
+def test_a_pose_moved_by_two_sliders_before_the_engine_looks_is_two_steps():
+    box: Mailbox[Call] = Mailbox(lambda c: c.key)
+    for version, tag in enumerate(("index", "index", "ring")):
+        box.put(call("set_pose", 0, (), version, tag))
+    kept = [box.take(0.0) for _ in range(len(box))]
+    assert [c.arguments["version"] for c in kept if c is not None] == [1, 2]
+
+
 def test_a_pose_is_moved_into_its_limits(worker, listener):
     worker.engine.set_pose(
         3, pose_with(listener, index_mcp_flex=50.0, root_tx=1e30, root_ty=float("nan")), 1
