@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, D6, D12, Array, Axes, B, Floats, Ints, J, N, S, check_shape
+from handtrack.arrays import D3, D4, D6, D12, Axes, B, Floats, Ints, J, N, S, check_shape
 from handtrack.model.kinematics_kernels import linearize_pose, pose
 from handtrack.model.skeleton import Skeleton
 
@@ -79,29 +79,23 @@ class BoneFields:
     """by how much farther out outlines are in the images [m]"""
 
     @classmethod
-    def of_twists(cls, twists: Floats[B, D6, N], landmarks: int) -> BoneFields:
-        """Return the fields of bones that move and turn. landmarks: how many points there are that a detector sees."""
-        x, y, z = np.moveaxis(twists[:, 3:], 1, 0)
-        none = np.zeros_like(x)
-        turn = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=1)
-        fields = np.concatenate([twists[:, :3], turn], axis=1)
-        count = twists.shape[2]
-        return cls(fields, fields, np.zeros((landmarks, 3, count)), np.zeros(count))
+    def of_twists(
+        cls, twists: Floats[B, D6, N], landmarks: int, outline: Floats[N] | None = None
+    ) -> BoneFields:
+        """Return the fields of bones that move and turn. landmarks: how many points there are that a detector sees; outline: as
+        the field's, none unless given.
+        """
+        bones, _, count = twists.shape
+        fields = np.zeros((bones, 12, count))
+        fields[:, :3] = twists[:, :3]
+        fields[:, [10, 5, 6]], fields[:, [8, 9, 4]] = twists[:, 3:], -twists[:, 3:]
+        farther = np.zeros(count) if outline is None else outline
+        return cls(fields, fields, np.zeros((landmarks, 3, count)), farther)
 
     def beside(self, other: BoneFields) -> BoneFields:
         """Return the fields of these unknowns, then those."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
         return BoneFields(*(np.concatenate(pair, axis=-1) for pair in pairs))
-
-    def with_outline(self) -> BoneFields:
-        """Return the fields of these unknowns, then of one by which outlines are farther out [m]."""
-        any_one = self.chosen(np.zeros(1, int))
-        joints, flesh, marks = 0 * any_one.joints, 0 * any_one.flesh, 0 * any_one.landmarks
-        return self.beside(BoneFields(joints, flesh, marks, np.ones(1)))
-
-    def chosen(self, unknowns: Array[N]) -> BoneFields:
-        """Return those of some unknowns."""
-        return BoneFields(*(fields[..., unknowns] for fields in vars(self).values()))
 
 
 def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:

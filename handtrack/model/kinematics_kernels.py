@@ -140,3 +140,47 @@ def linearize_pose(
     jacobian = np.empty((parent.shape[0], 6, params.shape[0]))
     twist_columns(root_jacobian, parent, hinge_bone, axes, position, jacobian)
     return rotation, position, jacobian
+
+
+@numba.njit(cache=True, nogil=True)
+def growth_fields(
+    parent, rotation, position, reference, scale_change, rates, moves, shift, first, unknowns
+):  # pragma: no cover - compiled
+    """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`. moves, shift: (Q, B, 3), of unknowns from `first` on."""
+    bones, count = len(parent), len(unknowns)
+    joints = np.zeros((bones, 12, count))
+    head = np.zeros((bones, 3, count))  # by how much each bone's head moves
+    for b in range(bones):
+        a, turn = parent[b], rotation[b]
+        arm = position[b] - reference
+        for k in range(count):
+            n = unknowns[k]
+            q = n - first
+            known = 0 <= q < len(moves)
+            for i in range(3):
+                for j in range(3):
+                    stretch = 0.0
+                    for c in range(3):
+                        stretch += turn[i, c] * rates[b, c, n] * turn[j, c]
+                    joints[b, 3 + 3 * i + j, k] = stretch
+            for i in range(3):
+                if a >= 0:
+                    further = head[a, i, k]
+                    for j in range(3):
+                        further += joints[a, 3 + 3 * i + j, k] * (position[b, j] - position[a, j])
+                        if known:
+                            further += rotation[a, i, j] * scale_change[a, j] * moves[q, b, j]
+                    head[b, i, k] = further
+                at = head[b, i, k]
+                for j in range(3):
+                    at -= joints[b, 3 + 3 * i + j, k] * arm[j]
+                joints[b, i, k] = at
+    flesh = joints.copy()
+    for k in range(count):
+        q = unknowns[k] - first
+        if 0 <= q < len(shift):
+            for b in range(bones):
+                for i in range(3):
+                    for j in range(3):
+                        flesh[b, i, k] += rotation[b, i, j] * scale_change[b, j] * shift[q, b, j]
+    return joints, flesh

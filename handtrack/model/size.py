@@ -8,10 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, N
+from handtrack.arrays import D3, B, Floats, Ints, J, K, N
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BoneFields, BonePoses
+from handtrack.model.kinematics_kernels import growth_fields
 from handtrack.model.shape import ShapeNumber
 
 _HAND_SIGMA = 0.10  # adult hands differ by about this share in length (ANSUR II: 5–95 % is ±10 %)
@@ -178,31 +179,20 @@ class SizeParameters:
                 moves[joint, :, at] = np.diag(self._offset_sigma_m * factor * side * mirror)
         return moves
 
-    def fields(self, bones: BonePoses) -> BoneFields:
-        """Return how the bones of a person move and deform by each of the deviations.
+    def fields(self, bones: BonePoses, unknowns: Ints[K]) -> BoneFields:
+        """Return how the bones of a person move and deform by some of the deviations (K of N).
 
         bones: those of `rescaled`. A bone's head moves as far as those above it have grown, and no bone turns.
         """
-        skeleton, scale_change = self.model.skeleton, bones.scale_change
-        assert scale_change is not None
-        turn, above = bones.rotation, np.array(skeleton.parent[1:], int)
-        grown = turn[:, None] * self._rates.transpose(0, 2, 1)[:, :, None]
-        stretch = np.moveaxis(grown @ turn[:, None].swapaxes(2, 3), 1, 3)
-        along = bones.position[1:] - bones.position[above]
-        further = np.zeros((*bones.position.shape, self._rates.shape[2]))
-        further[1:] = np.einsum("bijn,bj->bin", stretch[above], along)
-        shift = np.zeros_like(further)
-        if (known := self.model.proportions) is not None:
-            rescaled = scale_change[above][:, :, None] * known.moves[:, 1:].transpose(1, 2, 0)
-            further[1:, :, self._proportions] += turn[above] @ rescaled
-            shift[:, :, self._proportions] = turn @ (
-                scale_change[:, :, None] * known.shift.transpose(1, 2, 0)
-            )
-        moved = np.tensordot(self._carried, further, axes=1)
-        at = moved - np.einsum("bijn,bj->bin", stretch, bones.position - bones.reference)
-        stretch = stretch.reshape(len(at), 9, -1)
-        joints, flesh = (np.concatenate([v, stretch], axis=1) for v in (at, at + shift))
-        return BoneFields(joints, flesh, self.offset_moves, np.zeros(joints.shape[2]))
+        assert bones.scale_change is not None
+        known = self.model.proportions
+        none = np.zeros((0, len(bones.position), 3))
+        moves, shift = (none, none) if known is None else (known.moves, known.shift)
+        joints, flesh = growth_fields(
+            self._parent, bones.rotation, bones.position, bones.reference, bones.scale_change, self._rates, moves, shift,
+            self._proportions.start, unknowns,
+        )  # fmt: skip
+        return BoneFields(joints, flesh, self.offset_moves[:, :, unknowns], np.zeros(len(unknowns)))
 
     @property
     def _proportions(self) -> slice:
@@ -234,12 +224,8 @@ class SizeParameters:
         return _PARTS[self.model.kind]
 
     @cached_property
-    def _carried(self) -> Floats:
-        """(B, B) 1 where a bone's column is itself or one that it hangs on."""
-        carried = np.eye(self.model.skeleton.bone_count)
-        for bone, above in list(enumerate(self.model.skeleton.parent))[1:]:
-            carried[bone] += carried[above]
-        return carried
+    def _parent(self) -> Ints[B]:
+        return np.array(self.model.skeleton.parent, np.int64)
 
     @cached_property
     def _at(self) -> Floats:

@@ -146,7 +146,7 @@ def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
         return placed.centre, axes @ axes.swapaxes(1, 2)
 
     bones = size.rescaled(deviations).bones(params)
-    fields, (centre, shape) = size.fields(bones), ellipsoids(deviations)
+    fields, (centre, shape) = size.fields(bones, np.arange(len(size.names))), ellipsoids(deviations)
     arm = bones.to_world(every, local) - bones.reference
     for k, name in enumerate(size.names):
         move = step * np.eye(len(deviations))[k]

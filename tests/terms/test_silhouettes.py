@@ -254,8 +254,10 @@ def test_coverage_by_pose_shape_and_outline(rng, side):
 
     model = size.rescaled(deviations)
     placed, twists, _ = model.linearize(moved)
-    fields = BoneFields.of_twists(twists @ model.transform.matrix, len(model.joint_names))
-    fields = fields.beside(size.fields(placed)).with_outline()
+    points, none = len(model.joint_names), np.zeros((len(model.groups), 6, 1))
+    fields = BoneFields.of_twists(twists @ model.transform.matrix, points)
+    fields = fields.beside(size.fields(placed, np.arange(len(size.names))))
+    fields = fields.beside(BoneFields.of_twists(none, points, np.ones(1)))
     term = term.wider(wider)
     system = term.linearize(placed, fields)
     both = np.concatenate([moved, deviations, [wider]])

@@ -17,6 +17,7 @@ from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure
 from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
 
@@ -60,14 +61,15 @@ def test_a_cloud_by_pose_and_shape(rng, side):
     ]
     deviations = size.deviations(hand.scale) + rng.normal(scale=0.7, size=len(size.names))
     both = np.concatenate([pose + rng.normal(scale=0.01, size=26), deviations])
-    every, names = np.ones(len(size.names), bool), (*hand.transform.names, *size.names)
+    person = PersonChange(size, np.ones(len(size.names), bool), deviations)
+    names = (*hand.transform.names, *size.names)
     for term in terms:
         problem = Problem(hand, [term])
 
         def cost(x, term=term):
             return term.cost(size.rescaled(x[26:]).bones(x[:26]))
 
-        system = linearize_sized(problem, size.rescaled(deviations), size, every, both[:26])
+        system = linearize_sized(problem, person, both[:26], np.eye(26))
         assert system.cost == pytest.approx(cost(both))
         assert np.abs(system.gradient[26:]).max() > 0
         check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=1e-4)

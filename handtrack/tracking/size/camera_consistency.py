@@ -87,7 +87,7 @@ class _Frame:
         bones, twists, _ = model.linearize(pose)
         points = len(model.joint_names)
         moves = BoneFields.of_twists(twists @ model.transform.matrix, points)
-        moves = moves.beside(SizeParameters(model).fields(bones).chosen(np.arange(1)))
+        moves = moves.beside(SizeParameters(model).fields(bones, np.arange(1)))
         alone = replace(
             settings,
             silhouettes=replace(settings.silhouettes, bands_mm=(_BAND_MM,)),

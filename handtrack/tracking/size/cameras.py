@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from handtrack.arrays import D6, D9, Array, C, F, Floats, K, N, P
+from handtrack.arrays import D6, D9, Array, C, F, Floats, K, P
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.pose_changes import PLACE, TURN, changes, moved
@@ -47,8 +47,8 @@ class SeenPoses:
     """by how much they change with the camera; changes as `pose_changes.moved` makes them"""
     wider_m: float
     """see `CameraChanges`"""
-    by_outline: Floats[N, K]
-    """of the camera's free numbers which it is: one row, or none where it is not found"""
+    by_outline: Floats[K]
+    """by how much farther out outlines are with each of the camera's free numbers [m]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ class CameraChanges:
             by_pose,
             by_camera[:, :, self.free],
             float(values[WIDER]),
-            np.eye(NUMBERS)[OUTLINE & self.free][:, self.free],
+            OUTLINE[self.free].astype(float),
         )
 
     @property

@@ -12,7 +12,6 @@ from handtrack.arrays import F, Floats, Ints, K, L, M, N, P
 from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
-from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.tracking.size.cameras import SeenPoses
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized, with_wider
@@ -59,24 +58,22 @@ class FrameProblem:
         size, first = len(pose), len(pose)
         count = sum(view.by_camera.shape[2] for view in views) + person.count
         gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
-        rescaled = np.arange(size + count - person.count, size + count)
+        numbers = np.arange(size + count)
         cost = 0.0
         for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
             wide = 0 if view is None else view.by_camera.shape[2]
             if problem.observation_terms:
-                seen = _by_changes(person, problem, pose, view, n)
-                at = np.r_[:size, first : first + wide, rescaled]
-                if view is not None:
-                    moves = np.zeros((len(seen.gradient), len(at)))
-                    moves[:size, :size], moves[:6, :6] = np.eye(size), view.by_pose[n]
-                    moves[:size, size : size + wide] = view.by_camera[n]
-                    last = size + person.count
-                    moves[size:last, size + wide :] = np.eye(person.count)
-                    moves[last:, size : size + wide] = view.by_outline
-                    seen = seen.pull_back(moves)
+                seen = _seen(person, problem, pose, view, n)
+                at = np.concatenate(
+                    [
+                        numbers[:size],
+                        numbers[first : first + wide],
+                        numbers[size + count - person.count :],
+                    ]
+                )
                 cost += seen.cost
                 gradient[at] += seen.gradient
-                matrix[np.ix_(at, at)] += seen.hessian
+                matrix[at[:, None], at] += seen.hessian
             first += wide
         known = by_changes(self.prior.linearize(pose), pose)
         told = matrix[:size, :size].copy()
@@ -168,21 +165,26 @@ def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
     return replace(system, gradient=gradient, hessian=hessian)
 
 
-def _by_changes(
+def _seen(
     person: PersonChange, problem: Problem, pose: Floats[P], view: SeenPoses | None, n: int
 ) -> JointSystem:
-    """Return what was seen by changes of the pose, by a person's, and by how wide masks are where that is found."""
-    finds_outline = False
-    if view is not None:
-        pose, problem = view.poses[n], with_wider(problem, view.wider_m)
-        masks = any(isinstance(term, FieldTerm) for term in problem.observation_terms)
-        finds_outline = masks and len(view.by_outline) > 0
-    if not person.count and not finds_outline:
-        return by_changes(problem.linearize(pose), pose)
-    system = linearize_sized(
-        problem, person.model, person.parameters, person.free, pose, finds_outline
+    """Return what was seen by changes of the pose, then of the camera where it may change, and of a person."""
+    if view is None:
+        return linearize_sized(problem, person, pose, _turned(pose))
+    here = np.eye(len(pose))
+    here[:6, :6] = view.by_pose[n]
+    moves = _turned(view.poses[n]) @ np.column_stack([here, view.by_camera[n]])
+    outline = (
+        np.concatenate([np.zeros(len(pose)), view.by_outline]) if view.by_outline.any() else None
     )
-    return by_changes(system, pose)
+    return linearize_sized(with_wider(problem, view.wider_m), person, view.poses[n], moves, outline)
+
+
+def _turned(pose: Floats[P]) -> Floats[P, P]:
+    """Return how solver parameters change with changes as `pose_changes.moved` makes them."""
+    found = np.eye(len(pose))
+    found[TURN, TURN] = by_turn(pose)
+    return found
 
 
 @lru_cache(maxsize=8)

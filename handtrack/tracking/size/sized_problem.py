@@ -6,49 +6,42 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, N, P
+from handtrack.arrays import Floats, N, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BoneFields
-from handtrack.model.size import SizeParameters
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import ObservationTerm
+from handtrack.tracking.size.person import PersonChange
 
 
 def linearize_sized(
     problem: Problem,
-    model: ArticulatedModel,
-    size: SizeParameters,
-    free: Array[N],
+    person: PersonChange,
     pose: Floats[P],
-    outline: bool = False,
+    moves: Floats[P, N],
+    outline: Floats[N] | None = None,
 ) -> JointSystem:
-    """Return a frame's system in its pose and the free ones of the deviations (K,), P + K numbers, without a size's prior; then,
-    if wished, by how much its masks are wider.
+    """Return what a frame's observations say of N changes of its pose, and of the free ones of a person's deviations (K,), N + K
+    numbers, without a size's prior.
 
-    model: `size.rescaled`, of the size around which the system holds.
+    moves: how solver parameters change with the N. outline: by how much each of them sets outlines farther out [m].
     """
-    bones, twists, joint = model.linearize(pose)
-    fields = BoneFields.of_twists(twists, len(model.joint_names))
-    if free.any():
-        fields = fields.beside(size.fields(bones).chosen(free))
-    fields = fields.with_outline() if outline else fields
-    count, both = twists.shape[2], fields.joints.shape[2]
-    system = JointSystem.zero(both)
+    if not person.count and outline is None:
+        return replace(problem, parameter_terms=()).linearize(pose).pull_back(moves)
+    model = person.model
+    bones, twists, _ = model.linearize(pose)
+    fields = BoneFields.of_twists(
+        twists @ (model.transform.matrix @ moves), len(model.joint_names), outline
+    )
+    if person.count:
+        fields = fields.beside(person.parameters.fields(bones, np.flatnonzero(person.free)))
+    system = JointSystem.zero(fields.joints.shape[2])
     for term in terms_of(problem, model):
         system += term.linearize(bones, fields)
-    gradient, hessian, cost = system.gradient, system.hessian, system.cost
-    for prior in problem.parameter_terms:
-        known = prior.linearize(joint)
-        cost += known.cost
-        gradient[:count] += known.gradient
-        hessian[:count, :count] += known.hessian
-    matrix = np.zeros((both, len(pose) + both - count))
-    matrix[:count, : len(pose)] = model.transform.matrix
-    matrix[count:, len(pose) :] = np.eye(both - count)
-    return JointSystem(cost, gradient, hessian).pull_back(matrix)
+    return system
 
 
 def terms_of(problem: Problem, model: ArticulatedModel) -> list[ObservationTerm]:
