@@ -1,16 +1,14 @@
 """The mean hand: python -m tests.experiments.mean_hand.mean DEFINITION.toml MAKEHUMAN OUT.toml
 
 DEFINITION: hand26 as it was before (commit a27e47e): bones and finger breadths from published measurements. OUT.toml: today's hand26 with
-the bones' ends and ellipsoids that are found. MAKEHUMAN: the git folder of a
-copy of makehumancommunity/makehuman (its meshes are CC0).
+the bones' ends and ellipsoids that are found. MAKEHUMAN: the git folder of a copy of makehumancommunity/makehuman (its meshes are CC0).
 
 Bones stay as measured; the thumb's base is put at the joint line. Ellipsoids of fingers and palm: fitted to the breadths measured and to
 MakeHuman's surfaces together; then palm and wrist are given the mean of their breadth and circumferences and those of ANSUR II's people.
 Ellipsoids of the thenar stay where they are in the hand: MakeHuman has its thumb 12 mm further back, so they fit no better about our bone.
 WebXR's hand is in none of it: it is what the product is judged by.
 
-The committed file is what this program wrote at commit 6b23cd26. Since then MakeHuman's knuckles lie under the skin, palms are as high as
-people's, and finger joints lie nearer to the back. What it writes now has not been tracked with on all recordings and is not committed.
+The committed hand26.toml is what this program writes, to the byte.
 """
 
 from __future__ import annotations
