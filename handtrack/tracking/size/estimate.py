@@ -35,6 +35,9 @@ _WIDE = 25.0
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-4, 1e6
 """first damping, as a share of the diagonal; by what it is multiplied after a step that frames fit worse, each further one twice as much
 (Nielsen 1999), and after others. Below the least steps hardly change: of sizing's sweeps a third were spent to come back from 1e-9"""
+_LONGEST = 2.0
+"""times as long as Gauss and Newton's a step may be, where the one before found the cost to curve less than the system says. Robust losses
+are taken by the parabolas above them: up to twice the way to a parabola's minimum costs no more than none (de Leeuw and Heiser 1980)"""
 _AT_LIMIT = _RIDGE = 1e-9
 _NEW = (1.0 - POINTS_LAST) / (1.0 + POINTS_LAST)
 """share of a frame that is new. Of what they share, all frames together tell as much as one: what a model's flesh is off by,
@@ -186,6 +189,7 @@ def estimate_whole(
         motion = usual.estimated(poses, (), usual)
     alike = evidence.shared.alike(len(frames), min(evidence.repeated, len(frames)))
     damping, stiff, tighten = np.full(len(frames), _DAMPING), _DAMPING, _TIGHTEN
+    length = 1.0
     why, sweep = "sweeps", 0
 
     def swept(poses: Floats[F, P]) -> _Swept:
@@ -217,6 +221,8 @@ def estimate_whole(
             expected_gain += 0.5 * float((right[1] * change / alike).sum())
             most, most_once = times * _ENOUGH, times * _ENOUGH_ONCE
             settled = expected_gain.mean() < most and expected_gain.max() < most_once
+            step, change = length * step, length * change
+            slope = float((right[0] * step).sum() + right[1] @ change)
             predicted = best.systems.predicted(step, change)
             if sweep == 1 and predicted.mean() >= at_most:
                 return None
@@ -224,6 +230,8 @@ def estimate_whole(
             evidence = evidence.sharing(best.shared.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
             gain = best.cost(motion) - found.cost(motion)
+            best_length = 0.5 * length * slope / (slope - gain) if gain < slope else _LONGEST
+            length = min(max(best_length, 1.0), _LONGEST)
             worse = found.costs > np.maximum(predicted, best.costs)
             damping = np.clip(damping * np.where(worse, tighten, _RELAX), _LEAST, _MOST)
             if gain > 0:
