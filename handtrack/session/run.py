@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -150,7 +150,7 @@ class TrackingRun:
         """
         if sizes is None:
             sizes = self.session.hand_scale == "fit" and self.known_person is None
-        say = tell or (lambda share, words: None)
+        say = tell or (lambda share, words, tracked=None: None)
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
             tracked = posed_by_joints(self, frames or self.session.frame_range, should_stop)
@@ -164,7 +164,7 @@ class TrackingRun:
                 replace(r, parameters=run.joint_params_from(self, r.parameters)) for r in tracked
             ]
         scale = size_of_frames(
-            run, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
+            run, tracked, most or usual, should_stop, lambda done, words, _=None: say(share + (1 - share) * done, words), sizes
         )  # fmt: skip
         return run if scale is None else run.with_scale(scale)
 
@@ -537,8 +537,12 @@ def _forearm(
     return unseen if found is None else found
 
 
-Tell = Callable[[float, str], None]
-"""is given the share that is done, 0 to 1, and what is done in words"""
+class Tell(Protocol):
+    """Is given the share that is done, 0 to 1, what is done in words, and a frame that was just tracked for it, if one was."""
+
+    def __call__(self, share: float, words: str, tracked: FrameResult | None = None, /) -> None: ...
+
+
 MOST_FRAMES = 8
 """that are used: neighbours show the same"""
 MOST_BY_JOINTS = 16
@@ -557,11 +561,17 @@ def tracked_for_size(
     live, (start, params) = run.with_values({"tracker.estimate": "forward"}), run.initial()
     results: list[FrameResult] = []
     wanted = frames or run.session.frame_range
-    for result in live.track(wanted, start, params, should_stop):
+    share, words = 0.0, ""
+    control = Control(
+        should_stop or (lambda: False), on_provisional=lambda result: tell(share, words, result)
+    )
+    for result in live.track_with(control, wanted, start, params):
         results.append(result)
         count, sure = len(results), sum(r.status == Status.TRACKED for r in results)
         least = len(wanted) if frames else min(_STRETCH, len(wanted))
-        tell(TRACKED_SHARE * min(count / least, 1.0), f"{count} frames tracked, {sure} are sure")
+        share = TRACKED_SHARE * min(count / least, 1.0)
+        words = f"{count} frames tracked, {sure} are sure"
+        tell(share, words)
         if frames is None and count >= least and sure >= MOST_FRAMES:
             break
     return results

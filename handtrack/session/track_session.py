@@ -14,7 +14,7 @@ from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames, solver_params_of
-from handtrack.session.run import TrackingRun
+from handtrack.session.run import Tell, TrackingRun
 from handtrack.session.side import doubt_of_side
 from handtrack.session.takes.take_recorder import TakeRecorder
 from handtrack.tracking.frame.control import Control
@@ -71,6 +71,8 @@ class Progress:
     share: float
     """0 to 1"""
     message: str = ""
+    tracked: FrameResult | None = None
+    """a frame that was just tracked to fit the size; nothing is kept of it"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,8 +338,8 @@ class _Tracking:
         if self._recorded and not self._run.session.is_counted:
             self._steps.append(step)
 
-    def _report(self, stage: str) -> Callable[[float, str], None]:
-        return lambda share, message: self._on_progress(Progress(stage, share, message))
+    def _report(self, stage: str) -> Tell:
+        return lambda *done: self._on_progress(Progress(stage, *done))
 
     def events(self) -> Iterator[Event]:
         """Yield all events."""

@@ -25,7 +25,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.session.ineffective_settings import ineffective_settings
-from handtrack.session.run import TrackingRun
+from handtrack.session.run import Tell, TrackingRun
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
@@ -249,11 +249,11 @@ class FakeRun:
     def fit_size(
         self,
         should_stop: Callable[[], bool] | None = None,
-        tell: Callable[[float, str], None] | None = None,
+        tell: Tell | None = None,
         tracked: Iterable[FrameResult] | None = None,
     ) -> FakeRun:
         if tell is not None:
-            tell(0.5, "5 of 10 frames tracked")
+            tell(0.5, "5 of 10 frames tracked", self._result(5, self.model.rest_params(), 3))
         self.sizing()  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 

@@ -1,5 +1,6 @@
 """The start page: what a folder holds, what was opened last, and a recording made from videos in the browser."""
 
+import html
 import shutil
 from pathlib import Path
 
@@ -208,14 +209,29 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
 
 
+def test_what_new_refuses_is_said_in_words_of_the_page(start, folder, monkeypatch):
+    def refused(args, tell, end, environment):
+        tell(
+            "handtrack new: 12.5 apart. Say how many metres one unit of it is, with --world-unit-m: 1"
+        )
+        end(2)
+
+    monkeypatch.setattr("handtrack_app.start.start_page.Program", refused)
+    start.folder.value = str(folder)
+    start.look()
+    start.make_session()
+    assert f"'{start.unit.label}' under 'More'" in html.unescape(start.output.content)
+    assert not start.open_done.visible
+
+
 def test_pictures_show_the_joints_that_were_detected(tmp_path, monkeypatch):
     session = Path(shutil.copytree(BUNDLED, tmp_path / "session"))
     plain = joints_found(session)
-    assert {name: picture.shape[0] for name, picture in plain.items()} == dict.fromkeys(plain, 160)
+    assert {name: picture.shape[0] for name, picture in plain.items()} == dict.fromkeys(plain, 240)
     at = np.array([[100.0, 100.0], [np.nan, np.nan]])
     monkeypatch.setattr(View, "keypoints", lambda self, *_: (ImageKeypoints(self.camera, ("a", "b"), at, 1.0),))  # fmt: skip
     drawn = joints_found(session)
-    scale = 160 / read_rig(session / "calibration.toml").cameras[0].size[1]
+    scale = 240 / read_rig(session / "calibration.toml").cameras[0].size[1]
     rows, columns, _ = np.nonzero(plain["cam0"] != drawn["cam0"])
     assert np.allclose([columns.mean(), rows.mean()], 100 * scale, atol=1.0)
 

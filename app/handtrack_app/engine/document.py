@@ -712,6 +712,11 @@ class Document:
         self.frame, self.before = self.clamped(frame), None
         self.shown = self.pose_at(self.frame)
 
+    def try_pose(self, frame: int, joint_params: Floats[S]) -> None:
+        """Show a frame in a pose that is not kept."""
+        self.show(frame)
+        self.shown = joint_params
+
     @property
     def seen(self) -> Floats[S]:
         """The joint parameters (S,) of the pose that is looked at: as it is, or as it was before."""

@@ -48,6 +48,7 @@ from handtrack_app.engine.jobs import (
     Report,
     SizingJob,
     TrackingJob,
+    Tried,
     Watch,
 )
 from handtrack_app.engine.live_control import LiveControl
@@ -496,6 +497,8 @@ class JobControl:
         match report.event:
             case ProvisionalFrame(result) | FrameTracked(result):
                 self._tracked(result)
+            case Tried(result):
+                self._tried(result)
             case PassBegan() as began:
                 self._pass_began(job, began)
             case FramesRefined() as refined:
@@ -525,6 +528,14 @@ class JobControl:
             raise
         for result in began.resumed:
             self._store.add(result)
+
+    def _tried(self, result: FrameResult) -> None:
+        """Show a frame that is tracked to fit the size."""
+        now = time.monotonic()
+        if self.follow and now - self._shown > _SHOW_EVERY_S:
+            self._shown = now
+            self._document.try_pose(result.frame, result.parameters)
+            self._publish(pose_snapshot(self._document))
 
     def _tracked(self, result: FrameResult) -> None:
         document, now = self._document, time.monotonic()

@@ -45,6 +45,13 @@ class JobEnded:
     internal: bool = False
 
 
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """A frame was tracked to fit the size; nothing is kept of it."""
+
+    result: FrameResult
+
+
 @dataclass(frozen=True)
 class Found:
     """Poses that explain a frame, the most probable first."""
@@ -65,7 +72,7 @@ class Report:
     """Something that a job did."""
 
     job: int
-    event: Event | ProvisionalFrame | Found | Carried | JobEnded
+    event: Event | ProvisionalFrame | Tried | Found | Carried | JobEnded
 
 
 Watch = Callable[[TrackingRun, FrameResult], None]
@@ -150,7 +157,7 @@ class BackgroundJob:
     def _waits(self) -> bool:
         return self._hold.is_set() or time.monotonic() < self._way_until
 
-    def report(self, event: Event | ProvisionalFrame | Found | Carried | JobEnded) -> None:
+    def report(self, event: Event | ProvisionalFrame | Tried | Found | Carried | JobEnded) -> None:
         """Hand an event over to the worker."""
         self._post(Report(self.number, event))
 
@@ -221,8 +228,12 @@ class TrackingJob(BackgroundJob):
         if isinstance(now, Progress):
             if now.stage != self.stage:
                 self.stage, self.share = now.stage, 0.0
-            words = _REFINING if now.stage == "refine" else _SIZING + now.message
-            self.show_progress(now.share, words)
+            if now.stage == "refine":
+                self.show_progress(now.share, _REFINING)
+                return
+            self.show_progress(now.share, _SIZING + now.message)
+            if now.tracked is not None:
+                self.report(Tried(now.tracked))
             return
         self._solved.add(now.result.frame)  # frames may come again
         self.done, self.frame = len(self._solved), now.result.frame
@@ -279,7 +290,8 @@ class SizingJob(BackgroundJob):
 
     def work(self) -> None:
         found = self._run.fit_size(
-            self.should_stop, tell=lambda share, words: self.show_progress(share, _SIZING + words)
+            self.should_stop,
+            tell=lambda share, words, _=None: self.show_progress(share, _SIZING + words),
         )
         if not self.should_stop():
             self.report(SizeFitted(found))

@@ -8,6 +8,7 @@ import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import chip
+from handtrack_app.page.pins.hover import HOVER_SCRIPT
 
 _LEGENDS = {
     "residual": (("#e69f00", "silhouette without model"), ("#0072b2", "model without silhouette")),
@@ -75,6 +76,7 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root {
 div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 80px; top: 3px; z-index: 6;
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
 div:has(> .handtrack-next) + div { top: 24px; }
+.handtrack-next:not(:empty) { display: inline-block; padding: 0 .6em; border-radius: 4px; background: var(--mantine-color-body); }
 div:has(> .handtrack-next.handtrack-aside) + div { top: 3px; text-align: right; padding-right: 4px !important; }
 div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !important; width: auto !important; height: 27px !important; padding: 0 1.1em !important;
   pointer-events: auto; box-shadow: 0 0 6px var(--mantine-color-body); }
@@ -132,6 +134,9 @@ a[data-frame] { color: inherit; }
 body[data-overlay="residual"] #handtrack-legend, body[data-overlay="mask"] #handtrack-legend { display: block; }
 body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([data-overlay="mask"]) #handtrack-legend > .mask { display: none; }
 #handtrack-brush { display: none; position: fixed; z-index: 3; border: 1px solid #fff; outline: 1px solid #000; border-radius: 50%; pointer-events: none; }
+#handtrack-held { position: fixed; z-index: 3; padding: .1em .5em; font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8);
+  border-radius: 4px; pointer-events: none; }
+#handtrack-held:empty { display: none; }
 .handtrack-warning { color: #f0e442; }
 .handtrack-text { padding: .3em .9em; font-size: 13px; line-height: 1.4; overflow-wrap: anywhere; }
 .handtrack-faint { opacity: .85; }
@@ -145,13 +150,13 @@ body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([dat
 .handtrack-card > span { flex: 0 0 100px; height: 68px; background: rgba(128, 128, 128, .25); border-radius: 4px; overflow: hidden; }
 .handtrack-card img { width: 100%; height: 100%; object-fit: cover; }
 .handtrack-card > div { overflow-wrap: anywhere; padding-right: 6em; }
-div:has(> .handtrack-card) + div { margin-top: -84px; position: relative; }
+div:has(> .handtrack-card) + div { margin-top: -80px; position: relative; }
 div:has(> .handtrack-card) + div .mantine-Button-root { height: 76px !important; background: rgba(128, 128, 128, .08) !important; color: transparent !important;
   border: 1px solid rgba(128, 128, 128, .35) !important; }
 div:has(> .handtrack-card) + div .mantine-Button-root:hover { background: rgba(128, 160, 255, .18) !important; }
 .handtrack-thumbnails { display: flex; flex-wrap: wrap; gap: .5em; padding: .3em .9em; }
 .handtrack-thumbnails figure { margin: 0; font-size: 13px; }
-.handtrack-thumbnails img { height: 120px; border-radius: 4px; display: block; }
+.handtrack-thumbnails img { height: 180px; border-radius: 4px; display: block; }
 """
 _SCRIPT = """
 if (document.getElementById("handtrack-style") === null) {
@@ -174,6 +179,7 @@ if (document.getElementById("handtrack-style") === null) {
     const size = shown ? tangent * view.canvas.clientHeight / Math.tan(view.camera.fov * Math.PI / 360) : 0;
     Object.assign(brush.style, {left: `${event.clientX - size / 2}px`, top: `${event.clientY - size / 2}px`, width: `${size}px`, height: `${size}px`});
   }, true);
+%hover
   // keys are heard by the document's root. They act where neither a dialog is open nor a control has the focus
   const controls = 'input, textarea, select, button, [role="slider"], [role="tab"], [role="combobox"], [role="checkbox"]';
   let awaited = false;  // the palette, which takes a moment to open
@@ -251,5 +257,9 @@ def dress(server: viser.ViserServer) -> None:
         f"<div class='{overlay}'>{' &nbsp; '.join(f'{chip(colour)}{words}' for colour, words in entries)}</div>"
         for overlay, entries in _LEGENDS.items()
     )
-    source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET)).replace("%l", json.dumps(legend))
+    source = (
+        _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET))
+        .replace("%l", json.dumps(legend))
+        .replace("%hover", HOVER_SCRIPT)
+    )
     internals.run_javascript(server, source)

@@ -36,6 +36,8 @@ STATUS = {
 }
 PIN = (213, 94, 0)
 """what somebody pinned"""
+CONTRADICTED = (255, 32, 64)
+"""a pin that the pose misses"""
 PINNED = ("pinned", "#d55e00")
 """of a pose to which pins led"""
 REFITTED = ("refitted", "#0072b2")

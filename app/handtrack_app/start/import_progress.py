@@ -28,7 +28,7 @@ _BAR = re.compile(r"^\w+:\s+(\d+)%\|.*?[\d:]+<([\d:]+|\?)")
 _STEPS = {"looking for the first pose": "Find first pose", "detecting": "Detect joints", "sizing": "Fit size", "tracking": "Track", "refining": "Refine"}  # fmt: skip
 _IMPORT = "Import files"
 _LINES = 8
-_HIGH = 160  # [px] of a small picture
+_HIGH = 240  # [px] of a small picture
 _JOINT = (0, 159, 230)  # BGR
 
 
@@ -109,5 +109,5 @@ def small_picture(image: Bytes[H, W, D3], joints: Iterable[Floats[N, D2]]) -> By
     size = (round(image.shape[1] * scale), _HIGH)
     small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
     for x, y in (scale * row for hand in joints for row in hand[np.isfinite(hand).all(axis=1)]):
-        cv2.circle(small, (round(x), round(y)), 3, _JOINT, -1, cv2.LINE_AA)
+        cv2.circle(small, (round(x), round(y)), 2, _JOINT, -1, cv2.LINE_AA)
     return small

@@ -407,7 +407,8 @@ class StartPage:
             seen.cleanup()
             self._show_running(False)
             progress.title = "Done." if code == 0 else "It was refused:" if code == 2 else "It ended early:"  # fmt: skip
-            self.output.content = text(f"<b>{progress.title}</b>", faint=False) + "".join(map(escaped, progress.lines))  # fmt: skip
+            said = [line.replace("--world-unit-m", "'Unit in metres' under 'More'") for line in progress.lines]  # fmt: skip
+            self.output.content = text(f"<b>{progress.title}</b>", faint=False) + "".join(map(escaped, said))  # fmt: skip
             if code == 0 and then is not None:
                 self._tried(then)
             elif out is not None and (out / SESSION_FILE).is_file():
@@ -458,7 +459,7 @@ class StartPage:
 
 def _picture(image: Bytes[H, W, D3]) -> str:
     """Return a picture BGR as HTML, small."""
-    high = 160
+    high = 240
     size = (round(image.shape[1] * high / image.shape[0]), high)
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     coded = np.asarray(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1])

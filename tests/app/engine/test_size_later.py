@@ -1,5 +1,8 @@
 """Track now, fit the size later: tracking begins at once, and what was fitted afterwards is offered, not forced."""
 
+import threading
+
+import numpy as np
 import pytest
 
 from handtrack.model.articulated import HandScale
@@ -54,3 +57,15 @@ def test_a_single_frame_fits_nothing(desk):
     worker.engine.track(0, 1, 0)  # a single frame tells no size
     listener.told("Frame 0 is fitted")
     assert worker.document.offered_scale is None
+
+
+def test_frames_are_seen_while_they_are_tracked_for_the_size(tmp_path):
+    sizing = threading.Event()
+    for worker, listener in a_desk(tmp_path, size_pending=True, sizing=sizing.wait, step_s=0.0):
+        rest = listener.wait(snapshots.PoseSnapshot).values
+        worker.engine.track(0, FRAMES, 3)
+        tried = listener.wait(snapshots.PoseSnapshot, lambda pose: pose.frame == 5)
+        assert np.abs(np.subtract(tried.values, rest)).max() > 0.01, "in the pose just tracked"
+        assert not worker.document.results, "nothing of it is kept"
+        sizing.set()
+        listener.told("Tracking finished")

@@ -5,7 +5,7 @@ import pytest
 from handtrack_app.engine.store import persistence
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
-from tests.app.page.test_browser import PageUnderTest, browsing
+from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
 
@@ -32,6 +32,7 @@ def test_what_a_gesture_edits(opened):
     _keys_behind_a_dialog_do_nothing_and_escape_closes_it(*opened)
     _moves_of_a_slider_with_rests_are_one_step(*opened)
     _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(*opened)
+    _what_would_be_gripped_is_named_under_the_pointer(*opened)
 
 
 def _keys_behind_a_dialog_do_nothing_and_escape_closes_it(
@@ -55,6 +56,30 @@ def _keys_behind_a_dialog_do_nothing_and_escape_closes_it(
     keys.press("k")
     eventually(lambda: bench.state.version == 1, "keys count again")
     assert bench.state.values != before
+
+
+def _what_would_be_gripped_is_named_under_the_pointer(
+    bench: Workbench, view: PageUnderTest
+) -> None:
+    view.page.keyboard.press("1")
+    eventually(lambda: stands(bench), "looked through a camera")
+    session, pose = bench.stage.session, bench.stage.pose
+    places = dict(zip(session.joint_names, pose.joints, strict=True))
+    knuckle, middle = places["index_mcp"], places["index_pip"]
+    for place, words in (
+        (places["index_tip"], "index tip"),
+        (0.5 * (knuckle + middle), "index proximal"),
+        (places["wrist"], "wrist"),
+        (places["index_tip"] + [0.0, 0.04, 0.0], ""),
+    ):
+        x, y = view.page.evaluate(PROJECT, ["", place.tolist()])
+        eventually(lambda x=x, y=y, words=words: _named_at(view, x, y) == words, words)
+
+
+def _named_at(view: PageUnderTest, x: float, y: float) -> str:
+    view.page.mouse.move(x, y)
+    view.page.wait_for_timeout(100)
+    return view.page.locator("#handtrack-held").inner_text()
 
 
 def _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(

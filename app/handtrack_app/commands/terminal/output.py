@@ -8,15 +8,19 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import filling
 from handtrack_app.engine.compile_watch import CompileWatch
+
+if TYPE_CHECKING:
+    from handtrack.session.run import Tell
 
 
 def output_file(
@@ -139,11 +143,11 @@ def progress_bar(total: int, what: str) -> tqdm:
 
 
 @contextmanager
-def share_bar(what: str) -> Iterator[Callable[[float, str], None]]:
+def share_bar(what: str) -> Iterator[Tell]:
     """Give what tells how far something without frames is: a share from 0 to 1, and words; the bar comes with the first."""
     bars: list[tqdm] = []
 
-    def tell(share: float, words: str) -> None:
+    def tell(share: float, words: str, _: object = None, /) -> None:
         if not bars:
             shape = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
             bars.append(

@@ -17,6 +17,7 @@ from handtrack.arrays import D3, Floats
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page
+from handtrack_app.page.pins.hover import name_holds
 from handtrack_app.page.pins.pin_marks import PinMarks
 from handtrack_app.page.pins.taking_hold import Hold, ellipsoid_at, hold_at, view_card
 from handtrack_app.page.pins.whole_hand import WholeDrag
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from handtrack_app.viser_internals import DragButton, KeyModifier
 
 _GRIP = "/grips/flesh"
+_POINT_M = 1e-6
+"""radius of a joint among the grips: nobody meets it, but the page reads where it is (`hover`)"""
 _UNSEEN = 0.004  # opacity: what is not drawn at all cannot be pointed at
 Node = viser.BatchedMeshHandle | viser.MeshHandle
 Event = (
@@ -109,8 +112,10 @@ class Grips:
             grip = self._grips.get(number)
             if grip is None:
                 grip = self._grips[number] = self._add(here[number], self._session)
-            grip.batched_positions = pose.centre.astype(np.float32)
-            grip.batched_wxyzs = quaternion_wxyz(pose.rotation).astype(np.float32)
+            turns = quaternion_wxyz(pose.rotation)
+            still = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose.joints), 1))
+            grip.batched_positions = np.concatenate([pose.centre, pose.joints]).astype(np.float32)
+            grip.batched_wxyzs = np.concatenate([turns, still]).astype(np.float32)
 
     def offer(self, nodes: Iterable[Node]) -> None:
         """Let what is drawn of the hand be taken hold of with Shift: in a free view, too, where a drag alone turns the view.
@@ -147,12 +152,14 @@ class Grips:
                     grip.remove()
 
     def _add(self, client: viser.ClientHandle, session: SessionSnapshot) -> viser.BatchedMeshHandle:
-        mesh, count = ball(10, 14), len(session.radii)
+        mesh, joints = ball(10, 14), np.full((len(session.joint_names), 3), _POINT_M)
+        radii, count = np.concatenate([session.radii, joints]), len(session.radii) + len(joints)
         grip = client.scene.add_batched_meshes_simple(
             _GRIP, mesh.vertices, mesh.faces, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), np.zeros((count, 3)),
-            batched_scales=session.radii.astype(np.float32), opacity=_UNSEEN, lod="off", cast_shadow=False,
+            batched_scales=radii.astype(np.float32), opacity=_UNSEEN, lod="off", cast_shadow=False,
             receive_shadow=False,
         )  # fmt: skip
+        name_holds(client, session, _GRIP)
         self._listen(grip, "left")
         self._listen(grip, "left", "shift")
         self._listen(grip, "right")
