@@ -35,6 +35,9 @@ _WIDE = 25.0
 _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-4, 1e6
 """first damping, as a share of the diagonal; by what it is multiplied after a step that frames fit worse, each further one twice as much
 (Nielsen 1999), and after others. Below the least steps hardly change: of sizing's sweeps a third were spent to come back from 1e-9"""
+_STALLED = 3
+"""sweeps that gained less than that of the mean frame all together, one standard deviation being foretold at most, end it, too: near the
+minimum steps are rejected for what pixels at outlines do, a quarter of all sweeps"""
 _LONGEST = 2.0
 """times as long as Gauss and Newton's a step may be, where the one before found the cost to curve less than the system says. Robust losses
 are taken by the parabolas above them: up to twice the way to a parabola's minimum costs no more than none (de Leeuw and Heiser 1980)"""
@@ -189,7 +192,7 @@ def estimate_whole(
         motion = usual.estimated(poses, (), usual)
     alike = evidence.shared.alike(len(frames), min(evidence.repeated, len(frames)))
     damping, stiff, tighten = np.full(len(frames), _DAMPING), _DAMPING, _TIGHTEN
-    length = 1.0
+    length, gains = 1.0, list[float]()
     why, sweep = "sweeps", 0
 
     def swept(poses: Floats[F, P]) -> _Swept:
@@ -245,7 +248,9 @@ def estimate_whole(
                 break
             del found
             common, cameras = best.shared.cameras.common, best.shared.cameras
-            ends = gain > 0 and settled
+            gains = [*gains, max(gain, 0.0)][-_STALLED:]
+            stalled = len(gains) == _STALLED and sum(gains) < most * len(frames)
+            ends = gain > 0 and settled or stalled and expected_gain.mean() < _WIDE * _ENOUGH
             nearer = cameras.earlier(common).whole_frames()
             if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
                 evidence = evidence.sharing(best.shared.through(nearer))
