@@ -140,15 +140,16 @@ def test_a_camera_without_a_video_and_an_unused_video_are_red(start, folder):
     assert start.found.content.count("ready") == 2
 
 
-def upload(client: WireClient, start: StartPage, path: Path) -> None:
-    """Send a file as viser's page does."""
+def upload(client: WireClient, start: StartPage, path: Path, size: int = 0) -> None:
+    """Send a file as viser's page does; of one of a size [bytes] only what comes first."""
     said = {"source_component_uuid": start.upload._impl.uuid, "transfer_uuid": path.name}
-    content = path.read_bytes()
+    content = b"" if size else path.read_bytes()
     client.send({
-        "type": "FileTransferStartUpload", **said, "filename": path.name, "mime_type": "", "size_bytes": len(content),
+        "type": "FileTransferStartUpload", **said, "filename": path.name, "mime_type": "", "size_bytes": size or len(content),
         "part_count": 1,
     })  # fmt: skip
-    client.send({"type": "FileTransferPart", **said, "part_index": 0, "content": content})
+    if not size:
+        client.send({"type": "FileTransferPart", **said, "part_index": 0, "content": content})
 
 
 def test_a_calibration_is_uploaded(start, folder, tmp_path):
@@ -166,9 +167,9 @@ def test_a_calibration_is_uploaded(start, folder, tmp_path):
         for path in files:
             upload(client, start, path)
         eventually(lambda: len(start.calibration.value.split(";")) == 2, "one for each camera")
-        (tmp_path / "large.toml").write_bytes(bytes(LARGEST_FILE + 1))
-        upload(client, start, tmp_path / "large.toml")
-        eventually(lambda: "large.toml is too large" in start.output.content, "said")
+        for name, size in (("large.toml", LARGEST_FILE + 1), ("film.mp4", 3 * 1024**3)):
+            upload(client, start, tmp_path / name, size)
+            eventually(lambda name=name: f"{name} is too large" in start.output.content, "said")
     assert [path.name for path in kept.parent.iterdir()] != []
     start.stop()
     assert not kept.parent.exists()

@@ -250,7 +250,7 @@ def estimate_whole(
             common, cameras = best.shared.cameras.common, best.shared.cameras
             gains = [*gains, max(gain, 0.0)][-_STALLED:]
             stalled = len(gains) == _STALLED and sum(gains) < most * len(frames)
-            ends = gain > 0 and settled or stalled and expected_gain.mean() < _WIDE * _ENOUGH
+            ends = (gain > 0 and settled) or (stalled and expected_gain.mean() < _WIDE * _ENOUGH)
             nearer = cameras.earlier(common).whole_frames()
             if nearer.ahead != cameras.ahead or (common and (ends or sweep == sweeps)):
                 evidence = evidence.sharing(best.shared.through(nearer))
