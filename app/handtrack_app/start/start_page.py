@@ -67,6 +67,8 @@ class StartPage:
         self.door = open_door(host, port, token=token)
         self.chosen: Path | None = None
         self._ended = threading.Event()
+        self._drawing: list[threading.Thread] = []
+        """waited for at the end: Python ends what still runs, and within a decoder that aborts the program"""
         self._program: Program | None = None
         self._found: FoundFiles | None = None
         self._entries: list[viser.GuiButtonHandle] = []
@@ -119,6 +121,9 @@ class StartPage:
     def stop(self) -> None:
         """End the page and what runs."""
         self._cancel()
+        self._ended.set()
+        for thread in self._drawing:
+            thread.join()
         self.door.close()
         self._uploads.cleanup()
 
@@ -147,7 +152,12 @@ class StartPage:
             card = gui.add_html(_card(folder.name, kind or str(folder.parent)))
             self._on(gui.add_button(f"Open {folder.name}", color="gray"), act)
             shown.append((card, find, folder.name, kind or str(folder.parent)))
-        threading.Thread(target=self._draw_cards, args=(shown,), daemon=True).start()
+        self._draw(partial(self._draw_cards, shown))
+
+    def _draw(self, work: Callable[[], None]) -> None:
+        thread = threading.Thread(target=work, daemon=True)
+        self._drawing.append(thread)
+        thread.start()
 
     def _draw_cards(
         self, cards: Iterable[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]
@@ -394,7 +404,7 @@ class StartPage:
             if pictures := previews(Path(seen.name)):
                 self._show_pictures(pictures)
             elif began and out is not None:
-                threading.Thread(target=self._show_joints, args=(out,), daemon=True).start()
+                self._draw(partial(self._show_joints, out))
             self.output.content = progress.words()
             put(
                 self.bar,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +14,10 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Axes, F, Floats, H, W
+from handtrack.errors import HandtrackError
 
+ENDING = threading.Event()
+"""the program ends: no frames are counted any more. Python ends threads that still run, and within a decoder that aborts the program"""
 _SAMPLE_BYTES = 1 << 16  # of a file's beginning and of its end, for its stamp
 _UNEVEN = 1.5  # times the usual step between two frames
 
@@ -43,7 +47,9 @@ class VideoAudit:
 
     @classmethod
     def of(cls, capture: cv2.VideoCapture, every: int) -> VideoAudit:
-        """Return the audit of a video just opened, with a checkpoint every so many frames."""
+        """Return the audit of a video just opened, with a checkpoint every so many frames. Raises HandtrackError where the program ends
+        meanwhile (`ENDING`).
+        """
         announced = announced_frames(capture)
         times: list[float] = []
         checkpoints: dict[int, Checkpoint] = {}
@@ -54,6 +60,8 @@ class VideoAudit:
                 good, image = capture.retrieve()
                 if good:
                     checkpoints[at] = Checkpoint.of(capture, image)
+            if ENDING.is_set():
+                raise HandtrackError("the program ended while a video's frames were counted.")
         return cls(len(times), checkpoints, tuple(oddities(announced, np.array(times))))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import threading
 from collections.abc import Iterable, Sequence
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.capture.images.video import VideoFile
-from handtrack.capture.images.video_audit import Checkpoint, VideoAudit, file_stamp
+from handtrack.capture.images.video_audit import ENDING, Checkpoint, VideoAudit, file_stamp
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
 from handtrack.session.layout import VIDEOS_FILE, place_of
@@ -59,7 +60,13 @@ def count_beside(folder: Path | None, videos: Sequence[VideoFile]) -> threading.
 
     thread = threading.Thread(target=count, name="video-count", daemon=True)
     thread.start()
+    atexit.register(_end, thread)
     return thread
+
+
+def _end(thread: threading.Thread) -> None:
+    ENDING.set()
+    thread.join()
 
 
 def _row(audit: VideoAudit) -> dict[str, Any]:
