@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from handtrack.arrays import D3, B, Floats, Ints, K
+from handtrack.arrays import D3, B, Floats, Ints, K, N, Q
 from handtrack.model.root_turn_kernels import turn_root
 
 
@@ -142,11 +142,24 @@ def linearize_pose(
     return rotation, position, jacobian
 
 
+class Growth(NamedTuple):
+    """What a person's deviations (N) do, for compiled code; Q of them, from `first` on, are proportions."""
+
+    parent: Ints[B]
+    rates: Floats[B, D3, N]
+    """of the logarithms of bones' factors"""
+    moves: Floats[Q, B, D3]
+    """of bones' heads"""
+    shift: Floats[Q, B, D3]
+    """of what is on bones"""
+    first: int
+
+
 @numba.njit(cache=True, nogil=True)
-def growth_fields(
-    parent, rotation, position, reference, scale_change, rates, moves, shift, first, unknowns
-):  # pragma: no cover - compiled
-    """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`. moves, shift: (Q, B, 3), of unknowns from `first` on."""
+def growth_fields(growth, frames, scale_change, unknowns):  # pragma: no cover - compiled
+    """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`."""
+    parent, rates, moves, shift, first = growth
+    rotation, position, reference = frames
     bones, count = len(parent), len(unknowns)
     joints = np.zeros((bones, 12, count))
     head = np.zeros((bones, 3, count))  # by how much each bone's head moves

@@ -41,6 +41,7 @@ div:has(> .mantine-Paper-root[style*="position: absolute"] .handtrack-timeline) 
   height: calc(100% - var(--handtrack-below)) !important; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) { position: fixed !important; inset: auto 0 0 0 !important; width: 100vw !important; height: var(--handtrack-below) !important;
   z-index: 4 !important; border-radius: 0 !important; overflow: hidden !important; border-top: 1px solid rgba(128, 128, 128, .35) !important; }
+.mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline)::before { content: ""; position: absolute; inset: 0 0 auto 0; height: 5px; z-index: 7; cursor: ns-resize; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) [role="tablist"], .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) div:has(> [role="button"]):has(.tabler-icon-minus), .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) > div[style*="cursor"] { display: none !important; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-timeline) div[style*="padding-top: var(--mantine-spacing-xs)"] { padding-top: 0 !important; }
 div:has(> .handtrack-timeline) + div + div { margin-top: calc(-1 * var(--handtrack-lanes)); height: var(--handtrack-lanes);
@@ -213,6 +214,20 @@ if (document.getElementById("handtrack-style") === null) {
     Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value").set.call(box, link.dataset.frame);
     box.dispatchEvent(new Event("input", {bubbles: true}));
     box.blur();
+  });
+  // the timeline's upper edge is dragged up for more lanes, down for few
+  let edge = null;
+  document.addEventListener("pointerdown", (event) => {
+    const panel = event.target instanceof Element && event.target.matches('.mantine-Paper-root:has(.handtrack-timeline)') ? event.target : null;
+    edge = panel && event.clientY - panel.getBoundingClientRect().top < 6 ? event.clientY : null;
+  });
+  document.addEventListener("pointermove", (event) => {
+    const by = edge === null || !event.buttons ? 0 : edge - event.clientY;
+    const panel = Math.abs(by) > 12 ? document.querySelector('.mantine-Paper-root:has(.handtrack-timeline)') : null;
+    if (panel === null) return;
+    edge = event.clientY;
+    const button = [...panel.querySelectorAll("button")].find((one) => one.textContent === "☰");
+    if ((by > 0) !== (panel.querySelector(".handtrack-every") !== null)) button?.click();
   });
   // what was pressed with the pointer does not keep the keys
   document.addEventListener("click", (event) => {

@@ -20,6 +20,15 @@ def test_a_click_on_the_lanes_goes_there(tmp_path):
             x = box["x"] + frame / (FRAMES - 1) * box["width"]
             view.page.mouse.click(x - 1, box["y"] + 20)  # within the curve
             eventually(lambda frame=frame: bench.state.frame == frame, f"frame {frame}")
+        panel = view.page.locator(".mantine-Paper-root:has(.handtrack-timeline)")
+        for way, every in ((-1, True), (1, False)):  # its upper edge is dragged up, and down again
+            edge = panel.bounding_box()["y"] + 2
+            view.page.mouse.move(400, edge)
+            view.page.mouse.down()
+            view.page.mouse.move(400, edge + 30 * way, steps=6)
+            view.page.mouse.up()
+            shown = view.page.locator(".handtrack-every")
+            eventually(lambda every=every, shown=shown: shown.count() == every, f"every: {every}")
         view.page.keyboard.press("Shift+Z")
         eventually(lambda: bench.state.frame == 7, "the worst one, by key")
         view.page.keyboard.press("Shift+Y")

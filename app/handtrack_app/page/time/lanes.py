@@ -94,8 +94,10 @@ def _without(values: Floats[N], rows: list[int]) -> Floats[N]:
     return left
 
 
-def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window) -> str:
-    """Return the picture, with the legend above it and frame numbers below."""
+def lanes_picture(
+    lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window, every: bool = False
+) -> str:
+    """Return the picture, with the legend above it and frame numbers below. every: whether these are all the lanes."""
     parts, labels, top = list[str](), "", 0
     for lane in lanes:
         parts.append(f"<g transform='translate(0 {top})'>{''.join(lane.parts)}</g>")
@@ -104,7 +106,7 @@ def lanes_picture(lanes: Sequence[Lane], strip: TimelineSnapshot, window: Window
         top += lane.height
     top = _depth(lanes)
     return (
-        f"<div class='handtrack-timeline' style='padding:0 {RIGHT}px 0 {LEFT}px;position:relative;font-size:12px'>"
+        f"<div class='handtrack-timeline{' handtrack-every' * every}' style='padding:0 {RIGHT}px 0 {LEFT}px;position:relative;font-size:12px'>"
         f"<style>:root{{--handtrack-lanes:{top + _AXIS}px;"
         f"--handtrack-below:calc({top + _AXIS + _REST}px * var(--mantine-scale))}}</style>"
         f"<div style='position:relative;height:{top + _AXIS}px'>{labels}"

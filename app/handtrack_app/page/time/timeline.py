@@ -139,7 +139,7 @@ class TimelinePanel:
         if self.strip is None:
             return
         self._lanes = lanes_of(self.strip, self.window, self.every)
-        put(self.picture, content=lanes_picture(self._lanes, self.strip, self.window))
+        put(self.picture, content=lanes_picture(self._lanes, self.strip, self.window, self.every))
         if self.slider is not None:
             put(self.slider, min=self.window.first, max=self.window.last)
         frame = self.page.state.frame if self._shown is None else self._shown
