@@ -134,6 +134,7 @@ a[data-frame] { color: inherit; }
   font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8); border-radius: 4px; pointer-events: none; }
 body[data-overlay="residual"] #handtrack-legend, body[data-overlay="mask"] #handtrack-legend { display: block; }
 body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([data-overlay="mask"]) #handtrack-legend > .mask { display: none; }
+#handtrack-heading { position: absolute; width: 1px; height: 1px; margin: 0; overflow: hidden; clip-path: inset(50%); }
 #handtrack-brush { display: none; position: fixed; z-index: 3; border: 1px solid #fff; outline: 1px solid #000; border-radius: 50%; pointer-events: none; }
 #handtrack-held { position: fixed; z-index: 3; padding: .1em .5em; font: 13px var(--mantine-font-family); color: #fff; background: rgba(20, 20, 20, .8);
   border-radius: 4px; pointer-events: none; }
@@ -168,11 +169,16 @@ if (document.getElementById("handtrack-style") === null) {
   const legend = document.createElement("div");
   legend.id = "handtrack-legend";
   legend.innerHTML = %l;
-  document.body.append(legend);
+  // a screen reader finds the page's one part and its heading
+  const main = document.getElementById("root"), heading = document.createElement("h1");
+  main.setAttribute("role", "main");
+  heading.id = "handtrack-heading";
+  heading.textContent = "handtrack";
+  main.append(heading, legend);
   // a brush is a circle about the pointer, in its size over the image
   const brush = document.createElement("div");
   brush.id = "handtrack-brush";
-  document.body.append(brush);
+  main.append(brush);
   document.addEventListener("pointermove", (event) => {
     const view = window.__viserMutable, tangent = Number(document.body.dataset.brush);
     const shown = tangent > 0 && event.target instanceof Element && event.target.closest(".mantine-Paper-root") === null;

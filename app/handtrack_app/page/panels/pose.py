@@ -451,7 +451,7 @@ class GuessesPanel:
         )  # fmt: skip
         page.words.on(self.find, label="Detect {kind}")
         self.fetch = page.button(
-            f"Get the detector ({DOWNLOAD_MB} MB) and find", lambda: self.search(fetch=True), "download",
+            f"Install detector ({DOWNLOAD_MB} MB)", lambda: self.search(fetch=True), "download",
             "Two networks that find a hand in the images of two cameras, whatever its posture, are not installed yet. This fetches them "
             "by pip, once for all recordings. Google's, Apache License 2.0.", visible=False,
         )  # fmt: skip

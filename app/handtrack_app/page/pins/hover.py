@@ -15,7 +15,7 @@ from handtrack_app.protocol.snapshots import SessionSnapshot
 HOVER_SCRIPT = """
   const held = document.createElement("div");
   held.id = "handtrack-held";
-  document.body.append(held);
+  main.append(held);
   // the name of what the pointer meets first: a joint where it is near one, else the segment; empty beside the hand
   const heldAt = (x, y) => {
     const view = window.__viserMutable, known = window.handtrackHolds, camera = view?.camera;
