@@ -36,8 +36,8 @@ _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-4, 1e6
 """first damping, as a share of the diagonal; by what it is multiplied after a step that frames fit worse, each further one twice as much
 (Nielsen 1999), and after others. Below the least steps hardly change: of sizing's sweeps a third were spent to come back from 1e-9"""
 _STALLED = 3
-"""sweeps that gained less than that of the mean frame all together, one standard deviation being foretold at most, end it, too: near the
-minimum steps are rejected for what pixels at outlines do, a quarter of all sweeps"""
+"""sweeps that end it, too, where all together gained less than `_ENOUGH` of the mean frame, and one standard deviation is foretold at most.
+Near the minimum a quarter of all sweeps gained nothing: steps are rejected for what pixels at outlines do"""
 _LONGEST = 2.0
 """times as long as Gauss and Newton's a step may be, where the one before found the cost to curve less than the system says. Robust losses
 are taken by the parabolas above them: up to twice the way to a parabola's minimum costs no more than none (de Leeuw and Heiser 1980)"""
