@@ -63,6 +63,9 @@ def browsing(
     with chromium(size) as (page, errors):
         page.goto(f"{bench.url}&fixedDpr={dpr:g}")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
+        eventually(
+            bench.server.get_clients, "its camera is told: only then is it among the clients"
+        )
         yield PageUnderTest(page)
         assert not errors, f"errors in the page: {errors}"
     bench.stop()
