@@ -185,7 +185,7 @@ class SizeParameters:
         bones: those of `rescaled`. A bone's head moves as far as those above it have grown, and no bone turns.
         """
         assert bones.scale_change is not None
-        joints, flesh = growth_fields(self._growth, bones.frames, bones.scale_change, unknowns)
+        joints, flesh = growth_fields(self.growth, bones.frames, bones.scale_change, unknowns)
         return BoneFields(joints, flesh, self.offset_moves[:, :, unknowns], np.zeros(len(unknowns)))
 
     @property
@@ -218,7 +218,8 @@ class SizeParameters:
         return _PARTS[self.model.kind]
 
     @cached_property
-    def _growth(self) -> Growth:
+    def growth(self) -> Growth:
+        """The same for compiled code."""
         skeleton, known = self.model.skeleton, self.model.proportions
         none = np.zeros((0, skeleton.bone_count, 3))
         moves, shift = (none, none) if known is None else (known.moves, known.shift)

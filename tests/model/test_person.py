@@ -12,6 +12,7 @@ from handtrack.model.flesh import Ellipsoids
 from handtrack.model.model_file import load_model, read_scale, scale_from, scale_table, write_scale
 from handtrack.model.size import SizeParameters, shape_numbers, with_number
 from handtrack.model.surfaces.metaballs import MetaballSurface
+from tests.model import kinematics_reference as reference
 
 FITTED = HandScale(
     1.05, {"thumb": 0.97}, {"palm_breadth": 0.4, "thumb_base_along": -1.0}, {"index_tip": (0.1, -2.0, 0.5)},
@@ -129,6 +130,15 @@ def test_a_grown_model_is_the_model_of_that_size(size, rng):
     surfaces = [MetaballSurface.of(model) for model in (rescaled, built)]
     distances = [s.distance(b, points) for s, b in zip(surfaces, (here, there), strict=True)]
     np.testing.assert_allclose(*distances, atol=1e-12)
+
+
+def test_the_compiled_growth_is_the_plain_one(size, rng):
+    bones = size.rescaled(rng.normal(size=len(size.names))).bones(posed(size.model, rng))
+    plain = reference.growth_fields(size.growth, bones)
+    some = rng.permutation(len(size.names))[: len(size.names) // 2]
+    found = size.fields(bones, some)
+    for mine, theirs in zip((found.joints, found.flesh), plain, strict=True):
+        np.testing.assert_allclose(mine, theirs[:, :, some], atol=1e-12)
 
 
 def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
