@@ -37,7 +37,8 @@ _DAMPING, _TIGHTEN, _RELAX, _LEAST, _MOST = 1e-3, 10.0, 0.1, 1e-4, 1e6
 (Nielsen 1999), and after others. Below the least steps hardly change: of sizing's sweeps a third were spent to come back from 1e-9"""
 _STALLED = 3
 """sweeps that end it, too, where all together gained less than `_ENOUGH` of the mean frame, and one standard deviation is foretold at most.
-Near the minimum a quarter of all sweeps gained nothing: steps are rejected for what pixels at outlines do"""
+Near the minimum a quarter of all sweeps gained nothing: steps are rejected for what pixels at outlines do. Three: by looking at the sweeps of
+webxr_open_close_3cam and of the demo"""
 _LONGEST = 2.0
 """times as long as Gauss and Newton's a step may be, where the one before found the cost to curve less than the system says. Robust losses
 are taken by the parabolas above them: up to twice the way to a parabola's minimum costs no more than none (de Leeuw and Heiser 1980)"""
@@ -233,6 +234,7 @@ def estimate_whole(
             evidence = evidence.sharing(best.shared.stepped(change))
             found = swept(_within(model, moved(best.poses, step)))
             gain = best.cost(motion) - found.cost(motion)
+            # where the parabola is lowest that has the cost's slope, and its gain at this step
             best_length = 0.5 * length * slope / (slope - gain) if gain < slope else _LONGEST
             length = min(max(best_length, 1.0), _LONGEST)
             worse = found.costs > np.maximum(predicted, best.costs)

@@ -59,18 +59,13 @@ class FrameProblem:
         count = sum(view.by_camera.shape[2] for view in views) + person.count
         gradient, matrix = np.zeros(size + count), np.zeros((size + count, size + count))
         numbers = np.arange(size + count)
+        persons = numbers[size + count - person.count :]
         cost = 0.0
         for problem, view in zip([self.others, *self.views], [None, *views], strict=True):
             wide = 0 if view is None else view.by_camera.shape[2]
             if problem.observation_terms:
                 seen = _seen(person, problem, pose, view, n)
-                at = np.concatenate(
-                    [
-                        numbers[:size],
-                        numbers[first : first + wide],
-                        numbers[size + count - person.count :],
-                    ]
-                )
+                at = np.concatenate([numbers[:size], numbers[first : first + wide], persons])
                 cost += seen.cost
                 gradient[at] += seen.gradient
                 matrix[at[:, None], at] += seen.hessian
@@ -156,13 +151,8 @@ class FrameSystems:
 
 
 def by_changes(system: JointSystem, pose: Floats[P]) -> JointSystem:
-    """Return a pose's system by changes as `pose_changes.moved` makes them; what follows the pose's P numbers stays."""
-    turn = by_turn(pose)
-    gradient, hessian = system.gradient.copy(), system.hessian.copy()
-    gradient[TURN] = turn.T @ gradient[TURN]
-    hessian[TURN] = turn.T @ hessian[TURN]
-    hessian[:, TURN] = hessian[:, TURN] @ turn
-    return replace(system, gradient=gradient, hessian=hessian)
+    """Return a pose's system by changes as `pose_changes.moved` makes them."""
+    return system.pull_back(_turned(pose))
 
 
 def _seen(
