@@ -164,7 +164,7 @@ class TrackingRun:
                 replace(r, parameters=run.joint_params_from(self, r.parameters)) for r in tracked
             ]
         scale = size_of_frames(
-            run, tracked, most or usual, should_stop, lambda done, words, _=None: say(share + (1 - share) * done, words), sizes
+            run, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
         )  # fmt: skip
         return run if scale is None else run.with_scale(scale)
 
@@ -606,7 +606,7 @@ def size_of_frames(
     results: Iterable[FrameResult],
     most: int,
     should_stop: Callable[[], bool] | None,
-    tell: Tell,
+    tell: Callable[[float, str], None],
     sizes: bool = True,
 ) -> HandScale | None:
     """Return the person who explains the surest frames best, at most so many, of postures that differ; None where none can tell. Where

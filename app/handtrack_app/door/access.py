@@ -294,8 +294,8 @@ class MessageFilter:
                 raise Rejected("no file")
             if len(raw) > LARGEST_MESSAGE + sum(map(len, file.values())):
                 raise Rejected("a message of this size")
-            looked_at = declared.__name__.startswith(("GuiUpdateMessage", "FileTransfer"))
-            _check_sizes(content, math.inf if looked_at else _LARGEST_NUMBER)
+            has_own_limits = declared.__name__.startswith(("GuiUpdateMessage", "FileTransfer"))
+            _check_sizes(content, math.inf if has_own_limits else _LARGEST_NUMBER)
             content |= file
             message: Any = msgspec.convert(content, declared)
         except (

@@ -9,7 +9,7 @@ import json
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.pins.taking_hold import near_joint_m
+from handtrack_app.page.pins.taking_hold import BEHIND, LEAST_AWAY_M, near_joint_m
 from handtrack_app.protocol.snapshots import SessionSnapshot
 
 HOVER_SCRIPT = """
@@ -38,10 +38,10 @@ HOVER_SCRIPT = """
     if (segment < 0) return "";
     const at = eye.clone().addScaledVector(ahead, nearest);
     const depth = -at.clone().applyMatrix4(camera.matrixWorldInverse).z;
-    let best = known.near * frame.height / 2 / Math.tan(camera.fov * Math.PI / 360) / Math.max(depth, 0.05), name = known.segments[segment];
+    let best = known.near * frame.height / 2 / Math.tan(camera.fov * Math.PI / 360) / Math.max(depth, known.least), name = known.segments[segment];
     known.joints.forEach((words, k) => {
       const place = new Vector().setFromMatrixPosition(placed(count + k));
-      if (place.distanceTo(at) > 4 * known.near) return;
+      if (place.distanceTo(at) > known.behind) return;
       const seen = place.project(camera);
       const off = Math.hypot(frame.left + (seen.x + 1) / 2 * frame.width - x, frame.top + (1 - seen.y) / 2 * frame.height - y);
       if (off < best) { best = off; name = words; }
@@ -71,6 +71,8 @@ def name_holds(client: viser.ClientHandle, session: SessionSnapshot, node: str) 
     known = {
         "node": node,
         "near": near_joint_m(session),
+        "behind": BEHIND * near_joint_m(session),
+        "least": LEAST_AWAY_M,
         "segments": [whole.get(bone, bone.replace("_", " ")) for bone in bones],
         "joints": [joint.replace("_", " ") for joint in session.joint_names],
     }

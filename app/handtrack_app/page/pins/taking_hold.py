@@ -14,6 +14,10 @@ from handtrack_app.protocol.snapshots import HAND_REACH_M, CameraCard, PoseSnaps
 
 NEAR_JOINT_M = 0.007
 """as near as a finger is thick; of a body, as much more as it is larger"""
+BEHIND = 4.0
+"""times as far as that from what is pointed at, a joint lies behind it, though it is seen beside it"""
+LEAST_AWAY_M = 0.05
+"""nearer to a camera nothing is any larger in its image"""
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ def hold_at(
     if pixel is None:
         return None
     away = float(way @ card.rotation[:, 2])
-    near = near_joint_m(session) * float(card.matrix[0, 0]) / max(away, 0.05)
+    near = near_joint_m(session) * float(card.matrix[0, 0]) / max(away, LEAST_AWAY_M)
     joint = _nearest_joint(session, pose, card, pixel, at, near)
     if joint is not None:
         return Hold(joint=joint)
@@ -93,7 +97,7 @@ def _nearest_joint(
     best, found = near_px, None
     for name, place in zip(session.joint_names, pose.joints, strict=True):
         seen = ray_pixel(card, place - card.centre)
-        if seen is None or float(np.linalg.norm(place - at)) > 4 * near_joint_m(session):
+        if seen is None or float(np.linalg.norm(place - at)) > BEHIND * near_joint_m(session):
             continue
         off = float(np.hypot(seen[0] - pixel[0], seen[1] - pixel[1]))
         if off < best:
