@@ -67,7 +67,7 @@ def test_a_finger_folded_by_mistake_is_unfolded(finger):
     here = Scene(truth, start)
     found = here.found()
     assert here.cost(found) <= here.cost(here.params)
-    assert worst_mm(found, truth) < 1.0  # measured 0.7 mm, from the truth too; 48 to 157 before
+    assert worst_mm(found, truth) < 0.8  # measured 0.7 mm, from the truth too; 48 to 157 before
 
 
 @pytest.mark.parametrize(

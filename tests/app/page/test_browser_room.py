@@ -100,6 +100,7 @@ def test_a_screen_reader_has_a_name_for_each_control_and_for_the_page(tmp_path):
         for tab in ("Pose", "Track", "View", "Export", "Masks"):
             view.show_tab(tab)
             eventually(lambda: view.page.evaluate(NAMELESS) == [], f"names in {tab}")
+        assert view.page.get_by_role("main").get_by_role("heading", level=1).count() == 1
         bench.page.go_to(5)
         eventually(lambda: "Frame 5 " in view.page.title(), "for screen readers, too")
 
