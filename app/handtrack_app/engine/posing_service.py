@@ -34,7 +34,11 @@ from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice, PosePictur
 
 MakeEdit = Callable[[int, Edit, str, str, bool], None]
 """changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
-_SOURCES = {"previous": "Pose of the frame before", "start": "First-frame pose"}
+_SOURCES = {
+    "shown": "Keyframe",
+    "previous": "Pose of the frame before",
+    "start": "First-frame pose",
+}
 _NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
 
 
@@ -70,8 +74,8 @@ class PoseService:
 
     @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
     def take_pose(self, frame: int, source: str, version: int) -> None:
-        """Replace a frame's pose by `start` (the first-frame pose), `previous` (the frame before), or a pose of the library, for the
-        fingers.
+        """Set a frame's pose by hand to the one that shows there (`shown`: a keyframe), to `start` (the first-frame pose), `previous`
+        (the frame before), or a pose of the library, for the fingers.
         """
         taken = edits.taken_pose(self.document, frame, source)
         self.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"), "", False)

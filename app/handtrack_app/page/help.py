@@ -153,11 +153,6 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
     """Add them; each does what a button of the page does. Not W, A, S, D, Q, E, with whatever else: viser walks by them."""
     state = page.state
 
-    def keyframe() -> None:
-        if state.values:
-            values = state.values
-            page.engine.set_pose(state.frame, values, state.begin_edit(), words="Keyframe")
-
     entries: list[_Entry] = [
         ("Undo", "Z", "cmd/ctrl", lambda _: page.travel(back=True)),
         ("Redo", "Z", "cmd/ctrl+shift", lambda _: page.travel(back=False)),
@@ -177,7 +172,12 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
         ("First frame", "home", None, lambda _: page.go_to(state.start)),
         ("Last frame", "end", None, lambda _: page.go_to(state.stop - 1)),
         ("Next low confidence or lost", "N", "shift", lambda _: tracking.go_to_odd()),
-        ("Keep this pose: a keyframe", "M", None, lambda _: keyframe()),
+        (
+            "Keep this pose: a keyframe",
+            "M",
+            None,
+            lambda _: page.engine.take_pose(state.frame, "shown", state.begin_edit()),
+        ),
         (
             "No keyframe here: the tracked pose",
             "M",

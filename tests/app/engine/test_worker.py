@@ -195,6 +195,17 @@ def test_a_pose_of_the_library_moves_the_fingers_only(worker, listener):
     assert pose.values[session_index(listener, "index_pip_flex")] > 1.0
 
 
+def test_a_keyframe_has_the_pose_of_its_own_frame_whatever_is_shown(worker, listener):
+    worker.engine.track(0, FRAMES, 0)
+    listener.told("Tracking finished")
+    worker.engine.show_frame(0)
+    tracked = worker.document.results[6].parameters.copy()
+    assert not np.allclose(tracked, worker.document.results[0].parameters)
+    worker.engine.take_pose(6, "shown", 5)
+    np.testing.assert_array_equal(listener.pose(5).values, tracked)
+    np.testing.assert_array_equal(worker.document.by_hand[6], tracked)
+
+
 def session_index(listener: Listener, name: str) -> int:
     return listener.wait(snapshots.SessionSnapshot).parameter_names.index(name)
 

@@ -55,7 +55,9 @@ def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> 
 
 
 def taken_pose(document: Document, frame: int, source: str) -> Edit:
-    """Replace a frame's pose by the first-frame pose (`start`), the one before (`previous`), or the library's fingers."""
+    """Set a frame's pose to what it shows (`shown`), the first-frame pose (`start`), the one before (`previous`), or the library's
+    fingers.
+    """
     current, model = document.pose_at(frame), document.model
     if source in document.pose_names:
         taken = named_pose(model, source)
@@ -65,6 +67,8 @@ def taken_pose(document: Document, frame: int, source: str) -> Edit:
         known = (f for f in earlier if f in document.by_hand or f in document.results)
         before = next(known, None)
         taken = document.start if before is None else document.pose_at(before)
+    elif source == "shown":
+        taken = current
     else:
         taken = document.start
     return pose(document, frame, taken.tolist())
