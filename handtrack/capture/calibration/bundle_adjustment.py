@@ -1,7 +1,6 @@
 """Joint refinement of cameras and board poses: least squares over all corners of all views.
 
-x_camera = R_c (R_v X + t_v) + t_c, then the lens with k1 k2 p1 p2 k3, then fx fy cx cy. Analytic
-derivatives; each row has 21 entries. A robust loss keeps single wrong corners from bending the rig.
+x_camera = R_c (R_v X + t_v) + t_c, then OpenCV's lens with k1 k2 p1 p2 k3 and its derivatives; each row has 21 entries. A robust loss keeps single wrong corners from bending the rig.
 
 SciPy's trust region on the Gauss-Newton normal equations: at most some thousand unknowns. Its `least_squares` takes
 twelve to twenty times as long for a rig of three cameras, and has not settled after 100 steps where cameras are chained:
@@ -13,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from scipy.optimize import minimize
 from scipy.sparse import coo_matrix, csr_matrix, hstack
@@ -63,10 +63,14 @@ class Refined:
     converged: bool
 
 
+def lens_matrix(lens: Floats[D9]) -> Floats[D3, D3]:
+    """Return the camera matrix of numbers in the order of LENS."""
+    return np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
+
+
 def residuals(state: RigState, corners: Corners) -> Floats[M, D2]:
     """Return seen − predicted [px]."""
-    _, _, pixels, _ = _project(state, corners)
-    return corners.pixels - pixels
+    return corners.pixels - _projected(state, corners)[0]
 
 
 def refine(
@@ -171,30 +175,28 @@ def _flat(state: RigState) -> Floats:
     return np.concatenate([state.lens.ravel(), state.camera.ravel(), state.view.ravel()])
 
 
-def _project(state: RigState, corners: Corners) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return points in the world, in their camera, pixels, and bent directions."""
+def _projected(state: RigState, corners: Corners) -> tuple[Floats, Floats, Floats]:
+    """Return pixels, their 15 derivatives by camera and lens as OpenCV orders them, and corners turned into the world's axes."""
     turn_view = rotation_matrix(state.view[:, :3])[corners.view]
-    world = np.einsum("mij,mj->mi", turn_view, corners.board) + state.view[corners.view, 3:]
-    turn_camera = rotation_matrix(state.camera[:, :3])[corners.camera]
-    seen = np.einsum("mij,mj->mi", turn_camera, world) + state.camera[corners.camera, 3:]
-    lens = state.lens[corners.camera]
-    x, y = (seen[:, :2] / seen[:, 2:]).T
-    k1, k2, p1, p2, k3 = lens[:, 4:].T
-    s = x * x + y * y
-    radial = 1 + s * (k1 + s * (k2 + s * k3))
-    bent = np.stack(
-        [
-            x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x),
-            y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=-1,
-    )
-    return world, seen, lens[:, :2] * bent + lens[:, 2:4], bent
+    turned = np.einsum("mij,mj->mi", turn_view, corners.board)
+    world = turned + state.view[corners.view, 3:]
+    pixels, slopes = np.empty((len(world), 2)), np.empty((len(world), 2, 15))
+    for camera in np.unique(corners.camera):
+        mine, lens = corners.camera == camera, state.lens[camera]
+        turn, shift = np.split(state.camera[camera], 2)
+        there, by = cv2.projectPoints(world[mine], turn, shift, lens_matrix(lens), lens[4:])
+        pixels[mine], slopes[mine] = there[:, 0], by.reshape(-1, 2, 15)
+    return pixels, slopes, turned
 
 
 def _jacobian(state: RigState, corners: Corners, layout: _Layout) -> csr_matrix:
     """Return d predicted pixel / d vector, (2M, count) sparse."""
-    blocks = _blocks(state, corners)
+    _, slopes, turned = _projected(state, corners)
+    by_pose, by_lens = slopes[..., :6], slopes[..., 6:]
+    by_world = by_pose[..., 3:] @ rotation_matrix(state.camera[:, :3])[corners.camera]
+    # a rotation vector r + δ turns by J δ more: d(R X)/dδ = −[R X] J
+    by_view = -by_world @ skew(turned) @ left_jacobian(state.view[:, :3])[corners.view]
+    blocks = np.concatenate([by_lens, by_pose, by_view, by_world], axis=2)
     count = len(corners.camera)
     lens_size, camera_size = state.lens.size, state.camera.size
     numbers = np.concatenate(
@@ -212,80 +214,6 @@ def _jacobian(state: RigState, corners: Corners, layout: _Layout) -> csr_matrix:
     return csr_matrix(coo_matrix(entries, shape=(2 * count, layout.count)))
 
 
-def _blocks(state: RigState, corners: Corners) -> Floats:
-    """Return (M, 2, 21) derivatives by the corner's lens (9), camera pose (6) and view pose (6)."""
-    world, seen, _, bent = _project(state, corners)
-    lens = state.lens[corners.camera]
-    focal = lens[:, :2]
-    x, y = (seen[:, :2] / seen[:, 2:]).T
-    s = x * x + y * y
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    # by the lens
-    radial_x = focal[:, :1] * (x[:, None] * np.stack([s, s * s, s**3], -1))
-    radial_y = focal[:, 1:] * (y[:, None] * np.stack([s, s * s, s**3], -1))
-    fx, fy = focal.T
-    in_u = [
-        bent[:, 0],
-        zero,
-        one,
-        zero,
-        *radial_x[:, :2].T,
-        fx * 2 * x * y,
-        fx * (s + 2 * x * x),
-        radial_x[:, 2],
-    ]
-    in_v = [
-        zero,
-        bent[:, 1],
-        zero,
-        one,
-        *radial_y[:, :2].T,
-        fy * (s + 2 * y * y),
-        fy * 2 * x * y,
-        radial_y[:, 2],
-    ]
-    by_lens = np.stack([np.stack(in_u, -1), np.stack(in_v, -1)], axis=1)
-    # by the point in the camera
-    by_point = focal[:, :, None] * _bend_derivative(x, y, lens[:, 4:]) @ _flatten_derivative(seen)
-    turn_camera = rotation_matrix(state.camera[:, :3])
-    by_world = by_point @ turn_camera[corners.camera]
-    # a rotation vector r + δ turns by J δ more: d(R X)/dδ = −[R X] J
-    camera_turned = seen - state.camera[corners.camera, 3:]
-    view_turned = world - state.view[corners.view, 3:]
-    camera_j = left_jacobian(state.camera[:, :3])[corners.camera]
-    view_j = left_jacobian(state.view[:, :3])[corners.view]
-    return np.concatenate(
-        [
-            by_lens,
-            -by_point @ skew(camera_turned) @ camera_j,
-            by_point,
-            -by_world @ skew(view_turned) @ view_j,
-            by_world,
-        ],
-        axis=2,
-    )
-
-
-def _bend_derivative(x: Floats, y: Floats, coefficients: Floats) -> Floats:
-    """Return (M, 2, 2) d bent / d (x, y)."""
-    k1, k2, p1, p2, k3 = coefficients.T
-    s = x * x + y * y
-    radial = 1 + s * (k1 + s * (k2 + s * k3))
-    slope = k1 + s * (2 * k2 + 3 * k3 * s)
-    xx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-    yy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-    xy = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-    return np.stack([xx, xy, xy, yy], -1).reshape(-1, 2, 2)
-
-
-def _flatten_derivative(seen: Floats) -> Floats:
-    """Return (M, 2, 3) d (x/z, y/z) / d point."""
-    x, y, z = seen.T
-    zero, one = np.zeros_like(x), np.ones_like(x)
-    rows = [one, zero, -x / z, zero, one, -y / z]
-    return np.stack(rows, -1).reshape(-1, 2, 3) / z[:, None, None]
-
-
 def _uncertainty(
     state: RigState, corners: Corners, layout: _Layout, left: Floats, scale: float
 ) -> tuple[Floats, Floats]:
@@ -293,10 +221,11 @@ def _uncertainty(
 
     Skew s adds s · y' to u; its column is put beside the others for one Gauss-Newton step.
     """
-    bent = _project(state, corners)[3]
+    lens = state.lens[corners.camera]
+    down = (_projected(state, corners)[0][:, 1:] - lens[:, 3:4]) / lens[:, 1:2]
     cameras = len(state.lens)
     mine = corners.camera[:, None] == np.arange(cameras)
-    skew_columns = np.stack([mine * bent[:, 1:], np.zeros((len(bent), cameras))], axis=1)
+    skew_columns = np.stack([mine * down, np.zeros((len(down), cameras))], axis=1)
     skew_columns = skew_columns.reshape(-1, cameras)
     whole = csr_matrix(hstack([_jacobian(state, corners, layout), csr_matrix(skew_columns)]))
     weight = _robust_weight(left.reshape(-1), scale)

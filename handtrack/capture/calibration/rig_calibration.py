@@ -12,7 +12,13 @@ from handtrack.arrays import D2, D4, Array, Floats, N
 from handtrack.capture.calibration.board_detection import BoardView
 from handtrack.capture.calibration.board_views import CameraViews, choose_views
 from handtrack.capture.calibration.boards import Board, CharucoBoard
-from handtrack.capture.calibration.bundle_adjustment import Corners, Refined, RigState, refine
+from handtrack.capture.calibration.bundle_adjustment import (
+    Corners,
+    Refined,
+    RigState,
+    lens_matrix,
+    refine,
+)
 from handtrack.capture.calibration.calibration_report import (
     CalibrationReport,
     camera_report,
@@ -296,12 +302,11 @@ def _rig(cameras: Sequence[CameraViews], state: RigState, T_new_world: Floats) -
     world = np.linalg.inv(T_new_world)
     for camera, lens, pose in zip(cameras, state.lens, state.camera, strict=True):
         T_camera_new = _pose_matrix(pose) @ world
-        matrix = np.array([[lens[0], 0, lens[2]], [0, lens[1], lens[3]], [0, 0, 1]])
         made.append(
             Camera(
                 camera.name,
                 camera.size,
-                matrix,
+                lens_matrix(lens),
                 lens[4:],
                 T_camera_new[:3, :3],
                 T_camera_new[:3, 3],
