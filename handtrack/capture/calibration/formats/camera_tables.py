@@ -41,7 +41,8 @@ _NAMES = {
     "name": "name cameraname camname",
     "unit": "unit units worldunits worldunit lengthunit translationunit",
 }  # fmt: skip
-_MEANS = {name: field for field, names in _NAMES.items() for name in names.split()}
+MEANS = {name: field for field, names in _NAMES.items() for name in names.split()}
+"""our name of each key that people write, in small letters and digits alone"""
 _GIVEN_BY_CENTRE = {"c2w", "cameratoworld", "camtoworld", "tworldcamera", "tworldcam", "twc"}
 _STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
 _LIMIT = 64  # cameras
@@ -95,76 +96,6 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     return _in_unit(rig, tree, where) if isinstance(tree, Mapping) else rig
 
 
-def read_splatting(tree: Any, where: str) -> GivenRig | None:
-    """Return the cameras of Gaussian splatting's cameras.json, an image each; None for anything else.
-
-    Its poses are the cameras' (camera to world), its lenses have no distortion and their axis in the image's middle.
-    Raises HandtrackError.
-    """
-    keys = {"img_name", "width", "height", "position", "rotation", "fx", "fy"}
-    if (
-        not isinstance(tree, list)
-        or not tree
-        or not all(isinstance(t, Mapping) and keys <= t.keys() for t in tree)
-    ):
-        return None
-    _check_count(tree, where)
-    cameras = []
-    for table in tree:
-        place = f"{where}, image '{table['img_name']}'"
-        turned = rotation_of(table["rotation"], f"{place}, rotation")
-        centre = numbers(table["position"], f"{place}, position").ravel()
-        size = whole_size([table["width"], table["height"]], f"{place}, width and height")
-        fx, fy = numbers([table["fx"], table["fy"]], f"{place}, fx and fy").tolist()
-        matrix = matrix_of(fx, fy, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-        name = str(table["img_name"]).rsplit(".", 1)[0]
-        cameras.append(GivenCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre))
-    return GivenRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
-
-
-def read_nerf(tree: Any, where: str) -> GivenRig | None:
-    """Return the cameras of NeRF's transforms.json (Instant-NGP, Nerfstudio), an image each; None for anything else.
-
-    Its poses are camera to world, of a camera that looks along -z with y up; the first pixel's centre is (0.5, 0.5).
-    Raises HandtrackError.
-    """
-    frames = tree.get("frames") if isinstance(tree, Mapping) else None
-    if not isinstance(frames, list) or not all(
-        isinstance(f, Mapping) and "transform_matrix" in f for f in frames
-    ):
-        return None
-    _check_count(frames, where)
-    cameras = []
-    for frame in frames:
-        table = {**tree, **frame}
-        name = str(table.get("file_path", len(cameras)))
-        place = f"{where}, image '{name}'"
-        pose = numbers(frame["transform_matrix"], f"{place}, transform_matrix")
-        if pose.size not in (12, 16) or not {"w", "h"} <= table.keys():
-            raise HandtrackError(f"{place}: expected transform_matrix of 4 x 4, and w, h [px].")
-        size = whole_size([table["w"], table["h"]], f"{place}, w and h")
-        angle = numbers(table.get("camera_angle_x", 1.0), f"{place}, camera_angle_x")
-        fx = table.get("fl_x", float(0.5 * size[0] / np.tan(0.5 * angle)))
-        values = fx, table.get("fl_y", fx), table.get("cx", size[0] / 2), table.get("cy", size[1] / 2)  # fmt: skip
-        fx, fy, cx, cy = numbers(values, f"{place}, fl_x fl_y cx cy").tolist()
-        fisheye = is_fisheye(table.get("camera_model", ""), place)
-        keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-        bent = numbers([table.get(key, 0.0) for key in keys], f"{place}, {' '.join(keys)}")
-        turned = (pose.reshape(-1, 4)[:3, :3] * [1, -1, -1]).T
-        away = -turned @ pose.reshape(-1, 4)[:3, 3]
-        matrix = matrix_of(fx, fy, cx - 0.5, cy - 0.5)
-        name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
-        cameras.append(GivenCamera(name, size, matrix, bent, turned, away, fisheye))
-    return GivenRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
-
-
-def _check_count(images: list[Any], where: str) -> None:
-    if len(images) > _LIMIT:
-        raise HandtrackError(
-            f"{where}: {len(images)} images; expected one of each camera of a rig that stands still, at most {_LIMIT}."
-        )
-
-
 def _in_unit(rig: GivenRig, tree: Mapping[str, Any], where: str) -> GivenRig:
     said = _known(tree).get("unit")
     if said is None:
@@ -199,7 +130,7 @@ def _flat(table: Mapping[str, Any]) -> Mapping[str, Any]:
     inner = {
         key: value
         for key, value in table.items()
-        if _MEANS.get(_plain(key)) in ("matrix", "pose")
+        if MEANS.get(_plain(key)) in ("matrix", "pose")
         and isinstance(value, Mapping)
         and "data" not in value
     }
@@ -257,7 +188,7 @@ def _grouped(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any
     for key, value in tree.items():
         for first, last in _splits(str(key)):
             for field, name in ((first, last), (last, first)):
-                if _plain(field) in _MEANS and name:
+                if _plain(field) in MEANS and name:
                     groups.setdefault(name, {}).setdefault(field, value)
     return [(name, t) for name, t in groups.items() if _is_camera(t) and len(t) > 1]
 
@@ -273,9 +204,9 @@ def _stereo(tree: Mapping[str, Any], where: str) -> GivenRig | None:
     pair: dict[str, dict[str, Any]] = {"1": {}, "2": {}}
     for key, value in tree.items():
         match = _STEREO.match(str(key))
-        if match and _plain(match[1]) in _MEANS:
+        if match and _plain(match[1]) in MEANS:
             which = "1" if match[2].lower() in ("1", "left", "l") else "2"
-            if _MEANS[_plain(match[1])] in ("matrix", "distortions", "size"):
+            if MEANS[_plain(match[1])] in ("matrix", "distortions", "size"):
                 pair[which].setdefault(match[1], value)
     known = _known(
         {k: v for k, v in tree.items() if not _STEREO.match(str(k)) or _plain(k) in ("r", "t")}
@@ -345,11 +276,9 @@ def _matrix(table: Mapping[str, Any], known: Mapping[str, Any], where: str) -> F
         )
         return matrix_of(*values.tolist())
     value = numbers(known["matrix"], f"{where}, matrix")
-    if value.size == 4 and value.ndim == 1:
+    if value.shape == (4,):
         return matrix_of(*value.tolist())
-    if value.size != 9:
-        raise HandtrackError(f"{where}: its matrix has {value.size} numbers; expected 3 x 3.")
-    return value.reshape(3, 3)
+    return numbers(value, f"{where}, matrix", (3, 3))
 
 
 def _size(known: Mapping[str, Any], where: str, matrix: Floats[D3, D3]) -> tuple[int, int] | None:
@@ -367,20 +296,12 @@ def _pose(
 ) -> tuple[Floats[D3, D3], Floats[D3]]:
     inverse = next((v for key, v in table.items() if _plain(key) in _GIVEN_BY_CENTRE), None)
     whole = known.get("pose", inverse)
-    if "rotation" in known and "translation" in known:
-        translation = numbers(known["translation"], f"{where}, translation")
-        if translation.size != 3:
-            raise HandtrackError(
-                f"{where}: its translation has {translation.size} numbers; expected 3."
-            )
-        return rotation_of(known["rotation"], f"{where}, rotation"), translation.ravel()
+    if {"rotation", "translation"} <= known.keys():
+        moved = numbers(known["translation"], f"{where}, translation", (3,))
+        return rotation_of(known["rotation"], f"{where}, rotation"), moved
     if whole is not None:
-        pose = numbers(whole, f"{where}, pose")
-        if pose.size not in (12, 16):
-            raise HandtrackError(
-                f"{where}: its pose has {pose.size} numbers; expected 3 x 4 or 4 x 4."
-            )
-        turned, moved = pose.reshape(-1, 4)[:3, :3], pose.reshape(-1, 4)[:3, 3]
+        pose = numbers(whole, f"{where}, pose", (3, 4), (4, 4))
+        turned, moved = pose[:3, :3], pose[:3, 3]
         return (turned, moved) if known.get("pose") is not None else (turned.T, -turned.T @ moved)
     rectified = _rectified(known, where)
     if rectified is not None:
@@ -423,7 +344,7 @@ def _known(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a table says by our names; of two keys that mean the same the first counts."""
     known: dict[str, Any] = {}
     for key, value in table.items():
-        field = _MEANS.get(_plain(key))
+        field = MEANS.get(_plain(key))
         missing = value is None or (isinstance(value, str) and value == "null")
         if field is not None and not missing:
             known.setdefault(field, value)

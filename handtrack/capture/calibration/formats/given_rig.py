@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -139,24 +140,32 @@ def is_fisheye(model: Any, where: str) -> bool:
     return plain in FISHEYE_MODELS
 
 
-def numbers(value: Any, where: str) -> Array[*Axes]:
-    """Return a value as finite floats: lists, arrays, or OpenCV's matrices (rows, cols, data). Raises HandtrackError."""
-    if isinstance(value, Mapping) and "data" in value:
-        shape = [value.get("rows"), value.get("cols")]
-        value = value["data"]
-    else:
-        shape = []
+def numbers(value: Any, where: str, *shapes: tuple[int, ...], expected: str = "") -> Array[*Axes]:
+    """Return a value as finite floats: lists, arrays, or OpenCV's matrices (rows, cols, data). Raises HandtrackError.
+
+    shapes: of which it gets the first that has as many numbers; none: as it is. expected: these shapes in words.
+    """
+    value = value["data"] if isinstance(value, Mapping) and "data" in value else value
     try:
         array = np.array(value, dtype=float)
-        if shape == [3, 3] or shape == [4, 4] or shape == [3, 4]:
-            array = array.reshape([int(n or 0) for n in shape])
     except (TypeError, ValueError, OverflowError):
         raise HandtrackError(f"{where}: {str(value)[:60]}; expected numbers.") from None
     if array.size > _MOST_NUMBERS:
         raise HandtrackError(f"{where}: {array.size} numbers; expected those of one camera.")
     if not np.isfinite(array).all():
         raise HandtrackError(f"{where}: {array.tolist()}; expected finite numbers.")
-    return array
+    shape = next((shape for shape in shapes if math.prod(shape) == array.size), None)
+    if shapes and shape is None:
+        expected = expected or " or ".join(" x ".join(map(str, shape)) for shape in shapes)
+        raise HandtrackError(f"{where}: {array.size} numbers; expected {expected}.")
+    return array if shape is None else array.reshape(shape)
+
+
+def numbers_at(
+    table: Mapping[str, Any], key: str, where: str, *shapes: tuple[int, ...]
+) -> Array[*Axes]:
+    """Return the `numbers` of a table's key; none where it is missing."""
+    return numbers(table.get(key, []), f"{where}, {key}", *shapes)
 
 
 def whole_size(value: Any, where: str) -> tuple[int, int]:
@@ -176,12 +185,6 @@ def matrix_of(fx: float, fy: float, cx: float, cy: float) -> Floats[D3, D3]:
 
 def rotation_of(value: Any, where: str) -> Floats[D3, D3]:
     """Return a rotation given as matrix or rotation vector [rad]. Raises HandtrackError."""
-    array = numbers(value, where)
-    if array.size == 3:
-        return rotation_matrix(array.ravel())
-    if array.size == 9:
-        return array.reshape(3, 3)
-    raise HandtrackError(
-        f"{where}: {array.size} numbers; expected a rotation matrix of 3 x 3 or a rotation vector of 3 (Rodrigues), world "
-        "to camera."
-    )
+    what = "a rotation matrix of 3 x 3 or a rotation vector of 3 (Rodrigues), world to camera"
+    array = numbers(value, where, (3, 3), (3,), expected=what)
+    return rotation_matrix(array) if array.size == 3 else array

@@ -7,21 +7,35 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
-from handtrack.capture.calibration.formats.calibration_tree import Tree, calibration_tree
-from handtrack.capture.calibration.formats.camera_tables import (
-    read_nerf,
-    read_splatting,
-    read_tables,
-)
-from handtrack.capture.calibration.formats.colmap import colmap_folder, read_colmap
+from handtrack.capture.calibration.formats.camera_tables import MEANS, read_tables
 from handtrack.capture.calibration.formats.given_rig import GivenCamera, GivenRig
-from handtrack.capture.calibration.formats.kalibr import read_kalibr
-from handtrack.capture.calibration.formats.matlab import read_bouguet, read_matlab
-from handtrack.capture.calibration.formats.qualisys import read_qualisys
+from handtrack.capture.calibration.formats.programs import (
+    colmap_folder,
+    read_bouguet,
+    read_colmap,
+    read_kalibr,
+    read_matlab,
+    read_nerf,
+    read_qualisys,
+    read_splatting,
+)
 from handtrack.errors import HandtrackError
+from handtrack.files.given_files import MOST_BYTES, check_given, first_bytes
+from handtrack.files.mat_files import read_mat, read_mat_objects
+from handtrack.files.npz_files import read_arrays
+from handtrack.files.text_files import read_json, read_text
+from handtrack.files.toml_text import read_toml
+from handtrack.files.yaml_text import parse_yaml
+
+_WHAT = "a calibration"
+_TOML = re.compile(r"\[+\s*[\w.\"'-]+\s*\]+\s*(#.*)?$|[\w.\"'-]+\s*=")
+_YAML = re.compile(r"""(- |[\w."'/ -]+:(\s|$)|\{)""")
+_ROWS = re.compile(r"(?:#.*\r?\n)*[A-Za-z]+:[ \t]*\r?\n[ \t]*[-+.\d]+[eE\d.+-]*[ \t]+[-+.\d]")
+_STORAGE = "opencv_storage"
 
 ACCEPTED = (
     "TOML of Anipose, Pose2Sim, FreeMoCap and Caliscope; OpenCV's YAML, XML and JSON (a stereo pair, or a file a camera); "
@@ -35,19 +49,16 @@ CONVERT = (
 )
 
 
-def _tables(path: Path, tree: Any) -> GivenRig | None:
-    return read_tables(tree, str(path), path.stem) if isinstance(tree, Mapping | list) else None
-
-
-FORMS: tuple[tuple[tuple[str, ...], Callable[[Path, Any], GivenRig | None]], ...] = (
-    (("yaml",), lambda path, tree: read_kalibr(tree, str(path))),
-    (("mat", "json"), lambda path, tree: read_matlab(tree, str(path))),
-    (("mat",), lambda path, tree: read_bouguet(tree, str(path))),
-    (("json",), lambda path, tree: read_splatting(tree, str(path)) or read_nerf(tree, str(path))),
-    (("xml",), lambda path, tree: read_qualisys(tree, str(path))),
-    (("toml", "yaml", "json", "xml", "npz", "mat", "rows"), _tables),
+_Read = Callable[[Any, str], GivenRig | None]
+FORMS: tuple[tuple[tuple[str, ...], _Read], ...] = (
+    (("yaml",), read_kalibr),
+    (("mat", "json"), read_matlab),
+    (("mat",), read_bouguet),
+    (("json",), read_splatting),
+    (("json",), read_nerf),
+    (("xml",), read_qualisys),
 )
-"""what a file may be written in, and who may know it; the first that does reads it"""
+"""what a file may be written in, and which program's it may be; the first that knows it reads it, else it is read as tables"""
 
 
 def read_calibration(paths: Sequence[Path]) -> GivenRig:
@@ -57,16 +68,14 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
     """
     if len(paths) == 1:
         return _one(paths[0])
-    trees = {path: _by_camera(calibration_tree(path), path) for path in paths}
-    single = [_single(path, tree) for path, tree in trees.items()]
+    contents = {path: _by_camera(path) for path in paths}
+    single = [_single(path, content) for path, content in contents.items()]
     cameras = tuple(camera for camera in single if camera is not None)
     if len(cameras) == len(paths):
         return GivenRig("one file a camera", _posed(cameras, paths))
     merged: dict[str, Any] = {}
-    for path, tree in trees.items():
-        if tree is None or not isinstance(tree.content, Mapping):
-            raise _unknown(path)
-        for key, value in tree.content.items():  # a camera's table may stand in each
+    for content in contents.values():
+        for key, value in content.items():  # a camera's table may stand in each
             known = merged.get(str(key))
             if isinstance(known, Mapping) and isinstance(value, Mapping):
                 value = {**known, **value}
@@ -77,12 +86,15 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
     return rig
 
 
-def _by_camera(tree: Tree | None, path: Path) -> Tree | None:
-    """Return a file of rows with its camera in its keys: handpose3d's c0.dat and rot_trans_c0.dat are of `c0`."""
+def _by_camera(path: Path) -> Mapping[str, Any]:
+    """Return the tables of a file; of rows with the camera in their keys: handpose3d's c0.dat and rot_trans_c0.dat are of `c0`."""
+    form, content = _content(path)
+    if not isinstance(content, Mapping):
+        raise _unknown(path)
     camera = re.search(r"[A-Za-z]+\d+$", path.stem)
-    if tree is None or tree.form != "rows" or camera is None:
-        return tree
-    return Tree("rows", {f"{key}_{camera[0]}": rows for key, rows in tree.content.items()})
+    if form != "rows" or camera is None:
+        return content
+    return {f"{key}_{camera[0]}": rows for key, rows in content.items()}
 
 
 def _one(path: Path) -> GivenRig:
@@ -96,21 +108,19 @@ def _one(path: Path) -> GivenRig:
         raise HandtrackError(
             f"{path} is a folder without a COLMAP model; expected a calibration. Accepted: {ACCEPTED}."
         )
-    tree = calibration_tree(path)
-    for forms, read in FORMS if tree is not None else ():
-        rig = read(path, tree.content) if tree is not None and tree.form in forms else None
-        if rig is not None:
-            _check_names(rig, path)
-            return rig
-    content = None if tree is None else tree.content
-    raise _half(content, str(path)) or _unknown(path, content)
+    form, content = _content(path)
+    readers = [read for forms, read in FORMS if form in forms]
+    rig = next((rig for read in readers if (rig := read(content, str(path)))), None)
+    if rig is None and isinstance(content, Mapping | list):
+        rig = read_tables(content, str(path), path.stem)
+    if rig is None:
+        raise _half(content, str(path)) or _unknown(path, content)
+    _check_names(rig, path)
+    return rig
 
 
-def _single(path: Path, tree: Tree | None) -> GivenCamera | None:
+def _single(path: Path, content: Mapping[str, Any]) -> GivenCamera | None:
     """Return the camera of a file that has one alone, named by the file where it does not say a name."""
-    content = None if tree is None else tree.content
-    if not isinstance(content, Mapping):
-        raise _unknown(path)
     try:
         rig = read_tables(content, str(path), path.stem)
     except HandtrackError:
@@ -142,32 +152,9 @@ def _half(content: Any, where: str) -> HandtrackError | None:
     """Return what to say of a file that holds lenses or poses alone; None for one that holds neither."""
     tables = [content, *content.values()] if isinstance(content, Mapping) else []
     keys = [str(key) for table in tables if isinstance(table, Mapping) for key in table]
-    plain = {re.sub(r"[\W_\d]|left|right", "", key.lower()) for key in keys}
-    lenses = plain & {
-        "k",
-        "m",
-        "cameramatrix",
-        "mtx",
-        "intrinsic",
-        "intrinsics",
-        "matrix",
-        "d",
-        "dist",
-        "distcoeffs",
-    }
-    poses = plain & {
-        "r",
-        "t",
-        "rot",
-        "trans",
-        "rvec",
-        "tvec",
-        "rotation",
-        "translation",
-        "extrinsics",
-        "rt",
-        "tcni",
-    }
+    said = {MEANS.get(re.sub(r"[\W_\d]|left|right", "", key.lower())) for key in keys}
+    lenses = said & {"matrix", "distortions"}
+    poses = said & {"rotation", "translation", "pose"}
     if bool(lenses) == bool(poses):
         return None
     here, missing = (
@@ -188,3 +175,113 @@ def _unknown(path: Path, content: Any = None) -> HandtrackError:
     return HandtrackError(
         f"{path}: no calibration that is known here. Accepted: {ACCEPTED}. {CONVERT}"
     )
+
+
+# ---- what a file holds, as nested tables, whatever it was written in: chosen by its first bytes, never by its name
+
+
+def _content(path: Path) -> tuple[str, Any]:
+    """Return a file's form (toml, yaml, json, xml, npz, mat or rows) and what it holds: nested dict and list, of other XML than
+    OpenCV's the root element; nothing where it is of no known form. Raises HandtrackError for what cannot be read.
+    """
+    check_given(path, _WHAT)
+    start = first_bytes(path)
+    if start[:4] == b"PK\3\4":
+        return "npz", {key: _plain(value) for key, value in read_arrays(path).items()}
+    if start[:10] == b"MATLAB 5.0":
+        variables = read_mat(path)
+        return "mat", read_mat_objects(path) if _holds_object(variables) else variables
+    if start[:10] == b"MATLAB 7.3":
+        return "mat", read_mat_objects(path)
+    if start[:1] == b"\x80" and start[1:2] in b"\2\3\4\5":
+        raise HandtrackError(
+            f"{path} is a Python pickle, which may run any program when it is read, so it is not. Where you trust it, write it "
+            "as JSON: for each camera K, dist, R, t and size, as lists (OpenCap's: intrinsicMat, distortion, rotation, "
+            "translation in mm, imageSize as height, width)."
+        )
+    if b"\0" in start:
+        return "", None
+    text = start.decode("utf-8-sig", errors="replace").lstrip()
+    if text.startswith("<"):
+        return _xml(path)
+    if text.startswith("{") or re.match(r"\[\s*\{", text):
+        return "json", read_json(path, _WHAT)
+    if text.startswith(("%YAML", "---")):
+        return _yaml(path)
+    first = next(
+        (line for line in text.splitlines() if line.strip() and line.strip()[0] != "#"), ""
+    )
+    if _TOML.match(first.strip()):
+        return "toml", read_toml(path, _WHAT)
+    if _ROWS.match(text):
+        return "rows", _rows(path)
+    return _yaml(path) if _YAML.match(first.strip()) else ("", None)
+
+
+def _holds_object(value: Any) -> bool:
+    """Return whether something that `read_mat` returned has an object of a class in it, which it gives as None."""
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return value is None or any(map(_holds_object, inner))
+
+
+def _rows(path: Path) -> dict[str, list[list[float]]]:
+    """Return what stands below each `word:`, rows of numbers, as handpose3d writes a camera's lens and its pose."""
+    found: dict[str, list[list[float]]] = {}
+    key = ""
+    for line in read_text(path, _WHAT).splitlines():
+        if line.strip().endswith(":"):
+            key = line.strip()[:-1]
+            found[key] = []
+        elif key and line.strip() and line.strip()[0] != "#":
+            try:
+                found[key].append([float(word) for word in line.split(None, MOST_BYTES)])
+            except ValueError:
+                raise HandtrackError(f"{path}: '{line[:60]}'; expected a row of numbers.") from None
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Return an array; one number or text as itself, texts as a list. Pickles were refused before."""
+    return (
+        value.item() if value.ndim == 0 else value.tolist() if value.dtype.kind in "US" else value
+    )
+
+
+def _yaml(path: Path) -> tuple[str, Any]:
+    try:
+        return "yaml", parse_yaml(read_text(path, _WHAT))
+    except ValueError as error:
+        raise HandtrackError(f"{path}: not readable YAML: {error}.") from None
+
+
+def _xml(path: Path) -> tuple[str, Any]:
+    text = read_text(path, _WHAT)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise HandtrackError(
+            f"{path}: XML with declarations of its own (DOCTYPE) is not read; a calibration needs none."
+        )
+    try:
+        root = ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))
+    except ElementTree.ParseError as error:
+        raise HandtrackError(f"{path}: not valid XML: {error}.") from None
+    return "xml", _storage(root, 0, path) if root.tag == _STORAGE else root
+
+
+def _storage(element: ElementTree.Element, depth: int, path: Path) -> Any:
+    """Return what OpenCV wrote: elements named `_` are a list, a text of numbers is one or several."""
+    if depth > 40:
+        raise HandtrackError(f"{path}: nested more than 40 times; no calibration is.")
+    children = list(element)
+    if children and all(child.tag == "_" for child in children):
+        return [_storage(child, depth + 1, path) for child in children]
+    if children:
+        return {child.tag: _storage(child, depth + 1, path) for child in children}
+    text = (element.text or "").strip()
+    if text[:1] == '"':
+        return text.strip('"')
+    words = text.split(None, MOST_BYTES)
+    try:
+        values = [int(w) if re.fullmatch(r"[-+]?\d{1,15}", w) else float(w) for w in words]
+    except ValueError:
+        return text
+    return values[0] if len(values) == 1 and element.tag != "data" else values

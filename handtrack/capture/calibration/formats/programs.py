@@ -1,0 +1,509 @@
+"""Calibrations in forms of single programs: Kalibr, MATLAB, Bouguet's toolbox, Qualisys, Gaussian splatting, NeRF and COLMAP.
+
+Each reader takes what a file holds and its name for messages, and returns None for what is not of its program. All raise HandtrackError.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO, TypeVar
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from handtrack.arrays import D3, Floats
+from handtrack.capture.calibration.formats.camera_tables import UNITS_M
+from handtrack.capture.calibration.formats.given_rig import (
+    GivenCamera,
+    GivenRig,
+    is_fisheye,
+    matrix_of,
+    numbers,
+    numbers_at,
+    rotation_of,
+    whole_size,
+)
+from handtrack.errors import HandtrackError
+from handtrack.files.given_files import check_given
+from handtrack.geometry.rotation import matrix_from_quaternion
+
+_T = TypeVar("_T")
+_MOST = 64  # images: a rig has one a camera
+
+
+def read_kalibr(tree: Any, where: str) -> GivenRig | None:
+    """Return the cameras of a camera chain (YAML): each one's pose is from the one before, in metres."""
+    if not isinstance(tree, Mapping):
+        return None
+    tables = {
+        n: t
+        for n, t in tree.items()
+        if isinstance(t, Mapping) and "distortion_model" in t and "intrinsics" in t
+    }
+    if not tables:
+        return None
+    pose, cameras = np.eye(4), []
+    for index, (name, table) in enumerate(tables.items()):
+        place = f"{where}, {name}"
+        if index and "T_cn_cnm1" not in table:
+            raise HandtrackError(
+                f"{place}: `T_cn_cnm1` is missing, its pose from the camera before; calibrate all together."
+            )
+        if index:
+            pose = numbers_at(table, "T_cn_cnm1", place, (4, 4)) @ pose
+        values = numbers_at(table, "intrinsics", place).ravel()
+        model = str(table.get("camera_model", "pinhole"))
+        if model == "omni" and len(values) == 5 and values[0] == 0:  # a mirror that is none
+            values = values[1:]
+        else:
+            is_fisheye(model, place)  # raises: of no model that is read
+        fisheye = is_fisheye(table["distortion_model"], place)
+        values = numbers(values, f"{place}, intrinsics", (4,), expected="fx, fy, cx, cy")
+        bent = numbers(table.get("distortion_coeffs") or [], f"{place}, distortion_coeffs").ravel()
+        size = None
+        if "resolution" in table:
+            size = whole_size(table["resolution"], f"{place}, resolution")
+        matrix = matrix_of(*values.tolist())
+        cameras.append(
+            GivenCamera(str(name), size, matrix, bent, pose[:3, :3], pose[:3, 3], fisheye)
+        )
+    return GivenRig("Kalibr's camera chain", tuple(cameras), 1.0)
+
+
+# ---- MATLAB
+
+_FIRST_PIXEL = 1.0
+_MARK = "CameraParameters1"
+_MIDDLE = 0.2  # of the image: how far from its middle a lens's axis may be
+_HOW = "In MATLAB: s = toStruct(stereoParams); save('stereo.mat', 's', '-v7'), or write jsonencode(s) to a .json file."
+
+
+def read_matlab(tree: Any, where: str) -> GivenRig | None:
+    """Return the two cameras of stereoParameters, as an object, as a struct or as JSON.
+
+    Vectors stand in rows, and the first pixel is (1, 1).
+    """
+    table = _found(tree, _MARK)
+    if table is None and _found(tree, "RadialDistortion") is not None:
+        raise HandtrackError(
+            f"{where}: the lens of one camera, without the cameras' places. Give stereoParams, which stereoCameraCalibrator saves."
+        )
+    if table is None:
+        return None
+    parts: dict[str, Any] = {name: table.get(name) for name in (_MARK, "CameraParameters2")}
+    if not all(isinstance(part, Mapping) for part in parts.values()):
+        raise HandtrackError(f"{where}: CameraParameters1 and 2 must be structs. {_HOW}")
+    poses = (np.eye(3), np.zeros(3)), _matlab_pose(table, where)
+    cameras = tuple(
+        _matlab_camera(part, f"{where}, {name}", *pose)
+        for (name, part), pose in zip(parts.items(), poses, strict=True)
+    )
+    said = str(parts[_MARK].get("WorldUnits") or table.get("WorldUnits") or "mm").lower()
+    if said not in UNITS_M:
+        raise HandtrackError(
+            f"{where}: WorldUnits = '{said}'; expected one of {', '.join(UNITS_M)}."
+        )
+    return GivenRig("MATLAB's stereoParameters", cameras, UNITS_M[said])
+
+
+def _found(tree: Any, mark: str) -> Mapping[str, Any] | None:
+    """Return the first table with a key, at most three levels down: calibrationSession.mat has it below its session."""
+    tables = [tree] if isinstance(tree, Mapping) else []
+    for _ in range(4):
+        for table in tables:
+            if mark in table:
+                return table
+        tables = [v for table in tables for v in table.values() if isinstance(v, Mapping)]
+    return None
+
+
+def _matlab_pose(table: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], Floats[D3]]:
+    if "RotationOfCamera2" in table and "TranslationOfCamera2" in table:  # x₂ = x₁ R + t, with rows
+        rotation = numbers_at(table, "RotationOfCamera2", where, (3, 3)).T
+        return rotation, numbers_at(table, "TranslationOfCamera2", where, (3,))
+    pose, place = table.get("PoseCamera2"), f"{where}, PoseCamera2"
+    if isinstance(pose, Mapping) and "R" in pose and "Translation" in pose:  # rigidtform3d: columns
+        return numbers_at(pose, "R", place, (3, 3)), numbers_at(pose, "Translation", place, (3,))
+    if isinstance(pose, Mapping) and "A" in pose:
+        whole = numbers_at(pose, "A", place, (4, 4))
+        return whole[:3, :3], whole[:3, 3]
+    raise HandtrackError(
+        f"{where}: neither RotationOfCamera2 with TranslationOfCamera2, nor PoseCamera2 as a struct (R, Translation). {_HOW}"
+    )
+
+
+def _matlab_camera(
+    part: Mapping[str, Any], where: str, rotation: Floats[D3, D3], translation: Floats[D3]
+) -> GivenCamera:
+    radial = numbers_at(part, "RadialDistortion", where).ravel()
+    tangential = numbers_at(part, "TangentialDistortion", where).ravel()
+    if len(radial) > 3 or len(tangential) > 2:
+        raise HandtrackError(
+            f"{where}: {len(radial)} radial coefficients; expected 2 or 3, and 2 tangential."
+        )
+    bent = np.zeros(5)
+    bent[[0, 1, 4][: len(radial)]] = radial
+    bent[2 : 2 + len(tangential)] = tangential
+    size = numbers_at(part, "ImageSize", where).ravel()[::-1]  # rows, columns
+    own = whole_size(size, f"{where}, ImageSize") if len(size) else None
+    return GivenCamera(None, own, _matlab_matrix(part, where), bent, rotation, translation)
+
+
+def _matlab_matrix(part: Mapping[str, Any], where: str) -> Floats[D3, D3]:
+    inner = part.get("Intrinsics")
+    table = {**inner, **part} if isinstance(inner, Mapping) else part
+    if "K" in table:
+        matrix = numbers_at(table, "K", where, (3, 3))
+    elif "IntrinsicMatrix" in table:
+        matrix = numbers_at(table, "IntrinsicMatrix", where, (3, 3)).T
+        if np.abs(matrix[2, :2]).max() > 0 and np.abs(matrix[:2, 2]).max() == 0:  # turned on export
+            matrix = matrix.T
+    elif "FocalLength" in table and "PrincipalPoint" in table:
+        lengths = [numbers_at(table, key, where, (2,)) for key in ("FocalLength", "PrincipalPoint")]
+        matrix = matrix_of(*np.concatenate(lengths).tolist())
+    else:
+        raise HandtrackError(f"{where}: neither K, nor IntrinsicMatrix, nor FocalLength. {_HOW}")
+    matrix = matrix.copy()
+    matrix[:2, 2] -= _FIRST_PIXEL
+    return matrix
+
+
+def read_bouguet(tree: Any, where: str) -> GivenRig | None:
+    """Return the two cameras of Bouguet's toolbox (Calib_Results_stereo.mat), whose first pixel is (0, 0)."""
+    if not isinstance(tree, Mapping) or not any(key.startswith("fc") for key in tree):
+        return None
+    if not {"fc_left", "fc_right", "R", "T"} <= tree.keys():
+        raise HandtrackError(
+            f"{where}: a lens of Bouguet's toolbox, without the cameras' places. Give Calib_Results_stereo.mat, which "
+            "stereo_gui saves."
+        )
+    size = None
+    if "nx" in tree and "ny" in tree:
+        size = whole_size(
+            [float(np.ravel(tree[key])[0]) for key in ("nx", "ny")], f"{where}, nx ny"
+        )
+    second = rotation_of(tree["R"], f"{where}, R"), numbers_at(tree, "T", where, (3,))
+    cameras = []
+    for side, pose in (("left", (np.eye(3), np.zeros(3))), ("right", second)):
+        focal, centre = (numbers_at(tree, f"{n}_{side}", where, (2,)) for n in ("fc", "cc"))
+        matrix = matrix_of(*focal.tolist(), *centre.tolist())
+        if f"alpha_c_{side}" in tree:
+            matrix[0, 1] = focal[0] * numbers_at(tree, f"alpha_c_{side}", where).ravel()[0]
+        bent = numbers_at(tree, f"kc_{side}", where).ravel()
+        fits = size is not None and np.abs(centre / size - 0.5).max() < _MIDDLE
+        own = size if fits else None  # it is one camera's, and the other may be larger
+        cameras.append(GivenCamera(None, own, matrix, bent, *pose))
+    return GivenRig("Bouguet's stereo calibration", tuple(cameras))
+
+
+# ---- Qualisys
+
+_PER_PIXEL = 64.0
+_MAY_LACK = ("skew", "radialDistortion3", "viewrotation")  # and are 0 then
+_TO_OPENCV = np.diag([1.0, -1.0, -1.0])  # their cameras look along −z, y up
+
+
+def read_qualisys(root: Any, where: str) -> GivenRig | None:
+    """Return the calibrated cameras of Qualisys Track Manager (XML, also as .qca.txt), named by serial number.
+
+    In millimetres, lengths in the image in 64ths of a pixel.
+    """
+    if not isinstance(root, Element):
+        return None
+    cameras = tuple(
+        _qualisys_camera(e, f"{where}, camera {e.get('serial')}")
+        for e in root.iter("camera")
+        if e.find("intrinsic") is not None
+        and e.find("transform") is not None
+        and e.get("calibrated", "true").lower() != "false"
+    )
+    return GivenRig("Qualisys calibration", cameras, 1e-3) if cameras else None
+
+
+def _qualisys_camera(element: Element, where: str) -> GivenCamera:
+    if _attributes(element, "viewrotation", where)[0] % 360:
+        raise HandtrackError(
+            f"{where}: its view is turned by {element.get('viewrotation')}°, its calibration is not. Set the view rotation to "
+            "0 in QTM, and export video and calibration again."
+        )
+    intrinsic, transform, field = (element.find(n) for n in ("intrinsic", "transform", "fov_video"))
+    lens = _attributes(intrinsic, "focalLengthU focalLengthV centerPointU centerPointV skew", where)
+    fx, fy, cx, cy, skew = lens / _PER_PIXEL
+    bent = _attributes(
+        intrinsic,
+        "radialDistortion1 radialDistortion2 tangentalDistortion1 tangentalDistortion2 radialDistortion3",
+        where,
+    )
+    if field is not None:
+        left, top, right, bottom = _attributes(field, "left top right bottom", where)
+        size = round(right - left) + 1, round(bottom - top) + 1
+    else:
+        left = top = 0.0
+        most = _attributes(intrinsic, "sensorMaxU sensorMaxV", where)
+        size = math.ceil((most[0] + 1) / _PER_PIXEL), math.ceil((most[1] + 1) / _PER_PIXEL)
+    matrix = matrix_of(fx, fy, cx - left, cy - top)
+    matrix[0, 1] = skew
+    turned = _attributes(transform, "r11 r12 r13 r21 r22 r23 r31 r32 r33", where).reshape(3, 3)
+    rotation = _TO_OPENCV @ turned
+    away = -rotation @ _attributes(transform, "x y z", where)
+    return GivenCamera(element.get("serial") or None, size, matrix, bent, rotation, away)
+
+
+def _attributes(element: Element | None, keys: str, where: str) -> Floats:
+    assert element is not None
+    found = []
+    for key in keys.split():
+        text = element.get(key, "0" if key in _MAY_LACK else "")
+        try:
+            found.append(float(text))
+        except ValueError:
+            found.append(math.nan)
+        if not math.isfinite(found[-1]):
+            raise HandtrackError(f"{where}: {element.tag} {key} = '{text}'; expected a number.")
+    return np.array(found)
+
+
+# ---- an image a camera
+
+
+def read_splatting(tree: Any, where: str) -> GivenRig | None:
+    """Return the cameras of Gaussian splatting's cameras.json, an image each.
+
+    Its poses are the cameras' (camera to world), its lenses have no distortion and their axis in the image's middle.
+    """
+    keys = {"img_name", "width", "height", "position", "rotation", "fx", "fy"}
+    if (
+        not isinstance(tree, list)
+        or not tree
+        or not all(isinstance(t, Mapping) and keys <= t.keys() for t in tree)
+    ):
+        return None
+    _check_count(tree, where)
+    cameras = []
+    for table in tree:
+        place = f"{where}, image '{table['img_name']}'"
+        turned = rotation_of(table["rotation"], f"{place}, rotation")
+        centre = numbers_at(table, "position", place, (3,))
+        size = whole_size([table["width"], table["height"]], f"{place}, width and height")
+        fx, fy = numbers([table["fx"], table["fy"]], f"{place}, fx and fy").tolist()
+        matrix = matrix_of(fx, fy, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+        name = str(table["img_name"]).rsplit(".", 1)[0]
+        cameras.append(GivenCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre))
+    return GivenRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
+
+
+def read_nerf(tree: Any, where: str) -> GivenRig | None:
+    """Return the cameras of NeRF's transforms.json (Instant-NGP, Nerfstudio), an image each.
+
+    Its poses are camera to world, of a camera that looks along -z with y up; the first pixel's centre is (0.5, 0.5).
+    """
+    frames = tree.get("frames") if isinstance(tree, Mapping) else None
+    if not isinstance(frames, list) or not all(
+        isinstance(f, Mapping) and "transform_matrix" in f for f in frames
+    ):
+        return None
+    _check_count(frames, where)
+    cameras = []
+    for frame in frames:
+        table = {**tree, **frame}
+        name = str(table.get("file_path", len(cameras)))
+        place = f"{where}, image '{name}'"
+        pose = numbers_at(table, "transform_matrix", place, (3, 4), (4, 4))
+        size = whole_size([table.get("w"), table.get("h")], f"{place}, w and h [px]")
+        angle = numbers(table.get("camera_angle_x", 1.0), f"{place}, camera_angle_x")
+        fx = table.get("fl_x", float(0.5 * size[0] / np.tan(0.5 * angle)))
+        values = fx, table.get("fl_y", fx), table.get("cx", size[0] / 2), table.get("cy", size[1] / 2)  # fmt: skip
+        fx, fy, cx, cy = numbers(values, f"{place}, fl_x fl_y cx cy").tolist()
+        fisheye = is_fisheye(table.get("camera_model", ""), place)
+        keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+        bent = numbers([table.get(key, 0.0) for key in keys], f"{place}, {' '.join(keys)}")
+        turned = (pose[:3, :3] * [1, -1, -1]).T
+        matrix = matrix_of(fx, fy, cx - 0.5, cy - 0.5)
+        name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
+        cameras.append(
+            GivenCamera(name, size, matrix, bent, turned, -turned @ pose[:3, 3], fisheye)
+        )
+    return GivenRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
+
+
+def _check_count(images: list[Any], where: str) -> None:
+    if len(images) > _MOST:
+        raise HandtrackError(
+            f"{where}: {len(images)} images; expected one of each camera of a rig that stands still, at most {_MOST}."
+        )
+
+
+# ---- COLMAP: the first pixel's centre is (0.5, 0.5), and lengths have no unit
+
+_LARGEST = 4 << 30  # bytes of images.*, of which the points are passed over
+_MODELS = {
+    "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2", "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6", "FOV": "fx fy cx cy omega", "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
+    "RADIAL_FISHEYE": "f cx cy k1 k2", "THIN_PRISM_FISHEYE": "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
+}  # fmt: skip
+"""parameters, in the order of the models' numbers in binary files"""
+_NOT_READ = ("FOV", "THIN_PRISM_FISHEYE")
+_Lenses = dict[int, tuple[str, tuple[int, int], tuple[float, ...]]]
+"""model, width and height, and parameters by number"""
+_Images = list[tuple[str, int, tuple[float, ...]]]
+"""name, camera, and qw qx qy qz tx ty tz, world to camera"""
+
+
+def colmap_folder(path: Path) -> Path | None:
+    """Return the folder of a COLMAP model, given it, one above it, or one of its files; None for anything else."""
+    if path.is_file():
+        stem, suffix = path.stem, path.suffix
+        return path.parent if stem in ("cameras", "images") and suffix in (".txt", ".bin") else None
+    below = [path, path / "sparse" / "0", path / "sparse", path / "0"]
+    return next(
+        (f for f in below if any((f / f"cameras{s}").is_file() for s in (".bin", ".txt"))), None
+    )
+
+
+def read_colmap(folder: Path) -> GivenRig:
+    """Return a camera for each image of a model, text or binary."""
+    suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
+    cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
+    for path in (cameras, images):
+        check_given(path, f"COLMAP's {path.name}", _LARGEST)
+    binary = suffix == ".bin"
+    lenses = _checked(_binary_lenses if binary else _text_lenses, cameras)
+    shots = _checked(_binary_images if binary else _text_images, images)
+    if not shots or not lenses:
+        raise HandtrackError(
+            f"{folder}: the model has no images with a pose; expected one image of each camera."
+        )
+    names = _camera_names([name for name, *_ in shots], images)
+    rig = []
+    for (image, number, pose), name in zip(shots, names, strict=True):
+        where = f"{cameras}, camera {number}"
+        if number not in lenses:
+            raise HandtrackError(f"{cameras}: no camera {number}, which the image '{image}' names.")
+        size, matrix, bent, fisheye = _colmap_lens(*lenses[number], where)
+        if not np.isfinite(pose).all() or not any(pose[:4]):
+            raise HandtrackError(f"{where}: its pose is not of finite numbers.")
+        rotation = matrix_from_quaternion(np.array(pose[:4]))
+        rig.append(GivenCamera(name, size, matrix, bent, rotation, np.array(pose[4:]), fisheye))
+    return GivenRig("COLMAP model", tuple(rig), any_unit=True)
+
+
+def _checked(read: Callable[[Path], _T], path: Path) -> _T:
+    try:
+        return read(path)
+    except (ValueError, IndexError, struct.error, OSError, OverflowError) as error:
+        raise HandtrackError(
+            f"{path}: not readable as COLMAP writes it ({error}). Export the model again."
+        ) from None
+
+
+def _text_rows(path: Path) -> Iterator[str]:
+    with path.open(encoding="utf-8") as file:
+        while line := file.readline(1 << 16):
+            if not line.endswith("\n"):
+                while len(rest := file.readline(1 << 20)) and not rest.endswith("\n"):
+                    pass  # points of a large image
+            if not line.startswith("#"):
+                yield line
+
+
+def _text_lenses(path: Path) -> _Lenses:
+    lenses: _Lenses = {}
+    for line in _text_rows(path):
+        if line.strip():
+            number, model, width, height, *values = line.split()
+            lenses[int(number)] = model, (int(width), int(height)), tuple(map(float, values))
+    return lenses
+
+
+def _text_images(path: Path) -> _Images:
+    rows, images = _text_rows(path), list[Any]()
+    for line in rows:
+        if line.strip():
+            _, *pose, camera, name = line.split(maxsplit=9)
+            images.append((name.strip(), int(camera), tuple(map(float, pose))))
+            _check_images(len(images), path)
+            next(rows, None)  # its points
+    return images
+
+
+def _binary_lenses(path: Path) -> _Lenses:
+    with path.open("rb") as file:
+        (count,) = _take(file, "<Q")
+        _check_images(count, path)
+        lenses: _Lenses = {}
+        for _ in range(count):
+            number, model, width, height = _take(file, "<IiQQ")
+            if not 0 <= model < len(_MODELS):
+                raise ValueError(f"an unknown camera model {model}")
+            name = list(_MODELS)[model]
+            values = _take(file, f"<{len(_MODELS[name].split())}d")
+            lenses[number] = name, (width, height), values
+        return lenses
+
+
+def _binary_images(path: Path) -> _Images:
+    with path.open("rb") as file:
+        (count,) = _take(file, "<Q")
+        _check_images(count, path)
+        images = []
+        for _ in range(count):
+            _, *pose, camera = _take(file, "<I7dI")
+            name = bytearray()
+            while (sign := file.read(1)) != b"\0":
+                if not sign or len(name) > 1000:
+                    raise ValueError("a name without end")
+                name += sign
+            (points,) = _take(file, "<Q")
+            file.seek(24 * points, 1)
+            images.append((name.decode(), camera, tuple(pose)))
+        return images
+
+
+def _take(file: BinaryIO, form: str) -> tuple:
+    return struct.unpack(form, file.read(struct.calcsize(form)))
+
+
+def _check_images(count: int, path: Path) -> None:
+    if count > _MOST:
+        raise HandtrackError(
+            f"{path}: more than {_MOST} images; expected one of each camera of a rig that stands still. Keep one image a camera "
+            "in the model (`colmap image_deleter`)."
+        )
+
+
+def _camera_names(names: list[str], path: Path) -> list[str]:
+    """Return the cameras' names: the images' folders where these differ, else their names without ending."""
+    paths = [PurePosixPath(name) for name in names]
+    for candidate in ([p.parent.name for p in paths], [p.stem for p in paths]):
+        if all(candidate) and len(set(candidate)) == len(candidate):
+            return candidate
+    raise HandtrackError(
+        f"{path}: several images of one camera ({', '.join(names[:3])}, …); expected one of each, named as the camera or in a "
+        "folder of its name. Keep one image a camera in the model (`colmap image_deleter`)."
+    )
+
+
+def _colmap_lens(
+    model: str, size: tuple[int, int], parameters: tuple[float, ...], where: str
+) -> tuple[tuple[int, int], Floats[D3, D3], Floats, bool]:
+    """Return image size, camera matrix, distortion and whether it is a fisheye's."""
+    if model in _NOT_READ or model not in _MODELS:
+        is_fisheye(f"{model} (COLMAP)", where)  # raises: of no model that is read
+    places = _MODELS[model].split()
+    if len(parameters) != len(places):
+        raise HandtrackError(
+            f"{where}: {len(parameters)} parameters; {model} has {', '.join(places)}."
+        )
+    given = dict(zip(places, numbers(parameters, where).tolist(), strict=True))
+    focal = given.get("f", 0.0)
+    matrix = matrix_of(
+        given.get("fx", focal), given.get("fy", focal), given["cx"] - 0.5, given["cy"] - 0.5
+    )
+    fisheye = model.endswith("FISHEYE")
+    keys = "k1 k2 k3 k4" if fisheye else "k1 k2 p1 p2 k3 k4 k5 k6"
+    return size, matrix, np.array([given.get(key, 0.0) for key in keys.split()]), fisheye
