@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import viser
 
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Action, Keys, Page, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.tracking import TrackingPanel
 
 if TYPE_CHECKING:
@@ -56,7 +56,6 @@ class Help:
     """Help and tour of the pages."""
 
     page: Page
-    keys: Keys
     offers_tour: bool = False
     """to who comes for the first time"""
     leave: Callable[[viser.ClientHandle], None] = lambda client: None
@@ -66,14 +65,10 @@ class Help:
     _steps: dict[int, tuple[viser.GuiFolderHandle, int, object]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for words, key, act in (
-            ("Help: all keys", "H", self.show),
-            ("Tour: five things to do", None, self.tour),
-            ("Close the dialog, or leave the camera", "escape", self.escape),
-        ):
-            from_user = self.page.from_user(lambda event, act=act: act(event.client))
-            modifier = "shift" if key == "H" else None
-            self.page.everyones.add(self.keys.add(words, key, from_user, modifier))
+        key = self.page.key
+        key("Help: all keys", "H", self.show, "shift", everyones=True)
+        key("Tour: five things to do", None, self.tour, everyones=True)
+        key("Close the dialog, or leave the camera", "escape", self.escape, everyones=True)
 
     def escape(self, client: viser.ClientHandle) -> None:
         """Close the dialog; where none is open, leave the camera that is looked through."""
@@ -102,7 +97,7 @@ class Help:
     def table(self, wanted: str = "") -> str:
         """Return gestures and keys, or those of them that hold some words."""
         say = self.page.words.of
-        known = (*_GESTURES, *self.keys.known, ("Ctrl K", "All commands, by name"))
+        known = (*_GESTURES, *self.page.keys, ("Ctrl K", "All commands, by name"))
         rows = "".join(
             f"<div><kbd>{html.escape(say(how))}</kbd><span>{html.escape(say(what))}</span></div>"
             for how, what in known
@@ -146,10 +141,10 @@ class Help:
 
 
 _TEN = 10
-_Entry = tuple[str, str | None, "KeyModifier | None", Action]
+_Entry = tuple[str, str | None, "KeyModifier | None", Callable[[viser.ClientHandle], object]]
 
 
-def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
+def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
     """Add them; each does what a button of the page does. Not W, A, S, D, Q, E, with whatever else: viser walks by them."""
     state = page.state
 
@@ -196,8 +191,8 @@ def add_work_keys(keys: Keys, page: Page, tracking: TrackingPanel) -> None:
         ("Export everything (NPZ)", None, None, _export(page, "npz")),
     ]
     for words, key, modifier, act in entries:
-        keys.add(words, key, page.from_user(act), modifier)
+        page.key(words, key, act, modifier)
 
 
-def _export(page: Page, kind: str) -> Action:
-    return lambda event: page.engine.export(kind, event.client.client_id)
+def _export(page: Page, kind: str) -> Callable[[viser.ClientHandle], None]:
+    return lambda client: page.engine.export(kind, client.client_id)

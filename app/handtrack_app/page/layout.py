@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.help import Help, add_work_keys
-from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.copying import CopyPanel, Library
 from handtrack_app.page.panels.export import ExportPanel
@@ -83,26 +83,25 @@ class PageLayout:
             reviewing = gui.add_tab_group()
         with more:
             others = gui.add_tab_group()
-        self.keys = Keys(gui, page.words)
-        self.help = Help(page, self.keys)
-        self.room = Room(page, self.keys)
-        zoom = ZoomKeys(page, stage.looking.views, stage.looking.walls, self.keys)
+        self.help = Help(page)
+        self.room = Room(page)
+        zoom = ZoomKeys(page, stage.looking.views, stage.looking.walls)
         self.session = SessionPanel(
-            page, view, stage.look, stage.looking.set_paint, self.keys, zoom, self.room
+            page, view, stage.look, stage.looking.set_paint, zoom, self.room
         )
         self.help.leave = self.session.leave
         self.tracking = TrackingPanel(page, track)
-        add_work_keys(self.keys, page, self.tracking)
+        add_work_keys(page, self.tracking)
         self.live = LivePanel(page, track)
         self.takes = TakesPanel(page, track)
-        refits = RefitSwitch(page, self.keys)
+        refits = RefitSwitch(page)
         self.compared = ComparedHand(page)
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
-        nudges = NudgePanel(page, stage.hand_middle, stage.looking.view_axes, self.keys)
-        GrabKeys(page, self.keys, lambda: stage.root)
-        pins = PinPanel(page, stage.grips, self.keys)
-        copies = CopyPanel(page, self.keys, stage.looking.view_axes)
+        nudges = NudgePanel(page, stage.hand_middle, stage.looking.view_axes)
+        GrabKeys(page, lambda: stage.root)
+        pins = PinPanel(page, stage.grips)
+        copies = CopyPanel(page, stage.looking.view_axes)
         joints = posing.add_tab("Joints")
         self.pose = PosePanel(page, card, joints, nudges, self.guesses, pins, copies)
         self.library = Library(page, self.pose.take)
@@ -111,11 +110,10 @@ class PageLayout:
         with posing.add_tab("Certainty"):
             self.certainty = gui.add_html("")
         self.review = ReviewPanel(page, reviewing.add_tab("Queue"))
-        self.review.add_keys(self.keys)
         self.plots = PlotsPanel(page, reviewing.add_tab("Plots"), lambda: self.timeline.window)
         self.export = ExportPanel(page, others.add_tab("Export"))
         self.settings = SettingsPanel(page, others.add_tab("Settings"), refits)
-        self.masks = MaskPanel(page, others.add_tab("Masks"), stage, self.keys)
+        self.masks = MaskPanel(page, others.add_tab("Masks"), stage)
         self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box)
         self.help.marks = (
             lambda: page.state.version,
@@ -137,7 +135,6 @@ class PageLayout:
             self.next = NextStep(page, self.tracking, self.guesses, self.review)
         self.review.moved = self.next.show
         self.timeline = TimelinePanel(page, timeline)
-        self.timeline.add_keys(self.keys)
         self.timeline.moved = self.plots.draw
         below.float(x=16, y=-16, width=560)
 

@@ -1,4 +1,4 @@
-"""What every panel is handed: the server, the user's state, the way to the engine; and the page's keys."""
+"""What every panel is handed: the server, the user's state, the way to the engine, the page's keys."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ class Worded:
                 setattr(widget, name, said)
 
 
-# ---- What every panel is handed: the server, the user's state, the way to the engine; and the page's keys
+# ---- What every panel is handed
 
 
 log = logging.getLogger(__name__)
@@ -208,6 +208,20 @@ _OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => [...document.querySelect
   (one) => one.textContent.trim() === name)?.click(), 300 * n));"""
 """viser opens tabs by clicks alone; one within another is drawn after it"""
 _ASKED_S = 60.0  # a browser is waited for
+_MODIFIERS = {
+    "cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift", "alt": "Alt", "alt+shift": "Alt Shift",
+}  # fmt: skip
+_KEY_WORDS = {
+    "pageup": "Page ↑",
+    "pagedown": "Page ↓",
+    "home": "Home",
+    "end": "End",
+    "space": "Space",
+    "escape": "Esc",
+    "tab": "Tab",
+    "arrowright": "→",
+    "arrowleft": "←",
+}
 
 
 @dataclass(frozen=True)
@@ -246,6 +260,10 @@ class Page:
     words: Worded = field(default_factory=Worded)
     heard: list[Callable[[Notice], None]] = field(default_factory=list)
     """called with all that is said"""
+    keys: list[tuple[str, str]] = field(default_factory=list)
+    """key and what it does, in words"""
+    modal: dict[int, Callable[[str], bool]] = field(default_factory=dict)
+    """by client that is at something, such as painting: asked first what a letter means; whether it took it"""
     _shows: dict[type, list[Callable[[Any], object]]] = field(default_factory=dict)
     """by kind of snapshot, in the order in which they subscribed"""
     _dialogs: dict[int, GuiModalHandle] = field(default_factory=dict)
@@ -369,6 +387,27 @@ class Page:
 
         self.own_widgets[internals.id_of(widget)] = call
 
+    def key(
+        self, words: str, key: str | None, act: Callable[[viser.ClientHandle], object],
+        modifier: KeyModifier | None = None, everyones: bool = False,
+    ) -> None:  # fmt: skip
+        """Let a key of a page do something; the palette (Ctrl-K) has it too, or alone (None). everyones: also of one that looks on."""
+        hotkey = cast("HotkeyKey | None", key)
+        command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
+        self.words.on(command, label=words)
+
+        def use(event: UserEvent) -> None:
+            first = None if modifier else self.modal.get(event.client.client_id)
+            if first is None or key is None or not first(key):
+                act(event.client)
+
+        command.on_trigger(self.from_user(use))
+        if key is not None:
+            shown = _KEY_WORDS.get(key, key)
+            self.keys.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))
+        if everyones:
+            self.everyones.add(internals.id_of(command))
+
     def button(
         self, label: str, act: Callable[[], object] | None, icon: str = "", hint: str = "",
         color: Literal["gray", "red"] | None = "gray", visible: bool = True,
@@ -480,55 +519,3 @@ def clean_interval(values: object, low: float, high: float) -> tuple[float, floa
     if pair[0] is None or pair[1] is None:
         return None
     return (min(pair[0], pair[1]), max(pair[0], pair[1]))
-
-
-_MODIFIERS = {
-    "cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift", "alt": "Alt", "alt+shift": "Alt Shift",
-}  # fmt: skip
-
-_KEY_WORDS = {
-    "pageup": "Page ↑",
-    "pagedown": "Page ↓",
-    "home": "Home",
-    "end": "End",
-    "space": "Space",
-    "escape": "Esc",
-    "tab": "Tab",
-    "arrowright": "→",
-    "arrowleft": "←",
-}
-
-
-@dataclass
-class Keys:
-    """Registers commands with their keys; the palette (Ctrl-K) has them too."""
-
-    gui: viser.GuiApi
-    words: Worded = field(default_factory=Worded)
-    known: list[tuple[str, str]] = field(default_factory=list)
-    """key and what it does, in words"""
-    modal: dict[int, Callable[[str], bool]] = field(default_factory=dict)
-    """by client that is at something, such as painting: asked first what a letter means; whether it took it"""
-
-    def add(
-        self,
-        words: str,
-        key: str | None,
-        action: Callable[[Any], None],
-        modifier: KeyModifier | None = None,
-    ) -> str:
-        """Let a key do something, or the palette alone (None); `action` gets viser's event. Return the command's id."""
-        hotkey = cast("HotkeyKey | None", key)
-        command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
-        self.words.on(command, label=words)
-
-        def act(event: viser.CommandEvent) -> None:
-            first = None if modifier else self.modal.get(event.client_id or 0)
-            if first is None or key is None or not first(key):
-                action(event)
-
-        command.on_trigger(act)
-        if key is not None:
-            shown = _KEY_WORDS.get(key, key)
-            self.known.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))
-        return internals.id_of(command)

@@ -66,7 +66,7 @@ def test_a_user_tries_a_method_and_paints(tmp_path):
             bench.stage.look("cam1", other)
             assert bench.stage._marking, "its look is its own"
         view.press("Done painting")
-        eventually(lambda: not bench.layout.keys.modal, "letters mean what they did")
+        eventually(lambda: not bench.page.modal, "letters mean what they did")
         eventually(lambda: not bench.stage._marking, "the hand is back")
         bench.page.travel(back=True)
         corrections = bench.worker.document.run.session.view("cam0").corrections  # type: ignore[union-attr]

@@ -18,7 +18,7 @@ from handtrack.arrays import D3, Floats, S
 from handtrack.files.atomic import replace_text
 from handtrack.files.user_folder import user_data_folder
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.protocol.snapshots import (
     LibrarySnapshot,
@@ -44,7 +44,6 @@ class CopyPanel:
     """Handles of the rows."""
 
     page: Page
-    keys: Keys
     axes: Callable[[viser.ClientHandle | None], Floats[D3, D3] | None]
     """the axes of a page's view, view (x right, y down, z ahead) → world"""
     group: str = ""
@@ -73,17 +72,16 @@ class CopyPanel:
                 self.mirror(event.client) if event.value == MIRROR else acts[event.value](ALL)
             ),
         )
-        keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[], None]], ...] = (
-            ("Copy the pose", "C", "alt", lambda: self.copy(ALL)),
-            ("Paste the pose that was copied", "V", "alt", lambda: self.paste(ALL)),
-            ("Paste it, where it was", "P", "alt", lambda: self.paste(ALL, with_place=True)),
-            ("Copy the open {part}", "C", "alt+shift", lambda: self.copy(self.group)),
-            ("Paste into the open {part}", "V", "alt+shift", lambda: self.paste(self.group)),
+        keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[object], None]], ...] = (
+            ("Copy the pose", "C", "alt", lambda _: self.copy(ALL)),
+            ("Paste the pose that was copied", "V", "alt", lambda _: self.paste(ALL)),
+            ("Paste it, where it was", "P", "alt", lambda _: self.paste(ALL, with_place=True)),
+            ("Copy the open {part}", "C", "alt+shift", lambda _: self.copy(self.group)),
+            ("Paste into the open {part}", "V", "alt+shift", lambda _: self.paste(self.group)),
         )  # fmt: skip
         for words, key, modifier, act in keys:
-            self.keys.add(words, key, page.from_user(lambda _, act=act: act()), modifier)
-        mirror = page.from_user(lambda event: self.mirror(event.client))
-        self.keys.add("Mirror the pose: left and right change places", "M", mirror, "alt")
+            page.key(words, key, act, modifier)
+        page.key("Mirror the pose: left and right change places", "M", self.mirror, "alt")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take a session's model."""

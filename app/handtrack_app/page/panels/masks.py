@@ -15,7 +15,7 @@ import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
-from handtrack_app.page.page import Keys, Page, UserEvent, number, put
+from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.settings import BoxSliders, SavedSettings
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
@@ -31,7 +31,6 @@ class MaskPanel:
     page: Page
     tab: viser.GuiTabHandle
     stage: Stage
-    keys: Keys
     card: MaskCard | None = None
     built: bool = False
     methods: dict[str, MethodWidgets] = field(default_factory=dict)
@@ -79,9 +78,7 @@ class MaskPanel:
             "Only masks and roi of the cameras change; the file before is kept in versions/.",
             "Forget what was changed here since; corrections stay.",
         )  # fmt: skip
-        self.correcting = CorrectingWidgets(
-            page, self.stage, self.keys, self._one_camera, self._named
-        )
+        self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
 
     def _build_box(self, card: MaskCard) -> None:
         page, gui = self.page, self.page.gui
@@ -319,13 +316,11 @@ class CorrectingWidgets:
         self,
         page: Page,
         stage: Stage,
-        keys: Keys,
         camera: Callable[[UserEvent], str | None],
         named: Callable[[], str],
     ) -> None:
         """camera: the one that a user means; named: the one chosen in the tab, empty for all."""
         self.page, self.stage, self.camera, self.named = page, stage, camera, named
-        self._modal = keys.modal
         self._painter: viser.ClientHandle | None = None
         self._strokes = count(1)
         self._stroke, self._last = 0, None
@@ -356,8 +351,7 @@ class CorrectingWidgets:
         page.on(self.drop, self._drop)
         self.radius.on_update(lambda _: self._show_brush())  # whoever changed it
         for words, key, factor in (("smaller", "[", 1 / _FACTOR), ("larger", "]", _FACTOR)):
-            act = page.from_user(lambda _, factor=factor: self._resize(factor))
-            keys.add(f"Brush for masks: {words}", key, act)
+            page.key(f"Brush for masks: {words}", key, lambda _, by=factor: self._resize(by))
         self._other = tuple(self.brushes)[1]
         """what X swaps with"""
         stage.stopped_painting = lambda: self._show_painting(None)
@@ -391,10 +385,10 @@ class CorrectingWidgets:
         put(self.paint, visible=painter is None)
         put(self.done, visible=painter is not None)
         if before is not None:
-            self._modal.pop(before.client_id, None)
+            self.page.modal.pop(before.client_id, None)
             _send_brush(before, 0.0)
         if painter is not None:
-            self._modal[painter.client_id] = self._swapped
+            self.page.modal[painter.client_id] = self._swapped
             self._show_brush()
 
     def _show_brush(self) -> None:

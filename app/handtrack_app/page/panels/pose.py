@@ -14,7 +14,7 @@ import viser
 
 from handtrack.arrays import D3, D6, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
-from handtrack_app.page.page import Keys, Page, UserEvent, number, put
+from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.copying import CopyPanel
 from handtrack_app.page.panels.pose_words import group_of, groups_of, label_of, length_unit, unit_of
 from handtrack_app.page.pins.pin_panel import PinPanel
@@ -114,9 +114,9 @@ class PosePanel:
             self.pins.build()
             self.copies.build()
             self.nudges.build()
-        self.nudges.keys.add("Fit frame", "F", page.from_user(lambda _: self._fit()))
-        page.on(pictures, self._ask)
-        self.nudges.keys.add("Poses in pictures", "L", page.from_user(self._ask), "alt")
+        page.key("Fit frame", "F", lambda _: self._fit())
+        page.on(pictures, lambda event: self._ask(event.client))
+        page.key("Poses in pictures", "L", self._ask, "alt")
 
     def _edit(self, which: str) -> None:
         if which == _FLIP:
@@ -161,8 +161,8 @@ class PosePanel:
             self.take(self.titles[chosen])
             self.library.value = _KEEP  # so that the same pose can be chosen again
 
-    def _ask(self, event: UserEvent) -> None:
-        self.page.engine.want_library(event.client.client_id)
+    def _ask(self, client: viser.ClientHandle) -> None:
+        self.page.engine.want_library(client.client_id)
 
     # ---- sliders
 
@@ -611,7 +611,6 @@ class NudgePanel:
     """the hand's middle world [m]"""
     axes: Callable[[viser.ClientHandle | None], Floats[D3, D3] | None]
     """the axes of a page's view, view (x right, y down, z ahead) → world"""
-    keys: Keys
     steps: dict[str, tuple[float, float]] = field(default_factory=lambda: _steps("mm", 1e-3))
     """by their words [m, °]"""
 
@@ -636,8 +635,7 @@ class NudgePanel:
                 hint="Keys: J L I K move, Y N nearer and farther, U P roll, Shift with I K J L tilts and turns.",
             )  # fmt: skip
         for key, modifier, name in _KEYS:
-            act = page.from_user(lambda e, name=name: self.nudge(name, e.client))
-            self.keys.add(f"Nudge: {name}", key, act, modifier)
+            page.key(f"Nudge: {name}", key, partial(self.nudge, name), modifier)
 
     def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
         """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Keys, Page, UserEvent, put
+from handtrack_app.page.page import Page, UserEvent, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
 from handtrack_app.protocol.snapshots import StretchCard, TakeSpan, TimelineSnapshot
@@ -62,14 +62,10 @@ class ReviewPanel:
                 page.button("–", partial(self._chosen, n), visible=False) for n in range(_ROWS)
             ]
             self.more = gui.add_html("")
-
-    def add_keys(self, keys: Keys) -> None:
-        """Register what keys do."""
-        user = self.page.from_user
-        keys.add("Review: next in the queue", "Z", user(lambda _: self.step(1)), "shift")
-        keys.add("Review: previous in the queue", "U", user(lambda _: self.step(-1)), "shift")
-        keys.add("Review: accept and next", "Y", user(lambda _: self.do_accept("")), "shift")
-        keys.add("Review: release the frame", None, user(lambda _: self.let_go("Frame")))
+        page.key("Review: next in the queue", "Z", lambda _: self.step(1), "shift")
+        page.key("Review: previous in the queue", "U", lambda _: self.step(-1), "shift")
+        page.key("Review: accept and next", "Y", lambda _: self.do_accept(""), "shift")
+        page.key("Review: release the frame", None, lambda _: self.let_go("Frame"))
 
     # ---- the queue
 

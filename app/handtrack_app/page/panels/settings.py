@@ -16,7 +16,7 @@ from handtrack.model.shape import ShapeNumber
 from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
-from handtrack_app.page.page import Keys, Page, clean_interval, put
+from handtrack_app.page.page import Page, clean_interval, put
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.protocol.snapshots import CLOUD, IMAGES, KEYPOINTS, SILHOUETTES, SessionSnapshot
 
@@ -478,13 +478,11 @@ class RefitSwitch:
     """Handles of the switch; they show one state."""
 
     page: Page
-    keys: Keys
     on: bool = False
     boxes: list[viser.GuiCheckboxHandle] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        act = self.page.from_user(lambda _: self.turn(not self.on))
-        self.keys.add("Refit while tuning: on, off", "R", act, "alt")
+        self.page.key("Refit while tuning: on, off", "R", lambda _: self.turn(not self.on), "alt")
 
     def build(self) -> None:
         """Add a switch where the page builds now."""

@@ -16,7 +16,7 @@ import viser
 
 from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.camera_view import CameraNames
 from handtrack_app.page.scene.looking import ALL, Through, Views, Walls
@@ -72,7 +72,6 @@ class SessionPanel:
     """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
     paint_over: Callable[[int, str], None]
     """what is painted over the camera's image that a client sees"""
-    keys: Keys
     zoom: ZoomKeys
     room: Room
     others: viser.GuiButtonHandle = field(init=False)
@@ -144,16 +143,16 @@ class SessionPanel:
         )
 
     def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
-        look = self.page.from_user
-        for i, name in enumerate(cameras[:9], start=1):
-            act = look(lambda event, name=name: self._show_look(name, event.client))
-            self.page.everyones.add(self.keys.add(f"Look through {name}", str(i), act))
-        act = look(lambda event: self._next_paint(event.client))
-        self.page.everyones.add(self.keys.add("Next overlay: outline, residual, …", "O", act))
-        act = look(lambda event: self._show_look(None, event.client))
-        self.page.everyones.add(self.keys.add("Orbit view", "0", act))
-        act = look(lambda event: self._show_look(ALL, event.client))
-        self.page.everyones.add(self.keys.add("See the {kind} in all cameras", "B", act))
+        for words, key, act in (
+            *(
+                (f"Look through {name}", str(i), partial(self._show_look, name))
+                for i, name in enumerate(cameras[:9], start=1)
+            ),
+            ("Next overlay: outline, residual, …", "O", self._next_paint),
+            ("Orbit view", "0", partial(self._show_look, None)),
+            ("See the {kind} in all cameras", "B", partial(self._show_look, ALL)),
+        ):
+            self.page.key(words, key, act, everyones=True)
         self.zoom.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
@@ -191,12 +190,11 @@ class SessionPanel:
         self.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
 
     def _show_look(
-        self, camera: str | None, client: viser.ClientHandle | None, everything: bool = False
+        self, camera: str | None, client: viser.ClientHandle, everything: bool = False
     ) -> None:
-        if client is not None:
-            word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
-            internals.show_value(client, self.through, word)
-            self.look(camera, client, everything)
+        word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
+        internals.show_value(client, self.through, word)
+        self.look(camera, client, everything)
 
     def _paint(self, client: viser.ClientHandle, chosen: str) -> None:
         """Paint over what a page looks through; the one that edits also sees it on the small pictures of all."""
@@ -206,14 +204,13 @@ class SessionPanel:
             state.display.paint = "plain" if paint == "mask" else paint
         self.page.redraw()
 
-    def _next_paint(self, client: viser.ClientHandle | None) -> None:
+    def _next_paint(self, client: viser.ClientHandle) -> None:
         """Take the next overlay."""
-        if client is not None:
-            now = self.page.state.look(client.client_id).paint
-            found = list(_PAINT_WORDS.values())
-            chosen = list(_PAINT_WORDS)[(found.index(now) + 1) % len(found)]
-            internals.show_value(client, self.paint, chosen)
-            self._paint(client, chosen)
+        now = self.page.state.look(client.client_id).paint
+        found = list(_PAINT_WORDS.values())
+        chosen = list(_PAINT_WORDS)[(found.index(now) + 1) % len(found)]
+        internals.show_value(client, self.paint, chosen)
+        self._paint(client, chosen)
 
     def leave(self, client: viser.ClientHandle) -> None:
         """Go from a camera's view to the free one."""
@@ -333,7 +330,6 @@ class Room:
     """The pages' tastes."""
 
     page: Page
-    keys: Keys
     tastes: dict[int, Taste] = field(default_factory=dict)
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
@@ -349,13 +345,9 @@ class Room:
             )  # fmt: skip
         own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
         own(self.text, lambda client, chosen: self.change(client, text=chosen))
-        self._key("Hide or show the panel", "T", self.fold)
-        self._key("Light or dark", None, self._other_colours)
-        self._key("Large or usual text", None, self._other_text)
-
-    def _key(self, words: str, key: str | None, act: Callable[[viser.ClientHandle], None]) -> None:
-        from_user = self.page.from_user(lambda event: act(event.client))
-        self.page.everyones.add(self.keys.add(words, key, from_user))
+        self.page.key("Hide or show the panel", "T", self.fold, everyones=True)
+        self.page.key("Light or dark", None, self._other_colours, everyones=True)
+        self.page.key("Large or usual text", None, self._other_text, everyones=True)
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
@@ -423,7 +415,6 @@ class ZoomKeys:
     page: Page
     views: Views
     walls: Walls
-    keys: Keys
     _lines: dict[int, viser.GuiHtmlHandle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -446,11 +437,7 @@ class ZoomKeys:
             ("View: wider", "X", "Out"),
             ("View: the whole image", "V", "All"),
         ):
-            self._key(words, key, acts[act])
-
-    def _key(self, words: str, key: str, act: Callable[[viser.ClientHandle], None]) -> None:
-        from_user = self.page.from_user(lambda event: act(event.client))
-        self.page.everyones.add(self.keys.add(words, key, from_user))
+            self.page.key(words, key, acts[act], everyones=True)
 
     def _say(self, client: viser.ClientHandle, view: Through | None) -> None:
         line = self._lines.get(client.client_id)

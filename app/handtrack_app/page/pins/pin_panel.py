@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.html import table, text
-from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.pins.taking_hold import near_joint_m
@@ -27,7 +27,6 @@ class PinPanel:
 
     page: Page
     grips: Grips
-    keys: Keys
     pins: tuple[PinCard, ...] = field(default=())
     near_m: float = 0.0
     """a pin that is missed by more is not at its joint any more"""
@@ -63,14 +62,9 @@ class PinPanel:
         page.on(self.drop, lambda _: self._drop(len(self.pins) - 1))
         page.on(self.drop_all, lambda _: self._drop(None))
         page.on(self.copy, lambda event: self._copy(str(event.value)))
-        add = self.keys.add
-        add("Drop the last pin", "Backspace", page.from_user(lambda _: self._drop_last()))
-        add(
-            "Pins: fit other joints to the images, or keep them",
-            "X",
-            page.from_user(lambda _: self._switch()),
-            "shift",
-        )
+        page.key("Drop the last pin", "Backspace", lambda _: self._drop_last())
+        fit_or_keep = "Pins: fit other joints to the images, or keep them"
+        page.key(fit_or_keep, "X", lambda _: self._switch(), "shift")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take the size of a session's model."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import viser
@@ -15,7 +16,7 @@ from handtrack.geometry.rotation import (
     rotation_matrix,
     rotation_vector,
 )
-from handtrack_app.page.page import Keys, Page
+from handtrack_app.page.page import Page
 from handtrack_app.page.pins.whole_hand import ROOT
 
 RootEdit = Callable[[dict[str, float], str, str, bool], None]
@@ -70,7 +71,6 @@ class GrabKeys:
     """
 
     page: Page
-    keys: Keys
     handle: Callable[[], RootHandle | None]
     _kind: str = ""
     _axis: str = ""
@@ -81,26 +81,23 @@ class GrabKeys:
             ("G", "Grab: move the {kind}; then X, Y or Z"),
             ("R", "Turn the {kind}; then X, Y or Z"),
         ):
-            act = self.page.from_user(
-                lambda event, key=key: self._begin(key, event.client.client_id)
-            )
-            self.keys.add(words, key, act)
+            self.page.key(words, key, partial(self._begin, key))
 
-    def _begin(self, kind: str, client: int) -> None:
+    def _begin(self, kind: str, client: viser.ClientHandle) -> None:
         self._kind, self._axis = kind, ""
         self._was_shown = self.page.state.display.handle
-        self.keys.modal[client] = lambda key: self._heard(key, client)
+        self.page.modal[client.client_id] = partial(self._heard, client.client_id)
         self.page.draw("handle", True)
         self._show()
 
-    def _heard(self, key: str, client: int) -> bool:
+    def _heard(self, client: int, key: str) -> bool:
         if key in ("X", "Y", "Z"):
             self._axis = "" if key == self._axis else key
         elif key in ("G", "R") and key != self._kind:
             self._kind, self._axis = key, ""
         elif key in (self._kind, "escape"):
             self._kind = self._axis = ""
-            del self.keys.modal[client]
+            del self.page.modal[client]
             self.page.draw("handle", self._was_shown)
         else:
             return False

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import viser
 
-from handtrack_app.page.page import Keys, Page, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.time.lanes import Lane, cursor_picture, lanes_of, lanes_picture
 from handtrack_app.page.time.window import Window, whole
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, TimelineSnapshot
@@ -39,9 +39,12 @@ class TimelinePanel:
     _pose: PoseSnapshot | None = None
 
     def __post_init__(self) -> None:
+        page, gui = self.page, self.page.gui
         with self.tab:
-            self.picture = self.page.gui.add_html(_BEFORE_SESSION)
-            self.cursor = self.page.gui.add_html("")
+            self.picture = gui.add_html(_BEFORE_SESSION)
+            self.cursor = gui.add_html("")
+        page.key("Timeline: fewer frames", "F", lambda _: self.look_closer(_ZOOM[0]), "shift")
+        page.key("Timeline: more frames", "G", lambda _: self.look_closer(_ZOOM[1]), "shift")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Make the timeline fit a session's frames; built once."""
@@ -68,11 +71,6 @@ class TimelinePanel:
 
     def _pace(self, chosen: str) -> None:
         self.page.state.speed = (0.25, 0.5, 1.0, 2.0)[_SPEEDS.index(chosen)]
-
-    def add_keys(self, keys: Keys) -> None:
-        """Register what keys do."""
-        keys.add("Timeline: fewer frames", "F", lambda _: self.look_closer(_ZOOM[0]), "shift")
-        keys.add("Timeline: more frames", "G", lambda _: self.look_closer(_ZOOM[1]), "shift")
 
     def _pressed(self, key: str) -> None:
         state = self.page.state
