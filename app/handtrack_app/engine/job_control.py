@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from handtrack.store.spans import Span
 from handtrack.tracking.frame.assessment import OutlineFit, hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack_app.engine import jobs
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
@@ -41,15 +43,13 @@ from handtrack_app.engine.document_snapshots import (
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     Carried,
-    FindingJob,
     Found,
     JobEnded,
-    RefiningJob,
-    Report,
-    SizingJob,
-    TrackingJob,
+    JobEvent,
+    Post,
     Tried,
     Watch,
+    Work,
 )
 from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
@@ -315,7 +315,7 @@ class JobControl:
         document: Document,
         store: Persistence,
         publish: Callable[[Snapshot], None],
-        post: Callable[[Report], None],
+        post: Post,
         watch: Watch | None = None,
         compiles: CompileWatch | None = None,
         live: LiveControl | None = None,
@@ -331,7 +331,7 @@ class JobControl:
         self._offered: SizeFitted | None = None  # fitted after tracking
         self._refined_with: RefinedWith | None = None  # the latest
         self._given = RefinedWith.of(document)  # when the pass began
-        self._count, self._shared = 0, -1.0
+        self._shared = -1.0
         self._shown = self._stripped = 0.0
         self._compiles = compiles or CompileWatch()
         self._ticked = self._compiled_before = 0
@@ -372,8 +372,7 @@ class JobControl:
     def leave(self) -> None:
         """Do not wait for a cancelled job that looks up too rarely: what it still reports is passed over."""
         job = self._job
-        is_sizing = isinstance(job, TrackingJob) and job.stage == "size"
-        if job is not None and (is_sizing or job.kind in _QUIET):
+        if job is not None and (job.stage == "size" or job.kind in _QUIET):
             self._ended(job, JobEnded(cancelled=True))
 
     # ---- starting
@@ -404,7 +403,8 @@ class JobControl:
 
     def _track(self, request: TrackingRequest) -> None:
         run = self._document.run
-        self._begin(TrackingJob(self._next(), run, request, self._post, self._watch))
+        work = partial(jobs.track, run=run, request=request, watch=self._watch)
+        self.begin("tracking", work, request, run.session.live is not None)
 
     def refine(self) -> None:
         """Begin to refine all tracked frames together; where nothing but keyframes and pins has changed since, those that they
@@ -418,8 +418,10 @@ class JobControl:
             raise HandtrackError("There is nothing to refine: track some frames first.")
         before = self._refined_with
         changed = None if before is None else before.changed(RefinedWith.of(document))
-        job = RefiningJob(self._next(), document.run, request, tracked, changed, self._post)
-        self._begin(job)
+        work = partial(
+            jobs.refine, run=document.run, request=request, tracked=tracked, changed=changed
+        )
+        self.begin("refining", work, request)
 
     def track_live(self) -> None:
         """Begin to track what the cameras show from now on, from the pose shown, until it is cancelled."""
@@ -440,7 +442,7 @@ class JobControl:
                 "The size is fitted from the first-frame pose on, and this session has none yet. Find or pose it, "
                 "and press 'Save as first-frame pose'."
             )
-        self._begin(SizingJob(self._next(), self._document.run, self._post))
+        self.begin("sizing", partial(jobs.fit_size, run=self._document.run))
 
     def take_size(self, first: int) -> None:
         """Take the size that was fitted after tracking, and begin to track everything again from a frame's pose."""
@@ -456,16 +458,10 @@ class JobControl:
         anew = first == document.first_frame and first not in document.by_hand
         self.track(document.frames.start, document.frames.stop, first, anew)
 
-    def begin(self, make: Callable[[int, Callable[[Report], None]], BackgroundJob]) -> None:
-        """Begin a job that needs nothing of what is tracked by; make(number, post) returns it. Raises HandtrackError."""
-        if self._job is not None:
-            raise HandtrackError(_BUSY)
-        self._begin(make(self._next(), self._post))
-
     def find(self, frame: int | None, fetch: bool) -> None:
         """Begin to look for the hand."""
         self._refuse()
-        self._begin(FindingJob(self._next(), self._document.run, frame, fetch, self._post))
+        self.begin("finding", partial(jobs.find, run=self._document.run, frame=frame, fetch=fetch))
 
     def _refuse(self) -> None:
         """Raise HandtrackError where no job can begin."""
@@ -475,11 +471,17 @@ class JobControl:
         if blind:
             raise HandtrackError(blind)
 
-    def _next(self) -> int:
-        self._count += 1
-        return self._count
-
-    def _begin(self, job: BackgroundJob) -> None:
+    def begin(
+        self,
+        kind: str,
+        work: Work,
+        request: TrackingRequest | None = None,
+        is_live: bool = False,
+    ) -> None:
+        """Begin a job. Raises HandtrackError while another runs."""
+        if self._job is not None:
+            raise HandtrackError(_BUSY)
+        job = BackgroundJob(kind, work, self._post, request, is_live)
         self._job, self._outcomes, self._latest = job, {}, {}
         self._moved, self._given = Moved(), RefinedWith.of(self._document)
         self._offered = None
@@ -489,12 +491,11 @@ class JobControl:
 
     # ---- following
 
-    def take(self, report: Report) -> None:
-        """Take a report of the job; those of an earlier job are passed over."""
-        job = self._job
-        if job is None or job.number != report.job:
+    def take(self, job: BackgroundJob, event: JobEvent) -> None:
+        """Take what the job reports; those of an earlier job are passed over."""
+        if job is not self._job:
             return
-        match report.event:
+        match event:
             case ProvisionalFrame(result) | FrameTracked(result):
                 self._tracked(result)
             case Tried(result):
@@ -651,7 +652,7 @@ class JobControl:
 
 def _fixed(job: BackgroundJob) -> tuple[int, ...]:
     """Return the frames whose poses were fixed."""
-    return tuple(job.request.fixed) if isinstance(job, TrackingJob | RefiningJob) else ()
+    return () if job.request is None else tuple(job.request.fixed)
 
 
 def looks_elsewhere(jobs: JobControl, **_: object) -> None:

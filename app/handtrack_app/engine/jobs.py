@@ -67,14 +67,11 @@ class Carried:
     """of the session's state"""
 
 
-@dataclass(frozen=True, eq=False)
-class Report:
-    """Something that a job did."""
-
-    job: int
-    event: Event | ProvisionalFrame | Tried | Found | Carried | JobEnded
-
-
+Work = Callable[["BackgroundJob"], None]
+"""does a job; asks its `should_stop` between solver steps"""
+JobEvent = Event | ProvisionalFrame | Tried | Found | Carried | JobEnded
+Post = Callable[["BackgroundJob", JobEvent], None]
+"""hands something that a job did over to the worker"""
 Watch = Callable[[TrackingRun, FrameResult], None]
 """sees the run and each tracked frame, on the job's thread"""
 
@@ -87,25 +84,29 @@ before the next"""
 
 
 class BackgroundJob:
-    """Works until done, cancelled, or failed; posts reports and at last JobEnded."""
+    """Works until done, cancelled, or failed; reports events and at last JobEnded."""
 
-    kind = "job"
-
-    def __init__(self, number: int, frames: range, post: Callable[[Report], None]) -> None:
-        self.number, self.frames = number, frames
-        self.total = len(frames)
+    def __init__(
+        self, kind: str, work: Work, post: Post, request: TrackingRequest | None = None,
+        is_live: bool = False,
+    ) -> None:  # fmt: skip
+        """request: of what is tracked or refined. is_live: running cameras do not wait."""
+        self.kind, self.request = kind, request
+        self.frames = range(0) if request is None else request.frames
+        self.total = len(self.frames) if kind == "tracking" and not is_live else 0
         """frames to be done"""
         self.done, self.began, self.waited = 0, time.monotonic(), 0.0
         self._held = self.began
         self.frame: int | None = None
         """done last"""
-        self.share, self.words = 0.0, ""
-        """of a stage that counts no frames, and what is done in it"""
+        self.share, self.words, self.stage = 0.0, "", ""
+        """of a stage that counts no frames, what is done in it, and its name: `size` or `refine`"""
         self._first_done, self._first_share = self.began, 0.0
-        self._post = post
+        self._solved: set[int] = set()
+        self._work, self._post, self.is_live = work, post, is_live
         self._stop, self._hold = threading.Event(), threading.Event()
         self._way_until = 0.0
-        self._thread = threading.Thread(target=self._work_guarded, name=self.kind, daemon=True)
+        self._thread = threading.Thread(target=self._work_guarded, name=kind, daemon=True)
 
     @property
     def paused(self) -> bool:
@@ -123,8 +124,9 @@ class BackgroundJob:
         (self._hold.set if on else self._hold.clear)()
 
     def give_way(self) -> None:
-        """Wait a moment before the next solver step."""
-        self._way_until = time.monotonic() + _GIVES_WAY_S
+        """Wait a moment before the next solver step; not before running cameras."""
+        if not self.is_live:
+            self._way_until = time.monotonic() + _GIVES_WAY_S
 
     def cancel(self) -> None:
         """Ask the solver to stop at its next step."""
@@ -145,10 +147,6 @@ class BackgroundJob:
             return 0.0
         return spent / (self.done - 1) * (self.total - self.done)
 
-    def work(self) -> None:
-        """Do it; ask `should_stop` between solver steps."""
-        raise NotImplementedError
-
     def should_stop(self) -> bool:
         while self._waits() and not self._stop.wait(0.02):
             pass
@@ -157,9 +155,16 @@ class BackgroundJob:
     def _waits(self) -> bool:
         return self._hold.is_set() or time.monotonic() < self._way_until
 
-    def report(self, event: Event | ProvisionalFrame | Tried | Found | Carried | JobEnded) -> None:
+    def report(self, event: JobEvent) -> None:
         """Hand an event over to the worker."""
-        self._post(Report(self.number, event))
+        self._post(self, event)
+
+    def count(self, frame: int) -> None:
+        """A frame is done, perhaps again."""
+        self._solved.add(frame)
+        self.done, self.frame = len(self._solved), frame
+        if self.done == 1:
+            self._first_done, self.waited = time.monotonic(), 0.0
 
     def show_progress(self, share: float, words: str) -> None:
         """Take how far the work is: the share that is done, 0 to 1, and what is done in words."""
@@ -170,7 +175,7 @@ class BackgroundJob:
     def _work_guarded(self) -> None:
         error, internal = "", False
         try:
-            self.work()
+            self._work(self)
         except HandtrackError as problem:
             error = str(problem)
         except MemoryError as problem:
@@ -181,147 +186,86 @@ class BackgroundJob:
         self.report(JobEnded(self._stop.is_set(), error, internal))
 
 
-class TrackingJob(BackgroundJob):
-    """Tracks frames (`track_session`)."""
+def track(
+    job: BackgroundJob, run: TrackingRun, request: TrackingRequest, watch: Watch | None
+) -> None:
+    """Track frames (`track_session`)."""
 
-    kind = "tracking"
-
-    def __init__(
-        self,
-        number: int,
-        run: TrackingRun,
-        request: TrackingRequest,
-        post: Callable[[Report], None],
-        watch: Watch | None = None,
-    ) -> None:
-        super().__init__(number, request.frames, post)
-        self._run, self.request, self._watch = run, request, watch
-        self._is_live = run.session.live is not None
-        self.total = 0 if self._is_live else len(request.frames)
-        self.stage = ""
-        """`size` or `refine` where no frames are tracked"""
-        self._solved: set[int] = set()
-
-    def give_way(self) -> None:
-        """Wait a moment; not before running cameras, which do not wait either."""
-        if not self._is_live:
-            super().give_way()
-
-    def work(self) -> None:
-        control = Control(self.should_stop, waits=not self._is_live)
-        for event in track_session(self._run, self.request, control, self._progressed):
-            self.stage, self.words, self.share = "", "", 0.0
-            if isinstance(event, FramesRefined):
-                report_refined(self, event)
-                continue
-            self.report(event)
-            if isinstance(event, PassBegan):
-                self._run = event.run
-                if not self._is_live:
-                    self.total = sum(len(segment.frames) for segment in event.segments)
-            elif isinstance(event, FrameTracked) and self._watch is not None:
-                self._watch(self._run, event.result)
-            elif isinstance(event, Ended) and event.problem:
-                raise HandtrackError(event.problem)
-
-    def _progressed(self, now: Progress | ProvisionalFrame) -> None:
-        if isinstance(now, Progress):
-            if now.stage != self.stage:
-                self.stage, self.share = now.stage, 0.0
-            if now.stage == "refine":
-                self.show_progress(now.share, _REFINING)
-                return
-            self.show_progress(now.share, _SIZING + now.message)
-            if now.tracked is not None:
-                self.report(Tried(now.tracked))
+    def progressed(now: Progress | ProvisionalFrame) -> None:
+        if isinstance(now, ProvisionalFrame):
+            job.count(now.result.frame)
+            job.report(now)
             return
-        self._solved.add(now.result.frame)  # frames may come again
-        self.done, self.frame = len(self._solved), now.result.frame
-        if self.done == 1:
-            self._first_done, self.waited = time.monotonic(), 0.0
-        self.report(now)
+        if now.stage != job.stage:
+            job.stage, job.share = now.stage, 0.0
+        if now.stage == "refine":
+            job.show_progress(now.share, _REFINING)
+            return
+        job.show_progress(now.share, _SIZING + now.message)
+        if now.tracked is not None:
+            job.report(Tried(now.tracked))
+
+    control = Control(job.should_stop, waits=not job.is_live)
+    for event in track_session(run, request, control, progressed):
+        job.stage, job.words, job.share = "", "", 0.0
+        if isinstance(event, FramesRefined):
+            _report_refined(job, event)
+            continue
+        job.report(event)
+        if isinstance(event, PassBegan):
+            run = event.run
+            if not job.is_live:
+                job.total = sum(len(segment.frames) for segment in event.segments)
+        elif isinstance(event, FrameTracked) and watch is not None:
+            watch(run, event.result)
+        elif isinstance(event, Ended) and event.problem:
+            raise HandtrackError(event.problem)
 
 
-class RefiningJob(BackgroundJob):
-    """Refines tracked frames together; where keyframes have changed since, those alone that they affect (`refine_frames`)."""
+def refine(
+    job: BackgroundJob,
+    run: TrackingRun,
+    request: TrackingRequest,
+    tracked: Sequence[FrameResult],
+    changed: Sequence[int] | None,
+) -> None:
+    """Refine tracked frames together; where keyframes have changed since, those alone that they affect (`refine_frames`)."""
 
-    kind = "refining"
-
-    def __init__(
-        self,
-        number: int,
-        run: TrackingRun,
-        request: TrackingRequest,
-        tracked: Sequence[FrameResult],
-        changed: Sequence[int] | None,
-        post: Callable[[Report], None],
-    ) -> None:
-        super().__init__(number, range(0), post)
-        self._run, self.request, self._tracked, self._changed = run, request, tracked, changed
-
-    def work(self) -> None:
-        control, tracked = Control(self.should_stop), self._tracked
-        found = refine_frames(
-            self._run, self.request, tracked, control, self._progressed, self._changed
-        )
-        report_refined(self, found)
-        for words in [] if found.refinement is None else found.refinement.words:
-            self.report(Warned(words))
-
-    def _progressed(self, now: Progress | ProvisionalFrame) -> None:
+    def progressed(now: Progress | ProvisionalFrame) -> None:
         if isinstance(now, Progress):
-            self.show_progress(now.share, _REFINING)
+            job.show_progress(now.share, _REFINING)
+
+    found = refine_frames(run, request, tracked, Control(job.should_stop), progressed, changed)
+    _report_refined(job, found)
+    for words in [] if found.refinement is None else found.refinement.words:
+        job.report(Warned(words))
 
 
-def report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
+def _report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
     """Hand refined frames over in parts, so that the worker serves edits in between."""
     for first in range(0, len(refined.results), _TOGETHER):
         job.report(replace(refined, results=refined.results[first : first + _TOGETHER]))
 
 
-class SizingJob(BackgroundJob):
-    """Fits the size to the frames near the first pose."""
-
-    kind = "sizing"
-
-    def __init__(self, number: int, run: TrackingRun, post: Callable[[Report], None]) -> None:
-        super().__init__(number, range(0), post)
-        self._run = run
-
-    def work(self) -> None:
-        found = self._run.fit_size(
-            self.should_stop,
-            tell=lambda share, words, _=None: self.show_progress(share, _SIZING + words),
-        )
-        if not self.should_stop():
-            self.report(SizeFitted(found))
+def fit_size(job: BackgroundJob, run: TrackingRun) -> None:
+    """Fit the size to the frames near the first pose."""
+    found = run.fit_size(
+        job.should_stop, tell=lambda share, words, _=None: job.show_progress(share, _SIZING + words)
+    )
+    if not job.should_stop():
+        job.report(SizeFitted(found))
 
 
-class FindingJob(BackgroundJob):
-    """Looks for the hand without a first pose, in a frame or in the surest of several (None); fetches the detector before if asked to."""
-
-    kind = "finding"
-
-    def __init__(
-        self,
-        number: int,
-        run: TrackingRun,
-        frame: int | None,
-        fetch: bool,
-        post: Callable[[Report], None],
-    ) -> None:
-        super().__init__(number, range(0), post)
-        self._run, self._frame, self._fetch = run, frame, fetch
-
-    def work(self) -> None:
-        if self._fetch:
-            self.show_progress(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
-            try:
-                fetch_weights(self.should_stop)
-            except HandtrackError:
-                if self.should_stop():
-                    return
-                raise
-        found = find_first_poses(self._run, self._frame, self.should_stop, self.show_progress)
-        if not self.should_stop():
-            self.report(Found(found))
+def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -> None:
+    """Look for the hand without a first pose, in a frame or in the surest of several (None); fetch the detector before if asked to."""
+    if fetch:
+        job.show_progress(0.0, f"Fetching the hand detector, {DOWNLOAD_MB} MB")
+        try:
+            fetch_weights(job.should_stop)
+        except HandtrackError:
+            if job.should_stop():
+                return
+            raise
+    found = find_first_poses(run, frame, job.should_stop, job.show_progress)
+    if not job.should_stop():
+        job.report(Found(found))

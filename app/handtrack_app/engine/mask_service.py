@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ from handtrack.session.session_state import NOTHING, Correction, Edit, MaskSourc
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import MaskChoice, View
 from handtrack_app.engine.document import Document, source_of, usual_values
-from handtrack_app.engine.jobs import BackgroundJob, Carried, Report
+from handtrack_app.engine.jobs import BackgroundJob, Carried
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.pictures.preview_service import PreviewService
 from handtrack_app.engine.store import edits, saving
@@ -119,63 +119,53 @@ def _words(view: View, frame: int) -> str:
     return f"{here}; {len(frames)} frame{'s' if len(frames) != 1 else ''} in all"
 
 
-class CarryingJob(BackgroundJob):
-    """Follows what was painted by optical flow, frame by frame, up to frames that were painted themselves."""
+def carry(
+    job: BackgroundJob,
+    views: Sequence[View],
+    frame: int,
+    reach: range,
+    is_painted: Callable[[str, int], bool],
+) -> None:
+    """Follow what was painted by optical flow, frame by frame, up to frames that were painted themselves.
 
-    kind = "carrying"
+    reach: as far as it is carried, `frame` among them. is_painted: whether a camera's own frame was corrected by hand.
+    """
+    found: dict[tuple[str, int], Correction] = {}
+    ways = (range(frame + 1, reach.stop), range(frame - 1, reach.start - 1, -1))
+    total = max(len(views) * sum(map(len, ways)), 1)
+    for view in views:
+        for way in ways:
+            for at, correction in _carried(view, frame, way, is_painted):
+                found[at] = correction
+                share = min(len(found) / total, 0.99)
+                job.show_progress(share, f"carrying the correction of {view.name}")
+                if job.should_stop():
+                    return
+    if not found:
+        raise HandtrackError(
+            "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
+            "are corrected themselves."
+        )
+    job.report(Carried(found))
 
-    def __init__(
-        self,
-        number: int,
-        views: Sequence[View],
-        frame: int,
-        frames: range,
-        is_painted: Callable[[str, int], bool],
-        post: Callable[[Report], None],
-    ) -> None:
-        """frames: as far as it is carried, `frame` among them. is_painted: whether a camera's own frame was corrected by hand."""
-        super().__init__(number, range(0), post)
-        self._views, self._frame, self._reach = views, frame, frames
-        self._is_painted = is_painted
 
-    def work(self) -> None:
-        found: dict[tuple[str, int], Correction] = {}
-        reach, first = self._reach, self._frame
-        ways = (range(first + 1, reach.stop), range(first - 1, reach.start - 1, -1))
-        total = max(len(self._views) * sum(map(len, ways)), 1)
-        done = 0
-        for view in self._views:
-            for way in ways:
-                for at, correction in self._carried(view, way):
-                    found[at] = correction
-                    done += 1
-                    self.show_progress(
-                        min(done / total, 0.99), f"carrying the correction of {view.name}"
-                    )
-                    if self.should_stop():
-                        return
-        if not found:
-            raise HandtrackError(
-                "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
-                "are corrected themselves."
-            )
-        self.report(Carried(found))
-
-    def _carried(self, view: View, way: range) -> Iterator[tuple[tuple[str, int], Correction]]:
-        own = view.own_frame(self._frame)
-        layer = None if own is None else view.corrections.layer(own)
-        before = view.image(self._frame)
-        for frame in way:
-            own, image = view.own_frame(frame), view.image(frame)
-            if layer is None or before is None or image is None or own is None:
-                return
-            if self._is_painted(view.name, own):
-                return
-            layer, before = carried(layer, before, image), image
-            content = encoded(layer)
-            if content is None:
-                return
-            yield (view.name, own), Correction(content, carried=True)
+def _carried(
+    view: View, frame: int, way: range, is_painted: Callable[[str, int], bool]
+) -> Iterator[tuple[tuple[str, int], Correction]]:
+    own = view.own_frame(frame)
+    layer = None if own is None else view.corrections.layer(own)
+    before = view.image(frame)
+    for at in way:
+        own, image = view.own_frame(at), view.image(at)
+        if layer is None or before is None or image is None or own is None:
+            return
+        if is_painted(view.name, own):
+            return
+        layer, before = carried(layer, before, image), image
+        content = encoded(layer)
+        if content is None:
+            return
+        yield (view.name, own), Correction(content, carried=True)
 
 
 BRUSHES = {"hand": HAND, "not hand": BACKGROUND, "unknown": UNKNOWN_LEVEL, "as it is": AS_IT_IS}
@@ -488,11 +478,9 @@ class MaskService(PreviewService):
             low, high = (min(max(n, 0), _MOST_CARRIED) for n in (before, behind))
             at = document.clamped(frame)
             frames = range(document.clamped(at - low), document.clamped(at + high) + 1)
-            self._jobs.begin(
-                lambda number, post: CarryingJob(
-                    number, views, at, frames,
-                    lambda name, own: is_painted(document, name, own), post,
-                )
-            )  # fmt: skip
+            work = partial(
+                carry, views=views, frame=at, reach=frames, is_painted=partial(is_painted, document)
+            )
+            self._jobs.begin("carrying", work)
 
         self._change(change)

@@ -21,7 +21,7 @@ from handtrack_app.engine.document_snapshots import (
     work_snapshot,
 )
 from handtrack_app.engine.job_control import JobControl, looks_elsewhere
-from handtrack_app.engine.jobs import Report
+from handtrack_app.engine.jobs import BackgroundJob, JobEvent
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
@@ -81,7 +81,8 @@ class OpenSession:
         self._publish = publish
         self.painter = Painter(document, publish, waiting)
         self.jobs = JobControl(
-            document, self.store, self._announce, lambda report: post(partial(self._take, report)),
+            document, self.store, self._announce,
+            lambda job, event: post(partial(self._take, job, event)),
             recorder.show, compiles, self._live,
         )  # fmt: skip
         self._clouds = CloudService(
@@ -147,14 +148,14 @@ class OpenSession:
         finally:
             self._served = call.number or self._served
 
-    def _take(self, report: Report) -> None:
+    def _take(self, job: BackgroundJob, event: JobEvent) -> None:
         try:
-            self.jobs.take(report)
+            self.jobs.take(job, event)
         except Exception:
             self.jobs.show_progress()  # a full disk at a job's end: it is over all the same
             raise
-        if isinstance(report.event, FramesRefined) and self._recorder.is_on:
-            self._unrecorded[:0] = [result.frame for result in reversed(report.event.results)]
+        if isinstance(event, FramesRefined) and self._recorder.is_on:
+            self._unrecorded[:0] = [result.frame for result in reversed(event.results)]
 
     @command(latest=(), is_ordered=True, at_once=looks_elsewhere)
     def show_frame(self, frame: int, is_played: bool = False) -> None:

@@ -6,7 +6,7 @@ from handtrack_app.engine import jobs
 
 
 def test_a_job_that_is_paused_holds_before_its_next_step() -> None:
-    job = jobs.BackgroundJob(1, range(3), lambda report: None)
+    job = jobs.BackgroundJob("tracking", lambda job: None, lambda job, event: None)
     assert not job.should_stop()
     job.pause(True)
     asked = threading.Thread(target=job.should_stop, daemon=True)
