@@ -43,7 +43,7 @@ from handtrack_app.protocol.snapshots import (
 )
 
 _ASIDE = (
-    f"<div style='margin:0 .9em .4em;padding:.15em .6em;border-left:3px solid {ASIDE[1]};font-size:.85em'>"
+    f"<div style='margin:0 .9em .4em;padding:.15em .6em;border-left:3px solid {ASIDE[1]};font-size:.9em'>"
     "<b>Before the last step.</b> Tab shows the pose as it is.</div>"
 )
 """seen whatever tab is open, as the panel with the pose's card may be folded"""
@@ -216,7 +216,7 @@ _STANDS = (GUIDE, "warning", "error")
 _FRAME, _LINK = re.compile(r"\b(frame) (\d+)", re.I), r"<a href='#' data-frame='\2'>\1 \2</a>"
 """the style's script goes to the frame of such a link"""
 _MOST = 100  # messages that are kept
-_NONE = "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Nothing was said yet.</div>"
+_NONE = "<div style='padding:.6em .9em;font-size:.9em;opacity:.75'>Nothing was said yet.</div>"
 
 
 @dataclass
@@ -282,5 +282,5 @@ def _words(notice: Notice, more: str = "") -> str:
     text = f"<div>{text}</div>" if text else ""
     return (
         f"<div class='handtrack-note' style='margin:.3em .9em .4em;padding:.15em .6em;border-left:3px solid {colour};"
-        f"font-size:.85em;line-height:1.4;overflow-wrap:anywhere'><b>{title}</b>{text}{more}</div>"
+        f"font-size:.9em;line-height:1.4;overflow-wrap:anywhere'><b>{title}</b>{text}{more}</div>"
     )

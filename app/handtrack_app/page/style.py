@@ -97,12 +97,13 @@ div:has(> .handtrack-rail) + div [role="tab"] { flex: 1 1 0; flex-direction: col
   padding: 0 .2em !important; gap: .15em; font-size: 13px; }
 div:has(> .handtrack-rail) + div [role="tab"] > * { margin: 0 !important; overflow: visible !important; }
 div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tablist"] { flex-wrap: wrap !important; }
-div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .35em !important; }
+div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .22em !important; }
 /* notices above the hand, in a strip that a hand that is zoomed to leaves free */
 .mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 320px)) !important; }
 .mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; max-height: none !important; }
 .mantine-Notification-title, .mantine-Notification-description { overflow: visible !important; white-space: normal !important;
   text-overflow: clip !important; margin-bottom: 0 !important; }
+.mantine-Notification-title, .mantine-Paper-root[style*="cursor: pointer"] { font-size: 13px !important; }
 .mantine-Notification-description { font-size: 13px !important; line-height: 1.3; color: inherit !important; opacity: .9; }
 /* rows of three buttons fit beside their label */
 div[style*="width: 7.25em"] { width: 5.9em !important; }
@@ -119,11 +120,11 @@ p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color
 [data-mantine-color-scheme="light"] .mantine-Button-root[data-variant="outline"] { --button-color: #005f96 !important; border-color: #005f96 !important; }
 [role="tab"] { opacity: 1 !important; color: var(--mantine-color-text) !important; }
 [role="tab"][aria-selected="true"] { font-weight: 600; }
-div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important; padding: .25em .6em !important; font-size: .8em; }
+div:has(> .handtrack-queue) ~ div .mantine-Button-root { height: auto !important; padding: .25em .6em !important; font-size:.9em; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-inner { justify-content: flex-start; }
 div:has(> .handtrack-queue) ~ div .mantine-Button-label { white-space: normal; text-align: left; height: auto; line-height: 1.3;
   font-weight: 500; }
-div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important; margin: 0 .3em .4em; width: auto !important; padding: .15em .6em !important; font-size: .8em; }
+div:has(> .handtrack-note) + div .mantine-Button-root { height: auto !important; margin: 0 .3em .4em; width: auto !important; padding: .15em .6em !important; font-size:.9em; }
 [data-mantine-color-scheme="light"] div[style*="background-color: rgb(255, 255, 255)"]:has(canvas) {
   background-color: #c3c9d2 !important; }
 a[data-frame] { color: inherit; }

@@ -190,7 +190,7 @@ def counts_table(cloud: CloudSnapshot) -> str:
         else ""
     )
     return (
-        f"<div style='padding:.4em .9em;font-size:.8em;line-height:1.45'><b>Cloud of frame {cloud.frame}</b>"
+        f"<div style='padding:.4em .9em;font-size:.9em;line-height:1.45'><b>Cloud of frame {cloud.frame}</b>"
         f"<table style='width:100%;border-spacing:0 1px;border-collapse:separate'>{''.join(rows)}</table>{said}</div>"
     )
 
@@ -235,7 +235,7 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
             f"<div style='opacity:.8'>half within {middle:.1f} mm, 90 % within {most:.1f} mm</div>"
         )
     return (
-        "<div style='padding:.3em .9em .4em;font-size:.8em;line-height:1.4'>"
+        "<div style='padding:.3em .9em .4em;font-size:.9em;line-height:1.4'>"
         f"<div style='height:.7em;border-radius:3px;background:linear-gradient(90deg,{stops})'></div>"
         "<div style='display:flex;justify-content:space-between;opacity:.8'>"
         f"<span>−{RESIDUAL_MM:.0f} mm inside</span><span>0</span><span>outside +{RESIDUAL_MM:.0f} mm</span></div>"
@@ -478,6 +478,6 @@ class SkinControls:
 def _ellipse_picture(skin: SkinEllipse | None) -> str:
     text = _LATER if skin is None else f"r {skin.mean[0]:.3f}, g {skin.mean[1]:.3f}"
     return (
-        "<div style='padding:.2em .9em;font-size:.8em;line-height:1.4;opacity:.85'>"
+        "<div style='padding:.2em .9em;font-size:.9em;line-height:1.4;opacity:.85'>"
         f"Colour of skin: {html.escape(text)}</div>"
     )

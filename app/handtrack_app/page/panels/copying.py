@@ -130,7 +130,7 @@ class CopyPanel:
             words = f"Copied: {html.escape(what)} of frame {copied.frame}"
             if copied.session != self.session.folder:
                 words += ", another recording"
-            words = f"<div style='padding:0 .9em .3em;font-size:.8em;opacity:.75'>{words}</div>"
+            words = f"<div style='padding:0 .9em .3em;font-size:.9em;opacity:.75'>{words}</div>"
         put(self.line, content=words)
 
 
@@ -242,7 +242,7 @@ div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-root { height
   color: inherit; border: 0; }
 div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-root:hover { background-color: rgba(128, 128, 128, .4); }
 div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-inner { align-items: flex-end; padding-bottom: 3px; }
-div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-label { height: auto; font-size: .85em; }
+div:has(> .handtrack-poses) ~ div:not(:last-child) .mantine-Button-label { height: auto; font-size: .9em; }
 """
 _GROUP = "<div class='handtrack-wide' style='font-weight:600;padding-top:.3em'>{}</div>"
 _PICTURE = 'div:has(> .handtrack-poses) ~ div:nth-child({place}) .mantine-Button-root {{ background-image: url("data:image/svg+xml,{svg}"); }}'

@@ -12,7 +12,7 @@ from handtrack_app.protocol.snapshots import Download
 
 _USUAL = "csv"
 _AS_RECORDED = "as recorded"
-_TEXT = "<div style='padding:.1em .9em .5em;font-size:.85em;opacity:.8'>{}</div>"
+_TEXT = "<div style='padding:.1em .9em .5em;font-size:.9em;opacity:.8'>{}</div>"
 
 
 @dataclass

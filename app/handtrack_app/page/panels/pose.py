@@ -306,8 +306,9 @@ def score_rows(score: ScoreSnapshot, with_energy: bool = True) -> list[tuple[str
     if score.energy and with_energy:
         energy = sum(score.energy.values())
         rows.append(("energy", f"{energy:.1f}{_change(energy, score.fitted_energy, 1)}"))
-    for camera, share in score.overlap.items():
-        rows.append((f"overlap {camera}", f"{share:.2f}{_change(share, fitted.get(camera), 2)}"))
+    if score.overlap:
+        each = (f"{c}\u00a0{s:.2f}{_change(s, fitted.get(c), 2)}" for c, s in score.overlap.items())
+        rows.append(("overlap", ", ".join(each)))
     return rows
 
 
@@ -335,8 +336,7 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     if score is not None and score.is_of(pose.frame, pose.values):
         facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
     rows = "".join(
-        f"<div style='display:flex;justify-content:space-between'><span style='opacity:.85'>{html.escape(k)}</span>"
-        f"<b>{html.escape(v)}</b></div>"
+        f"<div class='handtrack-row'><span class='handtrack-faint'>{html.escape(k)}</span><b>{html.escape(v)}</b></div>"
         for k, v in facts
     )
     if pose.origin == BEFORE:
@@ -348,10 +348,10 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     if pose.note:
         rows += f"<div style='opacity:.8;line-height:1.3;margin-top:.2em'>{html.escape(pose.note)}</div>"
     return (
-        "<div style='padding:.2em .9em .3em;font-size:.85em;line-height:1.4'>"
+        "<div style='padding:.2em .9em .3em;font-size:.9em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:center'>"
         f"<b class='handtrack-frame' style='font-size:1.1em'>Frame {pose.frame}</b>"
-        f"<span style='background:{colour};color:{_ink(colour)};border-radius:1em;padding:0 .7em;font-size:.9em'>"
+        f"<span style='background:{colour};color:{_ink(colour)};border-radius:1em;padding:0 .7em'>"
         f"{html.escape(word)}</span></div>{rows}</div>"
     )
 
@@ -365,7 +365,7 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
     """Return how well each parameter is seen, as a table of fingers by joints."""
     if std is None or len(std) != len(names):
         return (
-            "<div style='padding:.6em .9em;font-size:.85em;opacity:.75'>Track this frame to see how well "
+            "<div style='padding:.6em .9em;font-size:.9em;opacity:.75'>Track this frame to see how well "
             "each joint is seen.</div>"
         )
     cells: dict[str, list[str]] = {}
@@ -527,7 +527,7 @@ def _table(guesses: GuessesSnapshot) -> str:
     )
     title = _TITLES.get(guesses.kind, "")
     return (
-        f"<div style='padding:.3em .9em;font-size:.8em;line-height:1.4'><b>{title}, frame {guesses.frame}</b>"
+        f"<div style='padding:.3em .9em;font-size:.9em;line-height:1.4'><b>{title}, frame {guesses.frame}</b>"
         f"{rows}</div>"
     )
 

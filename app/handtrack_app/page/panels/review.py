@@ -190,7 +190,7 @@ class ReviewPanel:
             put(row, visible=there)
         left = len(self.stretches) - first - _ROWS
         words = f"{first} before these, {left} after" if first else f"{left} more"
-        shown = f"<div style='padding:.1em .9em .5em;font-size:.8em;opacity:.75'>{words}</div>"
+        shown = f"<div style='padding:.1em .9em .5em;font-size:.9em;opacity:.75'>{words}</div>"
         put(self.more, content=shown if left > 0 or first else "")
         self.show_frame()
 

@@ -27,10 +27,10 @@ _SEEN_AS = {
 }  # fmt: skip
 """groups of settings → what they weigh"""
 _OPEN = 2  # folders of limits that are open at first
-_TOLD = "<div style='padding:0 .9em .4em;font-size:.8em;line-height:1.4;opacity:.75'>{}</div>"
+_TOLD = "<div style='padding:0 .9em .4em;font-size:.9em;line-height:1.4;opacity:.75'>{}</div>"
 
 _FARTHEST = 3.0  # standard deviations of adults that the slider reaches
-_LIST = "<div style='padding:.2em .9em .5em;font-size:.8em;line-height:1.45'>{}</div>"
+_LIST = "<div style='padding:.2em .9em .5em;font-size:.9em;line-height:1.45'>{}</div>"
 _GROUP = "<div style='font-weight:600;margin-top:.45em;text-transform:capitalize'>{}</div>"
 _ROW = (
     "<div style='display:flex;gap:.8em;justify-content:space-between{}'><span>{}</span>"
@@ -259,7 +259,7 @@ def _changed_words(changed: dict[str, object]) -> str:
         return ""
     options = " ".join(f"--set {name}={_plain(value)}" for name, value in changed.items())
     return (
-        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>Changed here (•), kept with your work. "
+        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>Changed here (•), kept with your work. "
         f"For one run of <code>handtrack track</code>:<br><code style='overflow-wrap:anywhere'>{html.escape(options)}</code></div>"
     )
 
@@ -349,7 +349,7 @@ class LimitsPanel:
         gui = self.page.gui
         with self.tab:
             gui.add_html(
-                "<div style='padding:.5em .9em .2em;font-size:.85em;opacity:.75'>How far each joint may bend, in "
+                "<div style='padding:.5em .9em .2em;font-size:.9em;opacity:.75'>How far each joint may bend, in "
                 "degrees. The solver stays inside, and so do the pose sliders.</div>"
             )
             self.refits.build()

@@ -334,7 +334,7 @@ def keyframe_words(given: tuple[int, ...], found: tuple[int, ...] = ()) -> str:
     it, each = ("it", "it") if len(given) == 1 else ("them", "each")
     one = "it" if len(given) == 1 else "one"
     return (
-        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>"
+        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>"
         f"{'; '.join(parts)}. Tracking leaves {it}, and starts again from {each}. In the tab Pose, "
         f"<i>Pose from: Tracked</i> lets {one} go.</div>"
     )
@@ -351,12 +351,12 @@ def _named(frames: tuple[int, ...]) -> str:
 def _where(session: SessionSnapshot) -> str:
     if session.live:
         return (
-            "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Live. "
+            "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4;opacity:.75'>Live. "
             f"Pose the {session.kind}, or find it, "
             "then track. Nothing is kept but what is recorded.</div>"
         )
     return (
-        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4;opacity:.75'>Every tracked frame is kept in "
+        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4;opacity:.75'>Every tracked frame is kept in "
         f"<span style='overflow-wrap:anywhere'>{html.escape(session.folder)}/tracks</span> as it comes.</div>"
     )
 
@@ -375,7 +375,7 @@ def size_words(before: float, after: float, known: str) -> str:
     """Return what is offered once the hand's size is fitted after tracking. known: its length, and how well that is known."""
     known = f" ({html.escape(known)})" if known else ""
     return (
-        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>The size is fitted: "
+        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>The size is fitted: "
         f"<b>{after:.3f}</b> of a mean adult's{known}. Tracked so far with {before:.3f}. <i>Track again</i> takes it; poses set "
         "by hand stay.</div>"
     )
@@ -452,7 +452,7 @@ def live_table(live: LiveSnapshot) -> str:
             f"<span style='overflow-wrap:anywhere'>{html.escape(live.recording)}</span></div>"
         )
     return (
-        "<div style='padding:.5em .9em .3em;font-size:.85em;line-height:1.4'>"
+        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>"
         f"<table style='width:100%'><tr><th></th>{head}</tr>{rows}</table>"
         "<div style='opacity:.7;margin-top:.3em'>Images since tracking began. Dropped: they came while an earlier frame was "
         f"still worked on.</div>{recorded}</div>"
@@ -555,7 +555,7 @@ def apart_words(strip: TimelineSnapshot) -> str:
     known = apart[np.isfinite(apart)]
     worst = strip.start + int(np.nanargmax(apart))
     return (
-        "<div style='padding:.1em .9em .4em;font-size:.8em;line-height:1.4'>The furthest joint lies "
+        "<div style='padding:.1em .9em .4em;font-size:.9em;line-height:1.4'>The furthest joint lies "
         f"<b>{np.median(known):.1f} mm</b> away in half of {len(known)} frames, most in frame {worst} "
         f"(<b>{known.max():.1f} mm</b>).</div>"
     )
@@ -574,4 +574,4 @@ def takes_table(work: WorkSnapshot) -> str:
             f"<tr><td style='vertical-align:top;padding-right:.8em'><b>{card.number}</b></td>"
             f"<td>{html.escape(card.words)} {shown}</td></tr>"
         )
-    return f"<table style='padding:.2em .9em;font-size:.8em;line-height:1.4'>{rows}</table>"
+    return f"<table style='padding:.2em .9em;font-size:.9em;line-height:1.4'>{rows}</table>"

@@ -46,7 +46,7 @@ _SAVED = {
     "kept nowhere": "<b class='handtrack-warning'>⚠ To look at: nothing is saved</b>",
 }
 _OVERLAPS = (
-    "<div style='padding:.1em .9em .2em;font-size:.8em' title='of {kind} and mask: their common area by that of both'>"
+    "<div style='padding:.1em .9em .2em;font-size:.9em' title='of {kind} and mask: their common area by that of both'>"
     "<span style='opacity:.65'>overlap</span> {}</div>"
 )
 _PAINT_HINT = (
@@ -253,7 +253,7 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str
     elif progress.state == "failed":
         title = "No session"
     return (
-        "<div style='padding:.2em .9em 0;font-size:.85em;line-height:1.4'>"
+        "<div style='padding:.2em .9em 0;font-size:.9em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
         f"<span class='handtrack-title' style='font-size:1.1em;font-weight:600'>{title}</span>"
         f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
@@ -462,6 +462,6 @@ def view_words(view: Through) -> str:
     if view.left:
         words, colour = f"<b>You left {name}:</b> C goes back", "#e69f00"
     return (
-        f"<div style='margin:.3em .9em 0;padding:.15em .6em;border-left:3px solid {colour};font-size:.85em'>"
+        f"<div style='margin:.3em .9em 0;padding:.15em .6em;border-left:3px solid {colour};font-size:.9em'>"
         f"{words}</div>"
     )
