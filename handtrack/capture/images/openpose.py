@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,21 +27,15 @@ class Layout:
     """joint name → row"""
 
 
-def _both(rows: Mapping[str, tuple[int, int]]) -> dict[str, int]:
-    return {
-        f"{side}_{joint}": pair[i]
-        for joint, pair in rows.items()
-        for i, side in enumerate(("left", "right"))
-    }
+def _body(count: int, left: Sequence[int], right: Sequence[int], **middle: int) -> Layout:
+    """left, right: rows of the joints of `_PAIRS`, as many as there are."""
+    sides = {"left": left, "right": right}.items()
+    paired = {f"{side}_{joint}": row for side, rows in sides for joint, row in zip(_PAIRS, rows)}
+    return Layout(_BODY, count, middle | paired)
 
 
 _BODY = ("pose_keypoints_2d",)
-_COCO = {"nose": 0} | _both(
-    {
-        "shoulder": (5, 6), "elbow": (7, 8), "wrist": (9, 10),
-        "hip": (11, 12), "knee": (13, 14), "ankle": (15, 16),
-    }
-)  # fmt: skip
+_PAIRS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe", "index", "pinky")
 _LIMBS = ("shoulder", "elbow", "wrist", "hand", "hip", "knee", "ankle", "toe")
 _BODY_JOINTS = (
     *("pelvis", "chest", "neck", "head", "nose", "head_top"),
@@ -49,67 +43,25 @@ _BODY_JOINTS = (
 )
 """joints that have names in use: what named points are written as"""
 _LEFT, _RIGHT = "hand_left_keypoints_2d", "hand_right_keypoints_2d"
-_FINGERS = {
+FINGERS = {
     "thumb": ("cmc", "mcp", "ip", "tip"),
     **dict.fromkeys(("index", "middle", "ring", "little"), ("mcp", "pip", "dip", "tip")),
 }
-_HAND = {"wrist": 0} | {
-    f"{finger}_{joint}": 1 + 4 * i + k
-    for i, (finger, joints) in enumerate(_FINGERS.items())
-    for k, joint in enumerate(joints)
-}
+_JOINTS = (
+    "wrist",
+    *(f"{finger}_{joint}" for finger, joints in FINGERS.items() for joint in joints),
+)
+_HAND = {joint: row for row, joint in enumerate(_JOINTS)}
+_COCO = (5, 7, 9, 11, 13, 15), (6, 8, 10, 12, 14, 16)
 LAYOUTS: dict[str, Layout] = {
-    "body_25": Layout(
-        _BODY,
-        25,
-        {"nose": 0, "neck": 1, "pelvis": 8}
-        | _both(
-            {
-                "shoulder": (5, 2), "elbow": (6, 3), "wrist": (7, 4),
-                "hip": (12, 9), "knee": (13, 10), "ankle": (14, 11), "toe": (19, 22),
-            }
-        ),
-    ),
-    "body_25b": Layout(
-        _BODY,
-        25,
-        {"nose": 0, "neck": 17, "head_top": 18}
-        | _both(
-            {
-                "shoulder": (5, 6), "elbow": (7, 8), "wrist": (9, 10),
-                "hip": (11, 12), "knee": (13, 14), "ankle": (15, 16), "toe": (19, 22),
-            }
-        ),
-    ),
-    "coco18": Layout(
-        _BODY,
-        18,
-        {"nose": 0, "neck": 1}
-        | _both(
-            {
-                "shoulder": (5, 2), "elbow": (6, 3), "wrist": (7, 4),
-                "hip": (11, 8), "knee": (12, 9), "ankle": (13, 10),
-            }
-        ),
-    ),
-    "coco17": Layout(_BODY, 17, _COCO),
-    "halpe26": Layout(
-        _BODY,
-        26,
-        {**_COCO, "head_top": 17, "neck": 18, "pelvis": 19} | _both({"toe": (20, 21)}),
-    ),
-    "coco133": Layout(_BODY, 133, _COCO | _both({"toe": (17, 20), "index": (96, 117), "pinky": (108, 129)})),
-    "mediapipe33": Layout(
-        _BODY,
-        33,
-        {"nose": 0}
-        | _both(
-            {
-                "shoulder": (11, 12), "elbow": (13, 14), "wrist": (15, 16),
-                "hip": (23, 24), "knee": (25, 26), "ankle": (27, 28), "toe": (31, 32),
-                "index": (19, 20), "pinky": (17, 18),
-            }
-        ),
+    "body_25": _body(25, (5, 6, 7, 12, 13, 14, 19), (2, 3, 4, 9, 10, 11, 22), nose=0, neck=1, pelvis=8),
+    "body_25b": _body(25, (*_COCO[0], 19), (*_COCO[1], 22), nose=0, neck=17, head_top=18),
+    "coco18": _body(18, (5, 6, 7, 11, 12, 13), (2, 3, 4, 8, 9, 10), nose=0, neck=1),
+    "coco17": _body(17, *_COCO, nose=0),
+    "halpe26": _body(26, (*_COCO[0], 20), (*_COCO[1], 21), nose=0, head_top=17, neck=18, pelvis=19),
+    "coco133": _body(133, (*_COCO[0], 17, 96, 108), (*_COCO[1], 20, 117, 129), nose=0),
+    "mediapipe33": _body(
+        33, (11, 13, 15, 23, 25, 27, 31, 19, 17), (12, 14, 16, 24, 26, 28, 32, 20, 18), nose=0
     ),
     "body22": Layout(_BODY, 22, {name: row for row, name in enumerate(_BODY_JOINTS)}),
     "hand_left": Layout((_LEFT,), 21, _HAND),
@@ -148,26 +100,18 @@ def read_openpose(path: Path, layout: Layout) -> Floats[K, D3] | None:
 
     Points that were not found are NaN with confidence 0. None when nobody was found. Raises HandtrackError.
     """
-    people = list(_people(path, layout))
-    if not people:
-        return None
-    return max(people, key=_height)
+    people = []
+    for number, person in enumerate(_read(path)):
+        key, values = _values(person, layout, f"{path}: person {number}")
+        if len(values):
+            people.append(_points(values, layout.count, f"{path}: '{key}' of person {number}"))
+    return max((person for person in people if person is not None), key=height, default=None)
 
 
-def _height(points: Floats) -> float:
+def height(points: Floats[K, D3]) -> float:
+    """Return how many pixels a person's points reach from the highest to the lowest."""
     rows = points[np.isfinite(points[:, 1]), 1]
     return float(np.ptp(rows)) if len(rows) else 0.0
-
-
-def _people(path: Path, layout: Layout) -> Iterator[Floats]:
-    table = _read(path)
-    for number, person in enumerate(table):
-        key, values = _values(person, layout, f"{path}: person {number}")
-        if len(values) == 0:
-            continue
-        points = _points(values, layout.count, f"{path}: '{key}' of person {number}")
-        if points is not None:
-            yield points
 
 
 def _points(values: Sequence[Any], count: int, who: str) -> Floats[K, D3] | None:

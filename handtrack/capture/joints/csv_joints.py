@@ -13,64 +13,36 @@ import numpy as np
 
 from handtrack.arrays import D3, F, Floats, M, N
 from handtrack.capture.images.frames import frame_number
-from handtrack.capture.joints.body_names import body_of, cleaned, is_numbered, named_bodies
-from handtrack.capture.joints.body_points import NAMED, BodyPoints, GivenBodies, checked_bodies
 from handtrack.capture.joints.given_joints import (
+    BodyPoints,
+    GivenBodies,
     GivenJoints,
     Hand,
+    body_of,
+    checked_bodies,
+    cleaned,
     frame_of,
     hand_of,
     named_points,
+    side_in,
 )
-from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.capture.joints.joint_names import JOINTS, NAMED, is_numbered, named_bodies
 from handtrack.capture.joints.json_joints import read_json_joints
 from handtrack.errors import HandtrackError
 
 Names = Mapping[str, str]
 """our names of a file's own points, with their side where it has both hands, as `right index_tip`"""
-_SHARES = 2.0
-_TIME = ("timestamp", "time", "time_s", "timestamp_s", "timestamp_ms", "t")
 _CALISCOPE_COUNTS = (21, 26, 133)  # points of a hand, of Halpe and of COCO-WholeBody
-_SURE = (
-    "likelihood",
-    "confidence",
-    "conf",
-    "score",
-    "visibility",
-    "presence",
-    "c",
-    "p",
-    "prob",
-    "probability",
-)
-_FRAME = (
-    "frame",
-    "frame_id",
-    "frame_index",
-    "frame_number",
-    "frameindex",
-    "image",
-    "framenumber",
-    "idx",
-    "index",
-    "",
-)
-_POINT = (
-    "landmark",
-    "landmark_id",
-    "landmark_index",
-    "joint",
-    "keypoint",
-    "bodypart",
-    "point",
-    "joint_name",
-    "landmark_name",
-    "node",
-    "name",
-)
-_HAND = ("hand", "handedness", "side", "hand_label", "label")
+_TIME = "timestamp time time_s timestamp_s timestamp_ms t"
+_SURE = "likelihood confidence conf score visibility presence c p prob probability"
+_FRAME = "frame frame_id frame_index frame_number frameindex image framenumber idx index "
+"""ends in the empty name that pandas gives its index"""
+_POINT = "landmark landmark_id landmark_index joint keypoint bodypart point joint_name landmark_name node name"
+_HAND = "hand handedness side hand_label label"
+KINDS = ("x", "y", "likelihood")
+_Places = Sequence[int | None]
 _NUMBER = re.compile(
-    r"(.*?)[_. ]?(x|y|z|" + "|".join(s for s in _SURE if len(s) > 1) + r"|c|p)[_.]?(\d*)",
+    r"(.*?)[_. ]?(x|y|z|" + "|".join(s for s in _SURE.split() if len(s) > 1) + r"|c|p)[_.]?(\d*)",
     re.IGNORECASE,
 )
 
@@ -94,12 +66,17 @@ def read_csv_joints(text: str, where: str, names: Names, camera: str) -> GivenJo
     head = [name.strip().lower() for name in rows[0]]
     if "img_loc_x" in head and "img_loc_y" in head:
         return _caliscope(rows, head, where, camera)
-    stamped = any(name in head for name in _TIME)
-    if "x" in head and "y" in head and stamped and not any(name in head for name in _FRAME):
-        return _rows_in_order(rows, head, where)
-    if "x" in head and "y" in head and any(name in head for name in _POINT):
-        return _a_row_a_point(rows, head, where, names)
+    if {"x", "y"} <= set(head):
+        if _place(head, _TIME) is not None and _place(head, _FRAME) is None:
+            return _rows_in_order(rows, head, where)
+        if _place(head, _POINT) is not None:
+            return _a_row_a_point(rows, head, where, names)
     return _a_row_a_frame(rows, where, names)
+
+
+def _place(head: Sequence[str], names: str) -> int | None:
+    """Return which column has one of some names, the first of them that is there."""
+    return next((head.index(name) for name in names.split(" ") if name in head), None)
 
 
 def renamed(names: Sequence[str], known: Names, where: str) -> list[str]:
@@ -113,7 +90,7 @@ def renamed(names: Sequence[str], known: Names, where: str) -> list[str]:
 
 
 def table_joints(
-    family: str, names: Sequence[str], columns: np.ndarray[tuple[int, int, int], np.dtype[np.float64]],
+    family: str, names: Sequence[str], columns: Floats[F, N, D3],
     frames: Sequence[int], where: str, layout: str | None = None,
 ) -> GivenJoints:  # fmt: skip
     """Return joints from points by name: a hand's, a body's, or both. columns: (F, N, 3), column, row [px], confidence.
@@ -139,9 +116,7 @@ def table_joints(
         }
     if layout is not None and len(hands) == 1:  # MediaPipe's sides are as in a mirror, or not
         hands = {"": next(iter(hands.values()))}
-    seen = [np.abs(columns[:, list(chosen), :2]) for chosen in sides.values()]
-    largest = max((float(np.nanmax(part)) for part in seen if np.isfinite(part).any()), default=0.0)
-    return GivenJoints(family, hands, largest <= _SHARES, layout, unknown, bodies=bodies)
+    return GivenJoints(family, hands, layout, unknown, bodies=bodies)
 
 
 def bodies_of_table(
@@ -162,10 +137,8 @@ def bodies_of_table(
         frame: [one for one in map(body, tracks) if (one[:, 2] > 0).any()]
         for frame, tracks in zip(frames, columns, strict=True)
     }
-    used = columns[..., list(places), :2] if places else columns[..., :2]
-    largest = float(np.nanmax(np.abs(used))) if np.isfinite(used).any() else 0.0
     unknown = tuple(name for i, name in enumerate(names) if places and i not in places)
-    return checked_bodies(people, where, largest <= _SHARES, NAMED if places else None, unknown)
+    return checked_bodies(people, where, NAMED if places else None, unknown)
 
 
 def _deeplabcut(rows: list[list[str]], heads: list[str], where: str, known: Names) -> GivenJoints:
@@ -176,13 +149,11 @@ def _deeplabcut(rows: list[list[str]], heads: list[str], where: str, known: Name
             f"{where}: several individuals ({', '.join(dict.fromkeys(single[1:]))}); export one."
         )
     body = rows[heads.index("coords") + 1 :]
-    first = next((i for i, name in enumerate(coords) if name.strip().lower() == "x"), 1)
-    names = list(dict.fromkeys(parts[first:]))
     kinds = [name.strip().lower() for name in coords]
-    places = {(parts[i], kinds[i]): i for i in range(first, min(len(parts), len(kinds)))}
-    columns = _columns(
-        body, [[places.get((n, k)) for k in ("x", "y", "likelihood")] for n in names], where
-    )
+    first = kinds.index("x") if "x" in kinds else 1
+    places = {pair: i for i, pair in enumerate(zip(parts, kinds)) if i >= first}
+    names = list(dict.fromkeys(parts[first:]))
+    columns = _columns(body, [[places.get((n, kind)) for kind in KINDS] for n in names], where)
     frames = [
         _frame((row + [""] * first)[max(first - 1, 0)] or row[0], i, where)
         for i, row in enumerate(body)
@@ -192,30 +163,31 @@ def _deeplabcut(rows: list[list[str]], heads: list[str], where: str, known: Name
 
 def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) -> GivenJoints:
     """Return the joints of one camera, known by its number, from Caliscope's xy.csv, which has those of all cameras."""
-    place = {name: i for i, name in enumerate(head)}
-    port, point = (
-        next((n for n in names if n in place), "")
-        for names in (("port", "cam_id"), ("point_id", "keypoint_id"))
-    )
-    if not port or not point or "frame_index" not in place:
+    places = [_place(head, n) for n in ("port cam_id", "point_id keypoint_id", "frame_index")]
+    if None in places:
         raise HandtrackError(
             f"{where}: columns {', '.join(head)}; expected Caliscope's cam_id, frame_index and keypoint_id."
         )
+    port, point, at_frame = (at for at in places if at is not None)
+    x, y = head.index("img_loc_x"), head.index("img_loc_y")
     _check_columns(rows, head, where)
-    if "obj_loc_x" in place and any(row[place["obj_loc_x"]].strip() for row in rows[1:2]):
+    if "obj_loc_x" in head and rows[1][head.index("obj_loc_x")].strip():
         raise HandtrackError(f"{where}: corners of a calibration board, and no joints.")
     number = re.search(r"\d+", camera)
-    ports = sorted({row[place[port]] for row in rows[1:]})
+    ports = sorted({row[port] for row in rows[1:]})
     if number is None or str(int(number[0])) not in ports:
         raise HandtrackError(
             f"{where}: cameras {', '.join(ports)} are in it, and none has the number of '{camera}'."
         )
     found: dict[int, dict[int, tuple[float, float]]] = {}
     for i, row in enumerate(rows[1:]):
-        if row[place[port]] == str(int(number[0])):
-            at = _value(row[place["img_loc_x"]], where), _value(row[place["img_loc_y"]], where)
-            frame = _frame(row[place["frame_index"]], i, where)
-            found.setdefault(frame, {})[frame_of(_value(row[place[point]], where), where)] = at
+        if row[port] == str(int(number[0])):
+            frame = _frame(row[at_frame], i, where)
+            number_of_point = frame_of(_value(row[point], where), where)
+            found.setdefault(frame, {})[number_of_point] = (
+                _value(row[x], where),
+                _value(row[y], where),
+            )
     count = 1 + max(max(points) for points in found.values())
     count = next((n for n in _CALISCOPE_COUNTS if n >= count), count)
     missing = (math.nan, math.nan)
@@ -238,19 +210,14 @@ def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) 
 
 def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> GivenJoints:
     """Return hands of 21 rows each, in MediaPipe's order, by time stamp and hand; frames are counted by their usual distance."""
-    place = {name: i for i, name in enumerate(head)}
-    at_time = next(place[name] for name in _TIME if name in place)
-    at_hand = next((place[name] for name in _HAND if name in place), None)
+    at_time, at_hand = (_place(head, names) for names in (_TIME, _HAND))
+    assert at_time is not None
+    x, y = head.index("x"), head.index("y")
     groups: dict[tuple[float, str], list[tuple[float, float]]] = {}
     _check_columns(rows, head, where)
     for row in rows[1:]:
-        side = (
-            ""
-            if at_hand is None
-            else next(iter(re.findall(r"left|right", row[at_hand].lower())), "")
-        )
-        values = _value(row[place["x"]], where), _value(row[place["y"]], where)
-        groups.setdefault((_value(row[at_time], where), side), []).append(values)
+        key = _value(row[at_time], where), "" if at_hand is None else side_in(row[at_hand])
+        groups.setdefault(key, []).append((_value(row[x], where), _value(row[y], where)))
     wrong = next((key for key, points in groups.items() if len(points) != len(JOINTS)), None)
     if wrong is not None:
         raise HandtrackError(
@@ -262,36 +229,25 @@ def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> GivenJ
     for (time, side), points in groups.items():
         frame = round((time - times[0]) / usual)
         hands.setdefault(side, {})[frame] = hand_of(JOINTS, np.array(points), np.ones(len(JOINTS)))
-    largest = max(
-        float(np.nanmax(np.abs(h[:, :2]))) for found in hands.values() for h in found.values()
-    )
     note = f"{where}: frames are counted from the first time stamp, {usual:g} apart, as the file has no frame numbers."
-    return GivenJoints(
-        "a CSV of time stamps", hands, largest <= _SHARES, "mediapipe21", notes=(note,)
-    )
+    return GivenJoints("a CSV of time stamps", hands, "mediapipe21", notes=(note,))
 
 
 def _a_row_a_point(rows: list[list[str]], head: list[str], where: str, known: Names) -> GivenJoints:
-    place = {name: i for i, name in enumerate(head)}
-    at_frame = next((place[n] for n in _FRAME if n in place), None)
-    at_point = next(place[n] for n in _POINT if n in place)
-    at_hand = next((place[n] for n in _HAND if n in place), None)
-    at_sure = next((place[n] for n in _SURE if n in place), None)
+    at_frame, at_point, at_hand, at_sure = (
+        _place(head, names) for names in (_FRAME, _POINT, _HAND, _SURE)
+    )
+    assert at_point is not None
     if at_frame is None:
         raise HandtrackError(f"{where}: no column `frame` beside {', '.join(head)}.")
+    x, y = head.index("x"), head.index("y")
     cells: dict[tuple[int, str], tuple[float, float, float]] = {}
     _check_columns(rows, head, where)
     for i, row in enumerate(rows[1:]):
-        hand = (
-            ""
-            if at_hand is None
-            else next(iter(re.findall(r"left|right", row[at_hand].lower())), "")
-        )
+        hand = "" if at_hand is None else side_in(row[at_hand])
         sure = 1.0 if at_sure is None else _value(row[at_sure], where)
-        values = _value(row[place["x"]], where), _value(row[place["y"]], where), sure
-        cells.setdefault(
-            (_frame(row[at_frame], i, where), f"{hand} {row[at_point]}".strip()), values
-        )
+        key = _frame(row[at_frame], i, where), f"{hand} {row[at_point]}".strip()
+        cells.setdefault(key, (_value(row[x], where), _value(row[y], where), sure))
     names = list(dict.fromkeys(name for _, name in cells))
     frames = sorted({frame for frame, _ in cells})
     if len(names) > 200:
@@ -315,7 +271,7 @@ def _a_row_a_frame(rows: list[list[str]], where: str, known: Names) -> GivenJoin
     if len(names) < 3:
         return None
     head = [name.strip().lower() for name in rows[0]]
-    at = next((head.index(n) for n in _FRAME if n in head), None)
+    at = _place(head, _FRAME)
     columns = _columns(
         rows[1:], [[places[n].get(k) for k in ("x", "y", "sure")] for n in names], where
     )
@@ -350,16 +306,25 @@ def _layout(names: Sequence[str]) -> str | None:
     )
 
 
-def _columns(
-    rows: list[list[str]], places: list[list[int | None]], where: str
-) -> np.ndarray[tuple[int, int, int], np.dtype[np.float64]]:
-    columns = np.full((len(rows), len(places), 3), np.nan)
-    columns[..., 2] = 1.0
-    for i, row in enumerate(rows):
-        for k, triple in enumerate(places):
-            for j, at in enumerate(triple):
-                if at is not None and at < len(row):
-                    columns[i, k, j] = _value(row[at], where)
+def _columns(rows: list[list[str]], places: Sequence[_Places], where: str) -> Floats[F, N, D3]:
+    used = {at for triple in places for at in triple if at is not None}
+    every = [
+        [_value(row[i], where) if i in used and i < len(row) else math.nan for i in range(max(used) + 1)]
+        for row in rows
+    ]  # fmt: skip
+    return columns_of(np.array(every).reshape(len(rows), -1), places)
+
+
+def columns_of(values: Floats[F, M], places: Sequence[_Places]) -> Floats[F, N, D3]:
+    """Return column, row [px] and confidence of points, from a table's numbers.
+
+    places: in which of its columns those of each point are; without one the confidence is 1, in an empty cell 0.
+    """
+    count = len(values)
+    padded = np.column_stack([values, np.ones(count), np.full(count, np.nan)])
+    missing = -1, -1, -2
+    chosen = [[m if at is None else at for at, m in zip(triple, missing)] for triple in places]
+    columns = padded[:, chosen]
     columns[..., 2] = np.nan_to_num(columns[..., 2])
     return columns
 

@@ -12,7 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.capture.joints.csv_joints import Names, bodies_of_table, renamed, table_joints
+from handtrack.capture.joints.csv_joints import (
+    KINDS,
+    Names,
+    bodies_of_table,
+    columns_of,
+    renamed,
+    table_joints,
+)
 from handtrack.capture.joints.given_joints import GivenJoints
 from handtrack.errors import HandtrackError
 
@@ -38,17 +45,7 @@ def read_h5_joints(path: Path, names: Names) -> GivenJoints | None:
             return None if table is None else _deeplabcut(table, path, names)
     except HandtrackError:
         raise
-    except (
-        OSError,
-        KeyError,
-        ValueError,
-        TypeError,
-        RuntimeError,
-        IndexError,
-        AttributeError,
-        EOFError,
-        pickle.UnpicklingError,
-    ) as error:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, EOFError, pickle.UnpicklingError) as error:  # fmt: skip
         raise HandtrackError(
             f"{path}: not readable as DeepLabCut or SLEAP write it ({str(error)[:120]})."
         ) from None
@@ -154,13 +151,7 @@ def _deeplabcut(group: Any, path: Path, known: Names) -> GivenJoints:
         )
     places = {(name[-2], name[-1]): i for i, name in enumerate(names)}
     points = list(dict.fromkeys(name[-2] for name in names))
-    columns = np.full((len(values), len(points), 3), np.nan)
-    columns[..., 2] = 1.0
-    for k, point in enumerate(points):
-        for j, kind in enumerate(("x", "y", "likelihood")):
-            if (point, kind) in places:
-                columns[:, k, j] = values[:, places[point, kind]]
-    columns[..., 2] = np.nan_to_num(columns[..., 2])
+    columns = columns_of(values, [[places.get((name, kind)) for kind in KINDS] for name in points])
     index = rows["index"] if "index" in (rows.dtype.names or ()) else np.arange(len(rows))
     frames = (
         [int(i) for i in index] if np.asarray(index).dtype.kind in "iu" else list(range(len(rows)))

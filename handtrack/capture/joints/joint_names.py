@@ -1,11 +1,11 @@
-"""Names that people give the 21 points of a hand, as ours."""
+"""Names that people give the 21 points of a hand, and the joints of a body, as ours."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.images.openpose import LAYOUTS, is_body
 
 JOINTS: tuple[str, ...] = tuple(LAYOUTS["mediapipe21"].points)
 """our names, in the order of OpenPose, MediaPipe and COCO-WholeBody"""
@@ -20,7 +20,6 @@ _PARTS = {
 }  # fmt: skip
 _BY_NUMBER = {"thumb": ("cmc", "mcp", "ip", "tip")}
 _USUAL = ("mcp", "pip", "dip", "tip")
-_WORD = re.compile(r"[a-z]+|\d+")
 _SIDES = {"right": "right", "r": "right", "rh": "right", "left": "left", "l": "left", "lh": "left"}
 _FILLING = {
     "hand",
@@ -42,7 +41,7 @@ def known_joint(name: str) -> tuple[str, str] | None:
 
     Known are finger and joint in any spelling (`INDEX_FINGER_MCP`, `RIndex1Knuckles`, `right_forefinger2`), and numbers 0 to 20.
     """
-    words = _words(name)
+    words = [part for word in _words(name) for part in _without_finger(word)]
     side = next((_SIDES[word] for word in words if word in _SIDES), "")
     left = [word for word in words if word not in _SIDES and word not in _FILLING]
     finger = next((_FINGERS[word] for word in left if word in _FINGERS), None)
@@ -64,8 +63,7 @@ def known_joint(name: str) -> tuple[str, str] | None:
 def _words(name: str) -> list[str]:
     """Return the words of a name: `RThumb1CMC` is r, thumb, 1, cmc."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", re.sub(r"\b([RL])([A-Z][a-z])", r"\1 \2", name))
-    words = _WORD.findall(spaced.lower())
-    return [part for word in words for part in _without_finger(word)]
+    return re.findall(r"[a-z]+|\d+", spaced.lower())
 
 
 def _without_finger(word: str) -> Sequence[str]:
@@ -74,3 +72,49 @@ def _without_finger(word: str) -> Sequence[str]:
         if word.startswith(start) and word[len(start) :] in (_PARTS.keys() | _FILLING):
             return start, word[len(start) :]
     return (word,)
+
+
+# ---- bodies
+
+_MIDDLE = {
+    "nose": "nose", "neck": "neck", "head top": "head_top", "top head": "head_top", "top of head": "head_top",
+    "headtop": "head_top", "vertex": "head_top", "pelvis": "pelvis", "hip": "pelvis", "hips": "pelvis", "mid hip": "pelvis",
+    "midhip": "pelvis", "middle hip": "pelvis", "hip center": "pelvis", "chest": "chest",
+}  # fmt: skip
+_PAIRED = {
+    **{name: name for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")}, "toes": "toe", "big toe": "toe", "bigtoe": "toe", "toe base": "toe", "foot index": "toe",
+}  # fmt: skip
+_BODY_FILLING = {"joint", "keypoint", "kp", "point", "marker", "landmark", "pose", "body"}
+BODY_LAYOUTS = {name: layout for name, layout in LAYOUTS.items() if is_body(layout)}
+NAMED = "body22"
+"""the layout of points that were given by name"""
+_FEWEST = 5
+"""joints, wrists not counted, that make a body: a hand's file may have an elbow beside"""
+
+
+def known_body_joint(name: str) -> str | None:
+    """Return our name of a joint in any usual spelling (`LShoulder`, `left_shoulder`, `shoulder.L`, `LEFT_FOOT_INDEX`), or None."""
+    words = [word for word in _words(name) if word not in _BODY_FILLING]
+    sides = [_SIDES[word] for word in words if word in _SIDES]
+    text = " ".join(word for word in words if word not in _SIDES)
+    if len(sides) == 1 and text in _PAIRED:
+        return f"{sides[0]}_{_PAIRED[text]}"
+    return _MIDDLE.get(text) if not sides else None
+
+
+def named_bodies(names: Sequence[str]) -> dict[int, int] | None:
+    """Return which of a file's points are which rows of the layout `body22`; None where they make no body."""
+    rows = BODY_LAYOUTS[NAMED].points
+    found = {i: rows[joint] for i, name in enumerate(names) if (joint := known_body_joint(name))}
+    twice = len(set(found.values())) < len(found)
+    sure = [i for i in found if "wrist" not in names[i].lower()]
+    return None if twice or len(sure) < _FEWEST else found
+
+
+def is_numbered(names: Iterable[str]) -> bool:
+    """Return whether points have the numbers 0, 1, 2 … for names, as many as some body's layout has."""
+    words = [
+        re.sub(r"\D", "", name) if re.fullmatch(r"\D{0,10}\d+", name) else "" for name in names
+    ]
+    counts = {layout.count for name, layout in BODY_LAYOUTS.items() if name != NAMED}
+    return len(words) in counts and words == [str(i) for i in range(len(words))]

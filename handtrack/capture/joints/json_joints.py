@@ -12,10 +12,17 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.capture.images.frames import frame_number
 from handtrack.capture.images.openpose import LAYOUTS, body_points, read_openpose
-from handtrack.capture.joints.body_names import cleaned
-from handtrack.capture.joints.body_points import BODY_LAYOUTS, BodyPoints, checked_bodies
-from handtrack.capture.joints.given_joints import GivenJoints, Hand, frame_of, hand_of
-from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.capture.joints.given_joints import (
+    BodyPoints,
+    GivenJoints,
+    Hand,
+    checked_bodies,
+    cleaned,
+    frame_of,
+    hand_of,
+    side_in,
+)
+from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import read_text
 
@@ -33,7 +40,6 @@ _WHOLE = BODY_LAYOUTS["coco133"].count
 _WHOLE_BODY = {_WHOLE: {"left": 91, "right": 112}, 21: {"": 0}}
 """by how many points a person has: where the hands' 21 begin"""
 _MIRRORED = {"left": "right", "right": "left"}
-_SHARES = 2.0  # coordinates up to here are shares of the image: no hand is seen within two pixels
 
 
 def read_json_joints(tree: Any, where: str) -> GivenJoints | None:
@@ -126,8 +132,13 @@ def _mediapipe(frames: list[tuple[int, Any]], where: str) -> GivenJoints:
         for i, points in enumerate(_lists(_landmarks(entry) or [], len(JOINTS))):
             if len(points) == _POSE_POINTS:
                 continue
-            hand = _landmark_hand(points, f"{where}: frame {frame}")
+            places, _ = _points(points, 1.0, f"{where}: frame {frame}")
+            if len(places) != len(JOINTS):
+                raise HandtrackError(
+                    f"{where}: frame {frame}: a hand of {len(places)} landmarks; expected {len(JOINTS)}."
+                )
             said = labels[i] if i < len(labels) else ""
+            hand = hand_of(JOINTS, places, np.ones(len(JOINTS)))
             hands.setdefault(said, {}).setdefault(frame, hand)
     if len(hands) == 1:  # what MediaPipe says of a single hand is not needed
         hands = {"": next(iter(hands.values()))}
@@ -137,22 +148,12 @@ def _mediapipe(frames: list[tuple[int, Any]], where: str) -> GivenJoints:
         notes = (
             "MediaPipe names hands as in a mirror: of images that are not mirrored, its 'Left' is the right hand.",
         )
-    largest = max(
-        (float(np.nanmax(np.abs(h[:, :2]))) for f in hands.values() for h in f.values()),
-        default=0.0,
-    )
     people = {
-        frame: [_pose_person(one, where, frame) for one in _pose(entry)] for frame, entry in frames
+        frame: [_pose_person(one, f"{where}: frame {frame}") for one in _pose(entry)]
+        for frame, entry in frames
     }
-    seen = [np.abs(person[:, :2]) for found in people.values() for person in found]
-    shares = (
-        max((float(np.nanmax(points)) for points in seen if np.isfinite(points).any()), default=0.0)
-        <= _SHARES
-    )
-    bodies = checked_bodies(people, where, shares, "mediapipe33")
-    return GivenJoints(
-        "MediaPipe's JSON", hands, largest <= _SHARES, "mediapipe21", (), notes, bodies
-    )
+    bodies = checked_bodies(people, where, "mediapipe33")
+    return GivenJoints("MediaPipe's JSON", hands, "mediapipe21", (), notes, bodies)
 
 
 def _pose(entry: Any) -> list[Any]:
@@ -169,17 +170,9 @@ def _pose(entry: Any) -> list[Any]:
     ]
 
 
-def _pose_person(points: list[Any], where: str, frame: int) -> BodyPoints:
-    try:
-        rows = [
-            [p["x"], p["y"], p.get("visibility", 1.0)] if isinstance(p, Mapping) else [*p[:2], 1.0]
-            for p in points
-        ]
-        return cleaned(np.array(rows, dtype=float).reshape(_POSE_POINTS, 3))
-    except (TypeError, KeyError, ValueError, OverflowError):
-        raise HandtrackError(
-            f"{where}: frame {frame}: pose landmarks that are no numbers x, y."
-        ) from None
+def _pose_person(points: list[Any], where: str) -> BodyPoints:
+    sure = [p.get("visibility", 1.0) if isinstance(p, Mapping) else 1.0 for p in points]
+    return cleaned(np.column_stack(_points(points, sure, where)))
 
 
 def _lists(found: list[Any], count: int) -> list[Any]:
@@ -195,23 +188,7 @@ def _lists(found: list[Any], count: int) -> list[Any]:
 def _labels(entry: Mapping[str, Any]) -> list[str]:
     found = next((entry[k] for k in _SIDES if k in entry), [])
     found = found if isinstance(found, list) else [found]
-    return [
-        label[0].lower()
-        if (label := re.findall(r"\b(left|right)\b", str(one), re.IGNORECASE))
-        else ""
-        for one in found
-    ]
-
-
-def _landmark_hand(points: Any, where: str) -> Hand:
-    try:
-        rows = [[p["x"], p["y"]] if isinstance(p, Mapping) else p[:2] for p in points]
-        places = np.array(rows, dtype=float)
-    except (TypeError, KeyError, ValueError, OverflowError):
-        raise HandtrackError(f"{where}: landmarks that are no numbers x, y.") from None
-    if places.shape != (len(JOINTS), 2):
-        raise HandtrackError(f"{where}: a hand of {len(places)} landmarks; expected {len(JOINTS)}.")
-    return hand_of(JOINTS, places, np.ones(len(JOINTS)))
+    return [side_in(str(one)) for one in found]
 
 
 # ---- COCO-WholeBody
@@ -234,10 +211,10 @@ def _whole_body(
     best: dict[str, dict[int, Hand]] = {}
     everybody: dict[int, list[BodyPoints]] = {}
     for frame, person in people:
-        body = _body(person, f"{where}: frame {frame}")
+        body, sides = _person(person, f"{where}: frame {frame}")
         if body is not None:
             everybody.setdefault(frame, []).append(body)
-        for side, hand in _person(person, f"{where}: frame {frame}").items():
+        for side, hand in sides.items():
             known = best.setdefault(side, {})
             sure = hand[:, 2].sum()
             if sure > 0 and (frame not in known or sure > known[frame][:, 2].sum()):
@@ -262,43 +239,34 @@ def _whole_body(
     return GivenJoints(family, best, notes=notes, bodies=bodies)
 
 
-def _body(person: Mapping[str, Any], where: str) -> BodyPoints | None:
-    """Return a person's points, of whatever detector; None where they are a hand's, or none was found."""
-    if "keypoints" not in person:
-        return None
-    points, sure = _points(
-        person["keypoints"], person.get("keypoint_scores", person.get("scores")), where
-    )
-    if len(points) == len(JOINTS):
-        return None
-    body = cleaned(np.column_stack([points, sure]))
-    seen = body[: BODY_LAYOUTS["coco17"].count] if len(body) == _WHOLE else body
-    return body if (seen[:, 2] > 0).any() else None
-
-
-def _person(person: Mapping[str, Any], where: str) -> dict[str, Hand]:
-    found: dict[str, Hand] = {}
+def _person(person: Mapping[str, Any], where: str) -> tuple[BodyPoints | None, dict[str, Hand]]:
+    """Return a person's points, of whatever detector, None where they are a hand's, or none was found; and the hands by side."""
+    hands: dict[str, Hand] = {}
     for side in ("left", "right"):
         if f"{side}hand_kpts" in person:
             points, sure = _points(person[f"{side}hand_kpts"], None, where)
             if len(points) == len(JOINTS):
-                found[side] = hand_of(JOINTS, points, sure)
-    if found or "keypoints" not in person:
-        return found
-    points, sure = _points(
-        person["keypoints"], person.get("keypoint_scores", person.get("scores")), where
-    )
-    for side, start in _WHOLE_BODY.get(len(points), {}).items():
+                hands[side] = hand_of(JOINTS, points, sure)
+    if "keypoints" not in person:
+        return None, hands
+    scores = person.get("keypoint_scores", person.get("scores"))
+    points, sure = _points(person["keypoints"], scores, where)
+    for side, start in ({} if hands else _WHOLE_BODY.get(len(points), {})).items():
         part = slice(start, start + len(JOINTS))
-        found[side] = hand_of(JOINTS, points[part], sure[part])
-    return found
+        hands[side] = hand_of(JOINTS, points[part], sure[part])
+    body = cleaned(np.column_stack([points, sure]))
+    seen = body[: BODY_LAYOUTS["coco17"].count] if len(body) == _WHOLE else body
+    return body if len(body) != len(JOINTS) and (seen[:, 2] > 0).any() else None, hands
 
 
 def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
-    """Return points (N, 2) [px] and confidence (N,), from N times x, y or flat x, y, confidence."""
+    """Return points (N, 2) [px] and confidence (N,), from N times x, y, or flat x, y, confidence where no scores stand beside.
+
+    scores: one a point, or one number for all.
+    """
     try:
-        if isinstance(values, list) and values and isinstance(values[0], Mapping):  # TensorFlow.js
-            places = [point.get("position", point) for point in values]
+        if isinstance(values, list) and values and isinstance(values[0], Mapping):
+            places = [point.get("position", point) for point in values]  # TensorFlow.js
             scores = [point.get("score", 1.0) for point in values] if scores is None else scores
             values = [[place["x"], place["y"]] for place in places]
         array = np.array(values, dtype=float)
@@ -307,12 +275,16 @@ def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
             if array.ndim == 1
             else array.reshape(len(array), -1)
         )
-        sure = np.array(scores, dtype=float).ravel() if scores is not None else None
+        if scores is None:
+            scores = array[:, 2] if array.shape[1:] == (3,) else 1.0
+        sure = (
+            np.full(len(array), scores)
+            if isinstance(scores, float)
+            else np.array(scores, float).ravel()
+        )
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
-        raise HandtrackError(f"{where}: keypoints that are no numbers x, y, confidence.") from None
-    if sure is None:
-        sure = array[:, 2] if array.shape[1:] == (3,) else np.ones(len(array))
-    if array.ndim != 2 or array.shape[1] < 2 or len(sure) != len(array):
+        raise HandtrackError(f"{where}: points that are no numbers x, y, confidence.") from None
+    if array.shape[1] < 2 or len(sure) != len(array):
         raise HandtrackError(
             f"{where}: {len(array)} keypoints with {len(sure)} scores; expected as many."
         )

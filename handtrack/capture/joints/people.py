@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.capture.joints.body_points import BodyPoints, height
+from handtrack.capture.images.openpose import height
+from handtrack.capture.joints.given_joints import BodyPoints
 
 Person = dict[int, BodyPoints]
 """one person's points by frame"""

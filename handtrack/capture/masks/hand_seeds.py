@@ -10,11 +10,8 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, Array, Floats, H, W
+from handtrack.capture.images.openpose import FINGERS
 
-_FINGERS = {
-    "thumb": ("cmc", "mcp", "ip", "tip"),
-    **dict.fromkeys(("index", "middle", "ring", "little"), ("mcp", "pip", "dip", "tip")),
-}
 _PALM = ("wrist", "thumb_cmc", "thumb_mcp", "index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
 _KNUCKLES = ("index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
 _PALM_M = 0.09
@@ -86,7 +83,7 @@ def seeds_of_joints(joints: Mapping[str, Floats[D2]], size: tuple[int, int]) -> 
     (x, y), (width, height) = box
     bones, palm_drawn = np.zeros((2, height, width), np.uint8)
     shift = np.array([x, y])
-    for finger, names in _FINGERS.items():
+    for finger, names in FINGERS.items():
         chain = [points.get(f"{finger}_{name}") for name in names]
         for a, b in itertools.pairwise(chain):
             if a is not None and b is not None:

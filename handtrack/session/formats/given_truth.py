@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, N
-from handtrack.capture.joints.body_names import named_bodies
-from handtrack.capture.joints.body_points import BODY_LAYOUTS, NAMED
 from handtrack.capture.joints.given_joints import named_points
-from handtrack.capture.joints.joint_names import JOINTS
+from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
 from handtrack.files.given_files import first_bytes
 from handtrack.session.formats.markers import Markers, read_markers

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.capture.joints.body_names import known_body_joint
-from handtrack.capture.joints.joint_names import known_joint
+from handtrack.capture.joints.joint_names import known_body_joint, known_joint
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_text import read_toml
 from handtrack.model.articulated import ArticulatedModel

@@ -21,8 +21,7 @@ from handtrack.capture.calibration.formats.settle import (
     unit_of,
     with_lens,
 )
-from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.capture.joints.body_points import height
+from handtrack.capture.images.openpose import LAYOUTS, height
 from handtrack.capture.joints.pose2sim import Pose2SimProject, read_pose2sim
 from handtrack.capture.joints.subject import BODY, HAND, Subject, subject_length
 from handtrack.errors import HandtrackError
