@@ -222,7 +222,7 @@ class Workbench:
         subscribe(snapshots.CurvesSnapshot, layout.plots.show)
         subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.show_score)
         subscribe(snapshots.LibrarySnapshot, layout.library.show)
-        subscribe(snapshots.ComparedSnapshot, layout.compared.show)
+        subscribe(snapshots.ComparedSnapshot, stage.show_compared)
         subscribe(snapshots.WorkSnapshot, layout.show_work)
         subscribe(snapshots.LiveSnapshot, layout.live.show)
         subscribe(snapshots.TimelineSnapshot, self._show_span, layout.show_timeline)

@@ -17,7 +17,7 @@ from handtrack.model.pose_library import named_pose, pose_names, pose_title, pos
 from handtrack.model.size import shape_numbers
 from handtrack.session.posed_frames import driving_joints, solver_params_of
 from handtrack.session.session import Session
-from handtrack.store.spans import Span, resolved
+from handtrack.store.spans import resolved
 from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.result import FrameResult
@@ -42,7 +42,6 @@ from handtrack_app.protocol.snapshots import (
     PoseSnapshot,
     SessionSnapshot,
     StretchCard,
-    TakeSpan,
     TimelineChange,
     TimelineSnapshot,
     WorkSnapshot,
@@ -201,8 +200,8 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     lanes = {word: row.copy() for word, row in told.items() if np.isfinite(row).any()}
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
-        document.accepted, queue(document), take_spans(document),
-        hidden_spans(document), document.is_posed,
+        document.accepted, queue(document), resolved(document.laid, document.takes.frames_of),
+        resolved(document.hidden, document.takes.frames_of), document.is_posed,
     )  # fmt: skip
 
 
@@ -346,21 +345,6 @@ def queue(document: Document) -> tuple[StretchCard, ...]:
         StretchCard(s.first, s.last, s.worst, s.expected, s.brief, s.words)
         for s in worth_a_look(document.rows.heads(), done)[:_MOST]
     )
-
-
-def take_spans(document: Document) -> tuple[TakeSpan, ...]:
-    """Return of which takes the current track is composed."""
-    return _showing(document, document.laid)
-
-
-def hidden_spans(document: Document) -> tuple[TakeSpan, ...]:
-    """Return the frames that do not show, since they were tracked with another model than the one in force."""
-    return _showing(document, document.hidden)
-
-
-def _showing(document: Document, laid: Sequence[Span]) -> tuple[TakeSpan, ...]:
-    shown = resolved(laid, document.takes.frames_of)
-    return tuple(TakeSpan(s.take, s.first, s.stop - 1) for s in shown)
 
 
 def numbers_of(

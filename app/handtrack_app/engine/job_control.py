@@ -672,11 +672,8 @@ def drags(jobs: JobControl, **_: object) -> None:
 _MOST = 8  # of a list
 
 
-@dataclass(frozen=True, eq=False)
-class _Pose:
-    model: ArticulatedModel
-    params: Floats
-    guess: Guess
+_Pose = tuple[ArticulatedModel, Floats, Guess]
+"""a model, and its solver parameters (P,)"""
 
 
 @dataclass
@@ -697,22 +694,22 @@ class Guesses:
         """Return the list of the frame shown; None where the page has it already."""
         frame = self.document.frame
         kind, poses = self._poses(frame)
-        key = (frame, kind, id(poses[0].params) if poses else 0)
+        key = (frame, kind, id(poses[0][1]) if poses else 0)
         if key == self._published or (not poses and not self._published[1]):
             return None
         self._published = key
         if not poses:
             return GuessesSnapshot(frame, "")
-        bones = [pose.model.bones(pose.params) for pose in poses]
+        bones = [model.bones(params) for model, params, _ in poses]
         counts = [len(b.position) for b in bones]
         return GuessesSnapshot(
             frame,
             kind,
-            tuple(pose.guess for pose in poses),
+            tuple(guess for _, _, guess in poses),
             np.repeat(np.arange(len(poses)), counts),
             np.concatenate([b.position for b in bones]),
             np.concatenate([b.rotation for b in bones]),
-            np.concatenate([pose.model.skeleton.length for pose in poses]),
+            np.concatenate([model.skeleton.length for model, _, _ in poses]),
             is_new,
         )
 
@@ -723,14 +720,14 @@ class Guesses:
         kind, poses = self._poses(frame)
         if not 0 <= index < len(poses):
             return NOTHING
-        document, pose = self.document, poses[index]
-        arm = pose.model.has_forearm and not document.model.has_forearm
+        document, (model, params, _) = self.document, poses[index]
+        arm = model.has_forearm and not document.model.has_forearm
         arm = arm and document.model.has_keypoints21
         changed = [decide(forearm=True)] if arm else []
-        if document.size_pending and pose.model.scale != document.run.scale:
-            changed.append(edits.size(pose.model.scale, pending=True))
-        joint = pose.model.joint_params(pose.params)
-        known = dict(zip(pose.model.parameter_names, joint.tolist(), strict=True))
+        if document.size_pending and model.scale != document.run.scale:
+            changed.append(edits.size(model.scale, pending=True))
+        joint = model.joint_params(params)
+        known = dict(zip(model.parameter_names, joint.tolist(), strict=True))
         changed.append(decide(pose={frame: DecidedPose(known, found=kind == "found")}))
         if document.run.first is None:
             changed.append(decide(start=StartPose(frame, known)))
@@ -740,13 +737,13 @@ class Guesses:
         result = self.document.results.get(frame)
         if frame in self.found:
             rows = self.found[frame][:_MOST]
-            return "found", [_Pose(c.model, c.params, Guess(c.confidence, c.note)) for c in rows]
+            return "found", [(c.model, c.params, Guess(c.confidence, c.note)) for c in rows]
         carried = () if result is None else result.alternatives[:_MOST]
         if len(carried) < 2:
             return "", []
         model = self.document.model
         return "carried", [
-            _Pose(
+            (
                 model,
                 model.transform.solver_params(h.parameters),
                 Guess(h.weight, f"{h.origin}, cost {h.energy:.1f}"),

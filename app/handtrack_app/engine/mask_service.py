@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property, partial
 
 import cv2
@@ -46,63 +46,48 @@ _CORRECTED = (86, 180, 233)
 """around what was corrected"""
 
 
-@dataclass(frozen=True, eq=False)
-class MaskMoment:
-    """What pictures of a frame's masks are made from."""
+def masks_picture(
+    maker: CameraPictures, session: Session, frame: int, on_all: bool, looked_at: tuple[str, ...]
+) -> MaskPicture:
+    """Return a frame's masks over the images: over all cameras' small pictures, and over the large ones of cameras that are looked at.
 
-    frame: int
-    session: Session
-    on_all: bool
-    """over all cameras' small pictures"""
-    screens: tuple[str, ...]
-    """cameras whose large pictures are looked at"""
+    What cannot be made of a camera is told, and the others are shown. On the render thread only.
+    """
+    small: dict[str, Bytes] = {}
+    screens: dict[tuple[str, str], Bytes] = {}
+    corrected: dict[str, str] = {}
+    wrong: list[str] = []
+    for view in session.views:
+        if not on_all and view.name not in looked_at:
+            continue
+        try:
+            large = _painted(maker, view, frame)
+            corrected[view.name] = _words(view, frame)
+        except HandtrackError as error:
+            large = maker.plain(view.name, frame)
+            wrong.append(str(error))
+        if view.name in looked_at:
+            screens[view.name, "mask"] = large
+        if on_all:
+            small[view.name] = _small(large)
+    named = {f"{name}  {frame}": image for name, image in small.items()}
+    sheet = contact_sheet(named) if small else None
+    return MaskPicture(frame, small, sheet, screens, corrected, " ".join(wrong))
 
 
-class MaskRenderer:
-    """On the render thread only."""
-
-    def __init__(self, session: Session) -> None:
-        self._maker = CameraPictures(session)
-
-    def picture(self, moment: MaskMoment) -> MaskPicture:
-        """Return the masks over the images. What cannot be made of a camera is told, and the others are shown."""
-        small: dict[str, Bytes] = {}
-        screens: dict[tuple[str, str], Bytes] = {}
-        corrected: dict[str, str] = {}
-        wrong: list[str] = []
-        for view in moment.session.views:
-            if not moment.on_all and view.name not in moment.screens:
-                continue
-            try:
-                large = self._painted(view, moment.frame)
-                corrected[view.name] = _words(view, moment.frame)
-            except HandtrackError as error:
-                large = self._maker.plain(view.name, moment.frame)
-                wrong.append(str(error))
-            if view.name in moment.screens:
-                screens[view.name, "mask"] = large
-            if moment.on_all:
-                small[view.name] = _small(large)
-        sheet = (
-            contact_sheet({f"{name}  {moment.frame}": image for name, image in small.items()})
-            if small
-            else None
-        )
-        return MaskPicture(moment.frame, small, sheet, screens, corrected, " ".join(wrong))
-
-    def _painted(self, view: View, frame: int) -> Bytes[H, W, D3]:
-        image, silhouette = self._maker.plain(view.name, frame), view.silhouette(frame)
-        if silhouette is None:
-            return image
-        picture = mask_picture(image, silhouette)
-        own = view.own_frame(frame)
-        layer = None if own is None else view.corrections.layer(own)
-        if layer is not None:
-            marked = np.where(layer != AS_IT_IS, np.uint8(255), np.uint8(0))
-            straight = self._maker.straight(view.name, marked)
-            lines, _ = cv2.findContours(straight, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-            cv2.drawContours(picture, lines, -1, _CORRECTED, 1)
-        return picture
+def _painted(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
+    image, silhouette = maker.plain(view.name, frame), view.silhouette(frame)
+    if silhouette is None:
+        return image
+    picture = mask_picture(image, silhouette)
+    own = view.own_frame(frame)
+    layer = None if own is None else view.corrections.layer(own)
+    if layer is not None:
+        marked = np.where(layer != AS_IT_IS, np.uint8(255), np.uint8(0))
+        straight = maker.straight(view.name, marked)
+        lines, _ = cv2.findContours(straight, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(picture, lines, -1, _CORRECTED, 1)
+    return picture
 
 
 def _small(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
@@ -329,8 +314,8 @@ class MaskService(PreviewService):
     _on_all, _screens = False, tuple[str, ...]()
 
     @cached_property
-    def _maker(self) -> MaskRenderer:
-        return MaskRenderer(self._document.run.session)
+    def _maker(self) -> CameraPictures:
+        return CameraPictures(self._document.run.session)
 
     # ---- showing
 
@@ -352,20 +337,20 @@ class MaskService(PreviewService):
         return self._on_all or bool(self._screens)
 
     def _show(self, hurried: bool) -> None:
-        moment = self._moment()
-        self._render_thread.ask("masks", lambda: self._maker.picture(moment))
+        self._render_thread.ask("masks", self._make())
 
     def picture(self) -> MaskPicture | None:
         """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
         if not self._is_wanted:
             return None
-        moment = self._moment()
-        made = self._render_thread.wait_for("masks", lambda: self._maker.picture(moment))
+        made = self._render_thread.wait_for("masks", self._make())
         return made if isinstance(made, MaskPicture) else None
 
-    def _moment(self) -> MaskMoment:
+    def _make(self) -> Callable[[], MaskPicture]:
         document = self._document
-        return MaskMoment(document.frame, document.run.session, self._on_all, self._screens)
+        return partial(
+            masks_picture, self._maker, document.run.session, document.frame, self._on_all, self._screens
+        )  # fmt: skip
 
     def card(self) -> MaskCard:
         """Return where masks come from, with the settings in force."""

@@ -30,7 +30,7 @@ from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.edits import set_pose
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice, PosePicture, Snapshot
+from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice, Snapshot
 
 MakeEdit = Callable[[int, Edit, str, str, bool], None]
 """changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
@@ -113,10 +113,7 @@ class PoseService:
     def want_library(self, client_id: int) -> None:
         """Send one client the pose library in pictures."""
         model = self.document.model
-        drawn = (
-            PosePicture(one.name, one.short, one.group, pose_picture(model, one.name))
-            for one in pose_titles(model)
-        )
+        drawn = (replace(one, picture=pose_picture(model, one.name)) for one in pose_titles(model))
         self.publish(LibrarySnapshot(client_id, tuple(drawn)))
 
     @command(at_once=looks_elsewhere)

@@ -20,6 +20,7 @@ from handtrack_app.engine.document_snapshots import energy_parts, pose_snapshot,
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import command
+from handtrack_app.protocol.palette import COMPARED
 from handtrack_app.protocol.snapshots import (
     ComparedSnapshot,
     Curve,
@@ -86,12 +87,13 @@ class ReviewService:
         frame, take = document.frame, document.rows.compared
         result = None if take is None else take.get(frame)
         if result is None or len(result.T_world_bone) != len(document.model.skeleton.length):
-            self.publish(ComparedSnapshot(frame, self.number))
+            self.publish(ComparedSnapshot(frame, ""))
             return
-        bones = result.T_world_bone
+        bones, length = result.T_world_bone, document.model.skeleton.length
         self.publish(
             ComparedSnapshot(
-                frame, self.number, bones[:, :3, 3].copy(), bones[:, :3, :3].copy(), document.model.skeleton.length
+                frame, "compared", (), np.full(len(length), COMPARED), bones[:, :3, 3].copy(),
+                bones[:, :3, :3].copy(), length,
             )
         )  # fmt: skip
 
@@ -119,8 +121,7 @@ class ReviewService:
             for row, pose in hand:
                 if 0 <= row < count:
                     values[row], std[row] = pose[at], np.nan
-            low, high = document.model.limits.interval[at].tolist()
-            curves.append(Curve(name, values, std, rows.other[:, at].copy(), truth, (low, high)))
+            curves.append(Curve(name, values, std, rows.other[:, at].copy(), truth))
         fps = float(document.run.session.fps)
         return CurvesSnapshot(rows.frames.start, fps, tuple(curves), self.number)
 

@@ -25,7 +25,6 @@ from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, Setting
 from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel
 from handtrack_app.page.panels.view import WIDTH, Room, SessionPanel, ZoomKeys, colours, head
 from handtrack_app.page.pins.pin_panel import PinPanel
-from handtrack_app.page.scene.ghosts import ComparedHand
 from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import dress
@@ -95,7 +94,6 @@ class PageLayout:
         self.live = LivePanel(page, track)
         self.takes = TakesPanel(page, track)
         refits = RefitSwitch(page)
-        self.compared = ComparedHand(page)
         self.guesses = GuessesPanel(page)
         stage.take_guess = self.guesses.take
         nudges = NudgePanel(page, stage.hand_middle, stage.looking.view_axes)
@@ -164,7 +162,6 @@ class PageLayout:
         self.timeline.show_pose(pose)
         self.review.show_frame()
         self.tracking.show_frame()
-        self.compared.show_frame(pose.frame)
         self.session.show_names(self.names)
         put(self.aside, visible=pose.origin == BEFORE)
 

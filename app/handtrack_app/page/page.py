@@ -81,16 +81,6 @@ class Look:
     """over the camera's image: `plain`, `outline`, `residual` or `mask`"""
 
 
-@dataclass(frozen=True)
-class PoseEdit:
-    """A frame's pose as the user just set it."""
-
-    frame: int
-    values: tuple[float, ...]
-    """(S,) joint parameters [m, rad]"""
-    version: int
-
-
 @dataclass
 class UserState:
     """The page's side of the truth. Callbacks run on many threads: hold `lock` for more than one field."""
@@ -130,8 +120,10 @@ class UserState:
         """Return what a page sees through."""
         return Look() if client is None else self.looks.get(client, Look())
 
-    def edit(self, changes: dict[str, float]) -> PoseEdit | None:
-        """Change joint parameters by name [m, rad]; return the new pose, None if nothing is valid or new."""
+    def edit(self, changes: dict[str, float]) -> tuple[int, tuple[float, ...], int] | None:
+        """Change joint parameters by name [m, rad]; return the pose as the user just set it, its frame, values and version; None if
+        nothing is valid or new.
+        """
         with self.lock:
             valid = {
                 n: float(v) for n, v in changes.items() if n in self.names and math.isfinite(v)
@@ -146,7 +138,7 @@ class UserState:
                 self.values_at is not None
             ):  # while it was played, the next frame was asked for already
                 self.frame = self.values_at
-            return PoseEdit(self.frame, values, self.begin_edit())
+            return self.frame, values, self.begin_edit()
 
     def begin_edit(self) -> int:
         """Return the version of an edit that begins: poses shown before it no longer move the page's widgets."""
@@ -326,8 +318,8 @@ class Page:
         """
         edit = self.state.edit(changes)
         if edit is not None:
-            at = f"{tag} {edit.frame}" if tag else ""  # a drag is of one frame
-            self.engine.set_pose(edit.frame, edit.values, edit.version, at, is_stroke, words)
+            at = f"{tag} {edit[0]}" if tag else ""  # a drag is of one frame
+            self.engine.set_pose(*edit, at, is_stroke, words)
 
     def flip(self) -> None:
         """Show the frame's pose as it was before the last step that changed it, or again as it is: a look, no edit."""

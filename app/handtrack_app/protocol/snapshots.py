@@ -8,10 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from handtrack.arrays import D2, D3, Array, B, Bytes, E, F, Floats, H, Ints, J, K, M, N, S, T, V, W
+from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.model.shape import ShapeNumber
 from handtrack.session.clouds_settings import CloudSettings
+from handtrack.store.spans import Span
 from handtrack_app.log import ENGINE_LOG
 
 
@@ -46,6 +48,8 @@ class PoseName:
     short: str
     """what it is called among those of its group"""
     group: str
+    picture: str = ""
+    """SVG"""
 
     @property
     def title(self) -> str:
@@ -54,19 +58,11 @@ class PoseName:
 
 
 @dataclass(frozen=True)
-class PosePicture(PoseName):
-    """A pose of the library, drawn."""
-
-    picture: str
-    """SVG"""
-
-
-@dataclass(frozen=True)
 class LibrarySnapshot:
     """The pose library in pictures, for one client."""
 
     client_id: int
-    poses: tuple[PosePicture, ...]
+    poses: tuple[PoseName, ...]
 
 
 # ---- What the engine tells the page of masks: snapshots, as those of `snapshots`
@@ -119,22 +115,7 @@ class MaskPicture:
     """what could not be made, and why"""
 
 
-# ---- What the engine tells of a take that is compared, and of the course of joint parameters
-
-
-@dataclass(frozen=True)
-class ComparedSnapshot:
-    """The hand of another take at the frame shown; without bones where it has none, or none is compared."""
-
-    frame: int
-    number: int | None
-    """of the take"""
-    position: Floats[B, D3] = field(default_factory=lambda: np.zeros((0, 3)))
-    """where bones begin, world [m]"""
-    rotation: Floats[B, D3, D3] = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    """bone → world; bones lie along y"""
-    length: Floats[B] = field(default_factory=lambda: np.zeros(0))
-    """[m]"""
+# ---- The course of joint parameters
 
 
 @dataclass(frozen=True)
@@ -148,8 +129,6 @@ class Curve:
     """in the take that is compared"""
     truth: Floats[N]
     """(F,), or empty where there is none"""
-    interval: tuple[float, float]
-    """its limits"""
 
 
 @dataclass(frozen=True)
@@ -191,15 +170,6 @@ class StretchCard:
 
 
 @dataclass(frozen=True)
-class TakeSpan:
-    """Frames, first to last, that a take shows."""
-
-    take: int
-    first: int
-    last: int
-
-
-@dataclass(frozen=True)
 class TimelineSnapshot:
     """The whole recording at a glance; rows are frames from `start`."""
 
@@ -221,9 +191,9 @@ class TimelineSnapshot:
     """frames that no tracking changes"""
     stretches: tuple[StretchCard, ...] = ()
     """worth a look, the worst first"""
-    takes: tuple[TakeSpan, ...] = ()
+    takes: tuple[Span, ...] = ()
     """what the track is composed of, ascending"""
-    hidden: tuple[TakeSpan, ...] = ()
+    hidden: tuple[Span, ...] = ()
     """likewise, of takes that cannot show: they were tracked with another model than the one in force"""
     is_posed: bool = False
     """somebody said where the model is: by a first pose, by hand, or by tracking"""
@@ -549,6 +519,11 @@ class GuessesSnapshot:
 
 
 @dataclass(frozen=True)
+class ComparedSnapshot(GuessesSnapshot):
+    """The hand of another take at the frame shown; without bones where it has none, or none is compared."""
+
+
+@dataclass(frozen=True)
 class SurfaceSnapshot:
     """The solver's surface at one pose."""
 
@@ -557,16 +532,6 @@ class SurfaceSnapshot:
     vertices: Floats[V, D3]
     """world [m]"""
     faces: Ints[T, D3]
-
-
-@dataclass(frozen=True)
-class FilterCount:
-    """What one filter did to a cloud."""
-
-    name: str
-    text: str
-    before: int
-    after: int
 
 
 @dataclass(frozen=True)
@@ -584,7 +549,7 @@ class CloudSnapshot:
     """world [m] points that a filter dropped, thinned ones not among them"""
     measured: int
     left: int
-    counts: tuple[FilterCount, ...] = ()
+    counts: tuple[FilterReport, ...] = ()
     words: str = ""
     """what is to be said of it"""
 

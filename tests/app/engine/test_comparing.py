@@ -29,7 +29,7 @@ def test_a_take_is_compared_and_some_of_its_frames_come_back(bench, wire):
     wire.set_value(panel.compare, "1")
     eventually(lambda: "away in half" in panel.apart.content, "told")
     bench.go_to(6)
-    eventually(lambda: bool(bench.layout.compared.view.bones.visible), "its hand is there")
+    eventually(lambda: bool(bench.stage.compared.bones.visible), "its hand is there")
     strip = bench.layout.timeline.strip
     apart = 1e3 * np.linalg.norm(
         document.results[6].joint_positions - document.takes.get(1)[6].joint_positions, axis=1  # type: ignore[index]
@@ -40,7 +40,7 @@ def test_a_take_is_compared_and_some_of_its_frames_come_back(bench, wire):
     wire.set_value(panel.part, True)
     eventually(lambda: _bends(bench) == [*second[:5], *first[5:8], *second[8:]], "of take 1")
     wire.set_value(panel.compare, "none")
-    eventually(lambda: not bench.layout.compared.view.bones.visible, "gone")
+    eventually(lambda: not bench.stage.compared.bones.visible, "gone")
     eventually(lambda: panel.apart.content == "", "and nothing is said")
 
 

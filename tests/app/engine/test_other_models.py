@@ -96,7 +96,7 @@ def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path):
         assert worker.wait_opened(60.0) is None
         assert not worker.document.results, "a setting says that there is no forearm"
         hidden = [s.hidden for s in seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
-        assert [(span.take, span.first, span.last) for span in hidden] == [(1, 0, FRAMES - 1)]
+        assert [(span.take, span.first, span.stop) for span in hidden] == [(1, 0, FRAMES)]
         worker.engine.show_take(1)
         eventually(lambda: len(worker.document.results) == FRAMES, "its frames show")
     finally:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.session.clouds_settings import CLOUD_SETTINGS, CloudSettings
 from handtrack_app.engine.opening import open_document
@@ -14,7 +15,6 @@ from handtrack_app.page.panels.cloud import CROP, STEREO, THIN
 from handtrack_app.page.panels.settings import in_file, on_page
 from handtrack_app.page.scene.camera_view import pixel_box
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.snapshots import FilterCount
 from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
 from tests.app.desk import Listener
 from tests.app.page.test_workbench import follows_the_slider
@@ -35,7 +35,7 @@ def desk(tmp_path):
     worker.stop()
 
 
-def count(cloud: snapshots.CloudSnapshot, name: str) -> FilterCount:
+def count(cloud: snapshots.CloudSnapshot, name: str) -> FilterReport:
     return next(c for c in cloud.counts if c.name == name)
 
 

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack.store.spans import Span
 from handtrack_app.page.time.lanes import lanes_of
 from handtrack_app.page.time.window import Window, extremes, whole
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.snapshots import TakeSpan, TimelineSnapshot
+from handtrack_app.protocol.snapshots import TimelineSnapshot
 
 COUNT = 18_000
 
@@ -23,7 +24,7 @@ def _strip(count: int = COUNT, **changed: object) -> TimelineSnapshot:
     terms = {name: rng.random(count) for name in ("silhouettes", "cloud→model", "keypoints")}
     strip = TimelineSnapshot(
         0, rng.integers(0, 3, count), rng.random(count), np.full(count, np.nan), (3, 700), terms, (), lanes,
-        frozenset(range(100, 300)), (), (TakeSpan(1, 0, 499), TakeSpan(2, 500, count - 1)),
+        frozenset(range(100, 300)), (), (Span(1, 0, 500), Span(2, 500, count)),
     )  # fmt: skip
     return replace(strip, **changed)
 

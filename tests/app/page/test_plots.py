@@ -18,7 +18,7 @@ def test_range_of_motion_and_speed():
 
 def _snapshot(count: int = 300) -> CurvesSnapshot:
     values = np.linspace(0, 1, count)
-    curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values + 0.1, values - 0.1, (-1, 1))  # fmt: skip
+    curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values + 0.1, values - 0.1)  # fmt: skip
     return CurvesSnapshot(0, 30.0, (curve,), 3)
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from handtrack_app.page.page import PoseEdit, UserState
+from handtrack_app.page.page import UserState
 from handtrack_app.page.player import Player
 from tests.app.waiting import eventually
 
@@ -16,8 +16,8 @@ def _state() -> UserState:
 
 def test_an_edit_changes_one_value_and_is_a_new_version():
     state = _state()
-    assert state.edit({"a": 0.5}) == PoseEdit(0, (0.5, 1.0), 1)
-    assert state.edit({"b": 2.0}) == PoseEdit(0, (0.5, 2.0), 2)
+    assert state.edit({"a": 0.5}) == (0, (0.5, 1.0), 1)
+    assert state.edit({"b": 2.0}) == (0, (0.5, 2.0), 2)
     assert (state.values, state.version, state.follow) == ((0.5, 2.0), 2, False)
 
 
@@ -47,7 +47,7 @@ def test_no_frame_is_played_over_who_edits():
     try:
         eventually(lambda: bool(asked), "it plays")
         edit = state.edit({"a": 0.7})
-        assert edit is not None and edit.frame == 7
+        assert edit is not None and edit[0] == 7
         asked.clear()
         eventually(lambda: bool(ended), "told")
         assert not asked and state.frame == 7 and not state.playing

@@ -50,7 +50,6 @@ from handtrack_app.protocol.snapshots import (
     CloudPicture,
     CloudSelection,
     CloudSnapshot,
-    FilterCount,
     Notice,
     SurfaceSnapshot,
 )
@@ -125,7 +124,7 @@ class CloudRenderer:
             dropped.astype(np.float32),
             len(measured),
             len(kept),
-            tuple(FilterCount(r.name, r.text, r.before, r.after) for r in reports),
+            reports,
             words,
         )
 

@@ -7,7 +7,6 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sized
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,18 +26,12 @@ log = logging.getLogger(__name__)
 Make = Callable[[], Snapshot | None]
 
 
-@dataclass(frozen=True, eq=False)
-class _Order:
-    kind: str
-    make: Make
-
-
 class RenderThread:
     """Makes snapshots one after the other; of each kind only the newest order counts."""
 
     def __init__(self, publish: Callable[[Snapshot], None]) -> None:
         self._publish = publish
-        self._mail: Mailbox[_Order] = Mailbox(lambda order: order.kind)
+        self._mail: Mailbox[tuple[str, Make]] = Mailbox(lambda order: order[0])
         self._stopping = threading.Event()
         self._said: Notice | None = None
         self._thread = threading.Thread(target=self._work, name="render", daemon=True)
@@ -54,7 +47,7 @@ class RenderThread:
 
     def ask(self, kind: str, make: Make) -> None:
         """Have something made and published; a waiting order of this kind is dropped."""
-        self._mail.put(_Order(kind, make))
+        self._mail.put((kind, make))
 
     def wait_for(self, kind: str, make: Make) -> Snapshot | None:
         """Have something made, and wait for it; None where it cannot be."""
@@ -76,15 +69,15 @@ class RenderThread:
         while not self._stopping.is_set():
             order = self._mail.take(0.2)
             if order is not None:
-                self._serve(order)
+                self._serve(*order)
 
-    def _serve(self, order: _Order) -> None:
+    def _serve(self, kind: str, make: Make) -> None:
         try:
-            snapshot = order.make()
+            snapshot = make()
         except HandtrackError as error:
             self._say(Notice("error", "That cannot be shown", str(error)))
         except Exception as error:  # the page must go on, and the user must know
-            log.exception("could not make %s", order.kind)
+            log.exception("could not make %s", kind)
             self._say(Notice.of_mistake(error))
         else:
             if snapshot is not None:

@@ -10,13 +10,14 @@ from functools import partial
 import numpy as np
 import viser
 
+from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack_app.page.html import escaped
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.settings import Box, BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
-from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot, FilterCount
+from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot
 
 _COLOURS = {"distance to the model": "residual", "its own": "own", "plain": "plain"}
 _PICTURES = {"cameras and points": "images", "stereo match": "stereo", "none": "none"}
@@ -195,7 +196,7 @@ def counts_table(cloud: CloudSnapshot) -> str:
     )
 
 
-def _lost(count: FilterCount) -> str:
+def _lost(count: FilterReport) -> str:
     lost = count.before - count.after
     return f"−{_grouped(lost)}" if lost else ""
 

@@ -22,7 +22,7 @@ from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.protocol.snapshots import (
     LibrarySnapshot,
-    PosePicture,
+    PoseName,
     PoseSnapshot,
     SessionSnapshot,
 )
@@ -261,7 +261,7 @@ class Library:
         client = self.page.server.get_clients().get(library.client_id)
         if client is None or not library.poses:
             return
-        rows: list[str | PosePicture] = []
+        rows: list[str | PoseName] = []
         for group in dict.fromkeys(pose.group for pose in library.poses):
             rows += [group, *(pose for pose in library.poses if pose.group == group)]
         modal = self.page.dialog(client, "Choose a pose")
@@ -275,13 +275,13 @@ class Library:
             style = "".join(
                 _PICTURE.format(place=place, svg=quote(row.picture))
                 for place, row in enumerate(rows, start=2)  # this text is the window's first part
-                if isinstance(row, PosePicture)
+                if isinstance(row, PoseName)
             )
             client.gui.add_html(
                 f"<style>{_GRID}{style}</style><b class='handtrack-poses handtrack-wide'></b>"
             )
             for row in rows:
-                if isinstance(row, PosePicture):
+                if isinstance(row, PoseName):
                     button = client.gui.add_button(row.short, hint=row.title)
                     button.on_click(lambda _, name=row.name: choose(name))
                 else:

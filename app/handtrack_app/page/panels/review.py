@@ -10,11 +10,12 @@ from functools import partial
 import numpy as np
 import viser
 
+from handtrack.store.spans import Span
 from handtrack_app.page.html import text
 from handtrack_app.page.page import Page, UserEvent, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
-from handtrack_app.protocol.snapshots import StretchCard, TakeSpan, TimelineSnapshot
+from handtrack_app.protocol.snapshots import StretchCard, TimelineSnapshot
 
 _ROWS = 8  # of the list, on one page
 _GO: tuple[str, ...] = ("Previous", "Next")
@@ -344,9 +345,9 @@ class NextStep:
         self.page.open_tab(client, "View")
 
 
-def hidden_words(hidden: tuple[TakeSpan, ...]) -> str:
+def hidden_words(hidden: tuple[Span, ...]) -> str:
     """Return which tracked frames do not show, and why."""
-    count = sum(span.last - span.first + 1 for span in hidden)
+    count = sum(span.stop - span.first for span in hidden)
     takes = sorted({span.take for span in hidden})
     named = f"take{'' if len(takes) == 1 else 's'} {', '.join(map(str, takes))}"
     does = "frame does" if count == 1 else "frames do"

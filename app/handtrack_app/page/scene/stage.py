@@ -27,7 +27,7 @@ from handtrack_app.page.scene.camera_view import (
     update_cloud,
     update_thumbnails,
 )
-from handtrack_app.page.scene.ghosts import GhostView, add_ghosts, show_ghosts, update_ghosts
+from handtrack_app.page.scene.ghosts import Ghosts
 from handtrack_app.page.scene.handles import (
     RootHandle,
     add_root_handle,
@@ -63,6 +63,7 @@ from handtrack_app.protocol.snapshots import (
     CloudCard,
     CloudSelection,
     CloudSnapshot,
+    ComparedSnapshot,
     GuessesSnapshot,
     MaskPicture,
     PictureSnapshot,
@@ -97,11 +98,12 @@ class Stage:
         self.looking = Looking(page)
         self.grips = Grips(page, self._grasped)
         self.names = CameraNames()
-        self.ghosts: GhostView = add_ghosts(
+        self.ghosts = Ghosts(
             page.server,
             "/ghosts",
             lambda n: self.take_guess(n),  # noqa: PLW0108 - it is set later
         )
+        self.compared = Ghosts(page.server, "/compared")
         light(page.server)
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -132,7 +134,7 @@ class Stage:
         with self.page.server.atomic():
             if self.pose is not None:
                 show_cloud(self.cloud, display, self.moments, recolour=True)
-                show_ghosts(self.ghosts, display.ghosts, self.pose.frame)
+                self.ghosts.show(display.ghosts, self.pose.frame)
             self._show_flesh()
             show_cameras(self.cameras, display)
             self._show_handle()
@@ -220,7 +222,8 @@ class Stage:
         with self.page.server.atomic():
             update_truth(self.hand, pose, display)
             self.clear_late()
-            show_ghosts(self.ghosts, display.ghosts, pose.frame)
+            self.ghosts.show(display.ghosts, pose.frame)
+            self.compared.show(True, pose.frame)
             self._show_flesh()
             if move_handle:
                 self.root.show_at(pose.values[:6])
@@ -297,12 +300,18 @@ class Stage:
     def show_guesses(self, guesses: GuessesSnapshot) -> None:
         """Draw the poses that a frame may have."""
         with self.page.server.atomic():
-            update_ghosts(self.ghosts, guesses)
+            self.ghosts.update(guesses)
             if self.pose is not None:
-                show_ghosts(self.ghosts, self.display.ghosts, self.pose.frame)
+                self.ghosts.show(self.display.ghosts, self.pose.frame)
                 self._show_flesh()
         if guesses.is_new:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
+
+    def show_compared(self, compared: ComparedSnapshot) -> None:
+        """Draw the hand of the take that is compared."""
+        self.compared.update(compared)
+        if self.pose is not None:
+            self.compared.show(True, self.pose.frame)
 
     def _turn_to(self, hand: Floats) -> None:
         """Look at a hand that was found somewhere (3,) [m]."""

@@ -267,7 +267,7 @@ def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
     parts = []
     for span in strip.takes:
         x = max(window.place(span.first) - window.half, 0.0)
-        width = min(window.place(span.last) + window.half, WIDTH) - x
+        width = min(window.place(span.stop - 1) + window.half, WIDTH) - x
         if width > 0:
             colour = _TAKES[order.index(span.take) % len(_TAKES)]
             parts.append(
@@ -275,7 +275,7 @@ def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
             )
 
     def value(frame: int) -> str:
-        return next((f"take {s.take}" for s in strip.takes if s.first <= frame <= s.last), "")
+        return next((f"take {s.take}" for s in strip.takes if s.first <= frame < s.stop), "")
 
     return Lane(
         "takes", _THIN, parts, value, "Which tracking shows where.", lambda pose: value(pose.frame)
