@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _start(args: argparse.Namespace, door: Door | None = None) -> int:
     """Serve start page and workbench in turns until Ctrl-C. door: of the page before; the browser's page goes on there."""
-    from handtrack_app.start.serving import choose_recording
+    from handtrack_app.start.start_page import choose_recording
 
     port = FIRST_PORT if args.port is None else args.port
     use_one_arena()

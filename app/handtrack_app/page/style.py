@@ -8,7 +8,6 @@ import viser
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import chip
-from handtrack_app.page.pins.hover import HOVER_SCRIPT
 
 _LEGENDS = {
     "residual": (("#e69f00", "silhouette without model"), ("#0072b2", "model without silhouette")),
@@ -187,7 +186,51 @@ if (document.getElementById("handtrack-style") === null) {
     const size = shown ? tangent * view.canvas.clientHeight / Math.tan(view.camera.fov * Math.PI / 360) : 0;
     Object.assign(brush.style, {left: `${event.clientX - size / 2}px`, top: `${event.clientY - size / 2}px`, width: `${size}px`, height: `${size}px`});
   }, true);
-%hover
+  const held = document.createElement("div");
+  held.id = "handtrack-held";
+  main.append(held);
+  // viser tells no server of a pointer that only moves: the script looks itself, by the grips as they are drawn and by the rules of
+  // `hold_at`. The name of what the pointer meets first: a joint where it is near one, else the segment; empty beside the hand
+  const heldAt = (x, y) => {
+    const view = window.__viserMutable, known = window.handtrackHolds, camera = view?.camera;
+    let mesh = null;
+    view?.nodeRefFromName?.[known?.node]?.traverse((one) => { if (one.getMatrixAt) mesh ??= one; });
+    if (mesh === null) return "";
+    const Vector = camera.position.constructor, Matrix = camera.matrixWorld.constructor;
+    const frame = view.canvas.getBoundingClientRect(), count = known.segments.length;
+    const placed = (i) => mesh.getMatrixAt(i, new Matrix()).premultiply(mesh.matrixWorld);
+    const eye = new Vector().setFromMatrixPosition(camera.matrixWorld);
+    const ahead = new Vector(2 * (x - frame.left) / frame.width - 1, 1 - 2 * (y - frame.top) / frame.height, 0.5).unproject(camera).sub(eye);
+    let nearest = Infinity, segment = -1;
+    for (let i = 0; i < count; i++) {  // in the ellipsoid's own frame it is a ball of radius 1
+      const inverse = placed(i).invert(), from = eye.clone().applyMatrix4(inverse);
+      const way = eye.clone().add(ahead).applyMatrix4(inverse).sub(from);
+      const a = way.dot(way), b = way.dot(from), root = b * b - a * (from.dot(from) - 1);
+      const meets = (-b - Math.sqrt(root)) / a;
+      if (root >= 0 && meets > 0 && meets < nearest) { nearest = meets; segment = i; }
+    }
+    if (segment < 0) return "";
+    const at = eye.clone().addScaledVector(ahead, nearest);
+    const depth = -at.clone().applyMatrix4(camera.matrixWorldInverse).z;
+    let best = known.near * frame.height / 2 / Math.tan(camera.fov * Math.PI / 360) / Math.max(depth, known.least), name = known.segments[segment];
+    known.joints.forEach((words, k) => {
+      const place = new Vector().setFromMatrixPosition(placed(count + k));
+      if (place.distanceTo(at) > known.behind) return;
+      const seen = place.project(camera);
+      const off = Math.hypot(frame.left + (seen.x + 1) / 2 * frame.width - x, frame.top + (1 - seen.y) / 2 * frame.height - y);
+      if (off < best) { best = off; name = words; }
+    });
+    return name;
+  };
+  let asked = 0;
+  document.addEventListener("pointermove", (event) => {
+    Object.assign(held.style, {left: `${event.clientX + 14}px`, top: `${event.clientY + 14}px`});
+    if (event.buttons || asked) return;  // while it is dragged the name stays
+    asked = requestAnimationFrame(() => {
+      asked = 0;
+      held.textContent = event.target === window.__viserMutable?.canvas ? heldAt(event.clientX, event.clientY) : "";
+    });
+  }, true);
   // keys are heard by the document's root. They act where neither a dialog is open nor a control has the focus
   const controls = 'input, textarea, select, button, [role="slider"], [role="tab"], [role="combobox"], [role="checkbox"]';
   let awaited = false;  // the palette, which takes a moment to open
@@ -279,9 +322,5 @@ def dress(server: viser.ViserServer) -> None:
         f"<div class='{overlay}'>{' &nbsp; '.join(f'{chip(colour)}{words}' for colour, words in entries)}</div>"
         for overlay, entries in _LEGENDS.items()
     )
-    source = (
-        _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET))
-        .replace("%l", json.dumps(legend))
-        .replace("%hover", HOVER_SCRIPT)
-    )
+    source = _SCRIPT.replace("%s", json.dumps(_STYLE_SHEET)).replace("%l", json.dumps(legend))
     internals.run_javascript(server, source)

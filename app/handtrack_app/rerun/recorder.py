@@ -31,8 +31,14 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack_app.protocol.snapshots import Notice, RerunPage
-from handtrack_app.rerun.space import JudgedFrame, SpaceEntry
-from handtrack_app.rerun.stream import CameraPictures, FrameEntry, IterationEntry, RerunStream
+from handtrack_app.rerun.stream import (
+    CameraPictures,
+    FrameEntry,
+    IterationEntry,
+    JudgedFrame,
+    RerunStream,
+    SpaceEntry,
+)
 
 log = logging.getLogger(__name__)
 

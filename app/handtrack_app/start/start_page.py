@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import logging
+import sys
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -24,14 +25,21 @@ from handtrack.errors import HandtrackError
 from handtrack.session.bundled import bundled_names, bundled_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack.session.session import Session
-from handtrack_app.door.access import LARGEST_FILE, open_door
+from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_browser
+from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
+from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.html import escaped, table, text
 from handtrack_app.page.page import put
 from handtrack_app.page.style import dress
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
-from handtrack_app.start.import_progress import PREVIEW, ImportProgress, joints_found, previews
-from handtrack_app.start.program import Program
+from handtrack_app.start.import_progress import (
+    PREVIEW,
+    ImportProgress,
+    Program,
+    joints_found,
+    previews,
+)
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.start.rig_view import first_image, show_rig
 from handtrack_app.viser_internals import id_of, run_javascript
@@ -517,3 +525,32 @@ def _cameras(found: FoundFiles) -> str:
     if found.project is not None:
         family = f"a Pose2Sim project, with the cameras' 2D joints; {family}"
     return table(rows) + text(unused, faint=False) + escaped(family)
+
+
+# ---- Serving the page
+
+
+@logging_to(LOG_FILE)
+def choose_recording(
+    host: str, port: int, open_browser: bool, token: str | None = None, told: str = ""
+) -> tuple[Path, Door] | None:
+    """Serve the start page; return the folder that was chosen, and the page's door, closed. None after Ctrl-C.
+
+    token: of the page before, which comes again by itself; told: why it does. Raises HandtrackError for a host or port that cannot be used.
+    """
+    warning = host_warning(host)
+    if warning and token is None:
+        print(f"handtrack: {warning}", file=sys.stderr)
+    chosen = choose_port(host, None if port == FIRST_PORT and token is None else port)
+    page = StartPage(host, chosen, token, told)
+    try:
+        if token is None:
+            print(f"handtrack: choose a recording at {page.door.url} (Ctrl-C ends)", flush=True)
+            if open_browser:
+                show_in_browser(page.door)
+        folder = page.wait()
+        return None if folder is None else (folder, page.door)
+    except KeyboardInterrupt:
+        return None
+    finally:
+        page.stop()

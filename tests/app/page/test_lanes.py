@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from handtrack.store.spans import Span
-from handtrack_app.page.time.lanes import lanes_of
-from handtrack_app.page.time.window import Window, extremes, whole
+from handtrack_app.page.time.lanes import Window, extremes, lanes_of, whole
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.snapshots import TimelineSnapshot
 

@@ -8,8 +8,7 @@ import pytest
 from handtrack_app.engine.document_snapshots import timeline_snapshot
 from handtrack_app.engine.store import edits
 from handtrack_app.page.panels.tracking import nearest_posed
-from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture
-from handtrack_app.page.time.window import whole
+from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture, whole
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
 from tests.app.fake_run import fake_document

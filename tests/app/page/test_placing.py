@@ -5,7 +5,7 @@ import pytest
 
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.page.panels.pose import NUDGES, nudged
-from handtrack_app.page.pins.whole_hand import ROOT
+from handtrack_app.page.pins.grips import ROOT
 
 VIEW = rotation_matrix(np.array([0.4, -1.1, 0.7]))
 STEP_M, STEP_RAD = 0.003, 0.05

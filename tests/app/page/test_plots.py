@@ -3,7 +3,7 @@
 import numpy as np
 
 from handtrack_app.page.panels.plots import plot_data, range_and_speed, speed_of
-from handtrack_app.page.time.window import Window
+from handtrack_app.page.time.lanes import Window
 from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot
 from tests.app.page.test_review_panel import _tracked
 from tests.app.waiting import eventually

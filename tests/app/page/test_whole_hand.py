@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack_app.page.pins.whole_hand import ROOT, WholeDrag
+from handtrack_app.page.pins.grips import ROOT, WholeDrag
 from handtrack_app.page.scene.zoom import ray_pixel
 from handtrack_app.protocol.snapshots import CameraCard
 

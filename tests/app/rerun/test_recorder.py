@@ -15,7 +15,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder
-from handtrack_app.rerun.space import SpaceEntry, log_cameras
+from handtrack_app.rerun.stream import SpaceEntry, log_cameras
 from tests.app.cloud_session import cloud_recording
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.desk import a_desk

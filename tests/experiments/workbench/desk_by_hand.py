@@ -20,7 +20,7 @@ import numpy as np
 from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session import Session
-from handtrack_app.page.pins.taking_hold import NEAR_JOINT_M
+from handtrack_app.page.pins.grips import NEAR_JOINT_M
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.workbench import Workbench
 from tests.app.page.test_browser import PageUnderTest, browsing, stands

@@ -13,7 +13,7 @@ from handtrack.arrays import F, Floats, N
 from handtrack_app.page.html import text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import groups_of, title_of, unit_of
-from handtrack_app.page.time.window import Window, extremes
+from handtrack_app.page.time.lanes import Window, extremes
 from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, SessionSnapshot
 
 _NONE: str = "choose …"

@@ -17,8 +17,8 @@ from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.copying import CopyPanel
 from handtrack_app.page.panels.pose_words import group_of, groups_of, label_of, length_unit, unit_of
+from handtrack_app.page.pins.grips import moved_root
 from handtrack_app.page.pins.pin_panel import PinPanel
-from handtrack_app.page.pins.whole_hand import moved_root
 from handtrack_app.protocol.palette import (
     ASIDE,
     FINGER_COLOURS,

@@ -4,6 +4,7 @@ along; in a free view without the handle, Shift and a drag pull a joint or a seg
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -12,25 +13,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
+import viser.transforms as vtf
 
-from handtrack.arrays import D3, Floats
-from handtrack.geometry.rotation import quaternion_wxyz
+from handtrack.arrays import D3, D6, Floats
+from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix, rotation_vector
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.page import Page
-from handtrack_app.page.pins.hover import name_holds
-from handtrack_app.page.pins.pin_marks import PinMarks
-from handtrack_app.page.pins.taking_hold import Hold, ellipsoid_at, hold_at, view_card
-from handtrack_app.page.pins.whole_hand import WholeDrag
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.scene.model_view import ball
-from handtrack_app.page.scene.zoom import ray_pixel
-from handtrack_app.protocol.snapshots import BEFORE, CameraCard, PoseSnapshot, SessionSnapshot
+from handtrack_app.page.scene.zoom import Pixel, ray_pixel
+from handtrack_app.protocol.palette import CONTRADICTED, PIN
+from handtrack_app.protocol.snapshots import (
+    BEFORE,
+    HAND_REACH_M,
+    CameraCard,
+    PoseSnapshot,
+    SessionSnapshot,
+)
 
 if TYPE_CHECKING:
     from handtrack_app.viser_internals import DragButton, KeyModifier
 
 _GRIP = "/grips/flesh"
 _POINT_M = 1e-6
-"""radius of a joint among the grips: nobody meets it, but the page reads where it is (`hover`)"""
+"""radius of a joint among the grips: nobody meets it, but the page reads where it is (`name_holds`)"""
 _UNSEEN = 0.004  # opacity: what is not drawn at all cannot be pointed at
 Node = viser.BatchedMeshHandle | viser.MeshHandle
 Event = (
@@ -241,3 +246,247 @@ class Grips:
                         state.frame, drag.card.name, pixel, version, hold.joint, hold.bone, hold.point,
                         self.by_images, drag.tag,
                     )  # fmt: skip
+
+
+# ---- What a pointer takes hold of in a camera's picture: a joint where it is near one, else the point of a segment under it
+
+
+NEAR_JOINT_M = 0.007
+"""as near as a finger is thick; of a body, as much more as it is larger"""
+BEHIND = 4.0
+"""times as far as that from what is pointed at, a joint lies behind it, though it is seen beside it"""
+LEAST_AWAY_M = 0.05
+"""nearer to a camera nothing is any larger in its image"""
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A joint; or a bone, and a point in its frame [m]."""
+
+    joint: str = ""
+    bone: str = ""
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def place(self, session: SessionSnapshot, pose: PoseSnapshot) -> Floats[D3]:
+        """Return where a pose has it, world [m]."""
+        if self.joint:
+            return pose.joints[session.joint_names.index(self.joint)]
+        bone = session.bone_names.index(self.bone)
+        return pose.bone_position[bone] + pose.bone_rotation[bone] @ np.array(self.point)
+
+
+def view_card(camera: viser.CameraHandle) -> CameraCard:
+    """Return a free view as a camera whose image is the window."""
+    width, height = max(camera.image_width, 1), max(camera.image_height, 1)
+    focal = 0.5 * height / np.tan(0.5 * float(camera.fov))
+    matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    turn = vtf.SO3(np.asarray(camera.wxyz, dtype=float)).as_matrix()
+    centre = np.asarray(camera.position, dtype=float)
+    return CameraCard("", (width, height), matrix, turn, centre)
+
+
+def near_joint_m(session: SessionSnapshot) -> float:
+    """Return how far from a joint is still at it: half of what carries it is as thick as that."""
+    return NEAR_JOINT_M * session.reach_m / HAND_REACH_M
+
+
+def ellipsoid_at(session: SessionSnapshot, pose: PoseSnapshot, at: Floats[D3]) -> int | None:
+    """Return the ellipsoid of the flesh that a point, world [m], is in or next to; None where the pose is not of this model."""
+    if len(pose.centre) != len(session.radii) or not len(session.radii):
+        return None
+    inside = np.einsum("nji,nj->ni", pose.rotation, at - pose.centre) / session.radii
+    return int(np.argmin((inside**2).sum(axis=1)))
+
+
+def hold_at(
+    session: SessionSnapshot,
+    pose: PoseSnapshot,
+    card: CameraCard,
+    ellipsoid: int,
+    at: Floats[D3],
+) -> Hold | None:
+    """Return what is held where a pointer meets an ellipsoid at a point, world [m]; None for what is not of this pose."""
+    if not 0 <= ellipsoid < len(session.ellipsoid_bone) or not np.isfinite(at).all():
+        return None
+    way = at - card.centre
+    pixel = ray_pixel(card, way)
+    if pixel is None:
+        return None
+    away = float(way @ card.rotation[:, 2])
+    near = near_joint_m(session) * float(card.matrix[0, 0]) / max(away, LEAST_AWAY_M)
+    joint = _nearest_joint(session, pose, card, pixel, at, near)
+    if joint is not None:
+        return Hold(joint=joint)
+    bone = int(session.ellipsoid_bone[ellipsoid])
+    x, y, z = (
+        float(v) for v in pose.bone_rotation[bone].T @ (_on_ellipsoid(session, pose, card, ellipsoid, at) - pose.bone_position[bone])
+    )  # fmt: skip
+    return Hold(bone=session.bone_names[bone], point=(x, y, z))
+
+
+def _nearest_joint(
+    session: SessionSnapshot,
+    pose: PoseSnapshot,
+    card: CameraCard,
+    pixel: Pixel,
+    at: Floats[D3],
+    near_px: float,
+) -> str | None:
+    """Return the joint that lies nearest to a pixel, within so many; not one that lies far behind what is pointed at."""
+    best, found = near_px, None
+    for name, place in zip(session.joint_names, pose.joints, strict=True):
+        seen = ray_pixel(card, place - card.centre)
+        if seen is None or float(np.linalg.norm(place - at)) > BEHIND * near_joint_m(session):
+            continue
+        off = float(np.hypot(seen[0] - pixel[0], seen[1] - pixel[1]))
+        if off < best:
+            best, found = off, name
+    return found
+
+
+def _on_ellipsoid(
+    session: SessionSnapshot, pose: PoseSnapshot, card: CameraCard, ellipsoid: int, at: Floats[D3]
+) -> Floats[D3]:
+    """Return where the ray through a point first meets an ellipsoid; the nearest point of the ray to its centre where it misses."""
+    radii, turn = session.radii[ellipsoid], pose.rotation[ellipsoid]
+    way = (turn.T @ (at - card.centre)) / radii
+    begin = (turn.T @ (card.centre - pose.centre[ellipsoid])) / radii
+    a, b, c = way @ way, way @ begin, begin @ begin - 1.0
+    root = max(float(b * b - a * c), 0.0)
+    return card.centre + float((-b - np.sqrt(root)) / a) * (at - card.centre)
+
+
+# ---- The name of what a drag would take hold of, beside the pointer: the page's own script (`style`) shows it
+
+
+def name_holds(client: viser.ClientHandle, session: SessionSnapshot, node: str) -> None:
+    """Tell a page what its grips are called: a node's instances are the ellipsoids and then the joints."""
+    whole = {
+        bone: f"{bone.replace('_', ' ')}: moves the whole {session.kind}"
+        for bone in session.stem_bones
+    }
+    bones = [session.bone_names[int(bone)] for bone in session.ellipsoid_bone]
+    known = {
+        "node": node,
+        "near": near_joint_m(session),
+        "behind": BEHIND * near_joint_m(session),
+        "least": LEAST_AWAY_M,
+        "segments": [whole.get(bone, bone.replace("_", " ")) for bone in bones],
+        "joints": [joint.replace("_", " ") for joint in session.joint_names],
+    }
+    internals.run_javascript(client, f"window.handtrackHolds = {json.dumps(known)}")
+
+
+# ---- The whole hand moved: parallel to a camera's image, or turned, its fingers as they are
+
+
+ROOT = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz")
+_NEAR_AXIS_M = 0.004
+"""so near to the axis the pointer tells no angle: a tremble would turn the hand over"""
+
+
+def moved_root(
+    root: Floats[D6], pivot: Floats[D3], turn: Floats[D3], move: Floats[D3]
+) -> dict[str, float]:
+    """Return root parameters by name [m, rad] after a turn about a point and a move.
+
+    pivot: world [m], it stays where it is in the turn. turn: rotation vector, world [rad]. move: world [m].
+    """
+    rotation = rotation_matrix(turn)
+    place = pivot + rotation @ (root[:3] - pivot) + move
+    turned = rotation_vector(rotation @ rotation_matrix(root[3:6]))
+    return dict(zip(ROOT, [*place.tolist(), *turned.tolist()], strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class WholeDrag:
+    """A drag of the whole hand in a camera's picture, from where it began."""
+
+    card: CameraCard
+    root: Floats[D6]
+    """[m, rad]"""
+    middle: Floats[D3]
+    """of the hand, world [m]"""
+    start: Floats[D3]
+    """what was taken hold of, world [m]"""
+    turns: bool
+    """about the line of sight to its middle; else it moves parallel to the image"""
+
+    def to(self, end: Floats[D3]) -> dict[str, float] | None:
+        """Return root parameters by name when the pointer is over a point, world [m]; None where that tells nothing."""
+        place = self._as_deep(end, self.middle if self.turns else self.start)
+        if place is None:
+            return None
+        none = np.zeros(3)
+        if not self.turns:
+            return moved_root(self.root, self.middle, none, place - self.start)
+        axis = self.middle - self.card.centre
+        axis = axis / np.linalg.norm(axis)
+        before = self._as_deep(self.start, self.middle)
+        if before is None:
+            return None
+        was, now = ((p - self.middle) - ((p - self.middle) @ axis) * axis for p in (before, place))
+        if min(np.linalg.norm(was), np.linalg.norm(now)) < _NEAR_AXIS_M:
+            return None
+        angle = np.arctan2(np.cross(was, now) @ axis, was @ now)
+        return moved_root(self.root, self.middle, axis * angle, none)
+
+    def _as_deep(self, point: Floats[D3], other: Floats[D3]) -> Floats[D3] | None:
+        """Return what the camera sees where it sees a point, as deep in its picture as another."""
+        ahead, way = self.card.rotation[:, 2], point - self.card.centre
+        depth = float((other - self.card.centre) @ ahead)
+        along = float(way @ ahead)
+        if depth <= 0 or along <= 1e-9 * float(np.linalg.norm(way)):
+            return None
+        return self.card.centre + way * (depth / along)
+
+
+# ---- Pins as they are drawn in the scene: a head on the ray, and a thread to what it holds
+
+
+_HEADS, _THREADS = "/pins/heads", "/pins/threads"
+_HEAD_M = 0.0028
+_MISSED = 1.6
+"""times as large is the head of a pin that the pose misses: red and orange look alike to many"""
+_BEFORE_M = 0.03
+"""that a pin's head stands nearer to its camera than what it holds: flesh does not hide it"""
+
+
+class PinMarks:
+    """They are drawn for all pages."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        mesh = ball(8, 12)
+        self._heads = page.server.scene.add_batched_meshes_simple(
+            _HEADS, mesh.vertices, mesh.faces, np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)),
+            batched_scales=np.array([_HEAD_M], np.float32), batched_colors=PIN, lod="off", cast_shadow=False, visible=False,
+        )  # fmt: skip
+        self._threads = page.server.scene.add_line_segments(
+            _THREADS, np.zeros((1, 2, 3), np.float32), PIN, thickness=2.0, thickness_units="screen",
+            visible=False,
+        )  # fmt: skip
+
+    def show(self, session: SessionSnapshot, pose: PoseSnapshot) -> None:
+        """Show the pins of a pose; those that it misses, which contradict something, are red and larger."""
+        pins, larger = pose.pins, session.reach_m / HAND_REACH_M
+        centres = {card.name: card.centre for card in session.cameras}
+        with self._page.server.atomic():
+            if pins:
+                meant = np.array([pin.meant for pin in pins])
+                back = np.array([centres[pin.camera] for pin in pins]) - meant
+                away = np.linalg.norm(back, axis=1, keepdims=True)
+                heads = meant + back * np.minimum(larger * _BEFORE_M / np.maximum(away, 1e-9), 0.5)
+                places = np.array([pin.place for pin in pins])
+                turn = np.array([1.0, 0.0, 0.0, 0.0], np.float32)
+                self._heads.batched_positions = heads.astype(np.float32)
+                self._heads.batched_wxyzs = np.tile(turn, (len(pins), 1))
+                missed = np.array([pin.off_m > near_joint_m(session) for pin in pins])
+                heads_m = larger**0.75 * _HEAD_M * np.where(missed, _MISSED, 1.0)
+                self._heads.batched_scales = heads_m.astype(np.float32)
+                colours = np.where(missed[:, None], CONTRADICTED, PIN).astype(np.uint8)
+                self._heads.batched_colors = colours
+                self._threads.colors = np.repeat(colours[:, None], 2, axis=1)
+                self._threads.points = np.stack([heads, places], axis=1).astype(np.float32)
+            put(self._heads, visible=bool(pins))
+            put(self._threads, visible=bool(pins))

@@ -10,8 +10,7 @@ import viser
 from handtrack_app.page.html import table, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import group_of
-from handtrack_app.page.pins.grips import Grips
-from handtrack_app.page.pins.taking_hold import near_joint_m
+from handtrack_app.page.pins.grips import Grips, near_joint_m
 from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot, ScoreSnapshot, SessionSnapshot
 
 IMAGES, LEAST = "fit to images", "keep"

@@ -17,7 +17,7 @@ from handtrack.geometry.rotation import (
     rotation_vector,
 )
 from handtrack_app.page.page import Page
-from handtrack_app.page.pins.whole_hand import ROOT
+from handtrack_app.page.pins.grips import ROOT
 
 RootEdit = Callable[[dict[str, float], str, str, bool], None]
 """root parameters by name, what is done in words, the drag that it belongs to, and that it is one"""

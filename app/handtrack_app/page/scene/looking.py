@@ -18,7 +18,7 @@ import viser.transforms as vtf
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Look, Page
-from handtrack_app.page.pins.taking_hold import view_card
+from handtrack_app.page.pins.grips import view_card
 from handtrack_app.page.scene.camera_view import CameraNames, Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 from handtrack_app.page.scene.zoom import (

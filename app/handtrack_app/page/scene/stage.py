@@ -27,13 +27,13 @@ from handtrack_app.page.scene.camera_view import (
     update_cloud,
     update_thumbnails,
 )
-from handtrack_app.page.scene.ghosts import Ghosts
 from handtrack_app.page.scene.handles import (
     RootHandle,
     add_root_handle,
 )
 from handtrack_app.page.scene.looking import Looking, Pointed
 from handtrack_app.page.scene.model_view import (
+    Ghosts,
     HandView,
     add_hand,
     add_surface,

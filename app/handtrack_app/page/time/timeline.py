@@ -8,8 +8,14 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.page import Page, put
-from handtrack_app.page.time.lanes import Lane, cursor_picture, lanes_of, lanes_picture
-from handtrack_app.page.time.window import Window, whole
+from handtrack_app.page.time.lanes import (
+    Lane,
+    Window,
+    cursor_picture,
+    lanes_of,
+    lanes_picture,
+    whole,
+)
 from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, TimelineSnapshot
 
 _PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
