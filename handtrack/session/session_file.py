@@ -13,8 +13,8 @@ import numpy as np
 from msgspec import Meta
 
 from handtrack.capture.calibration.formats.settle import LensView
-from handtrack.capture.images.bayer import METHODS, PATTERNS
 from handtrack.capture.images.openpose import LAYOUTS
+from handtrack.capture.images.raw_frames import METHODS, PATTERNS
 from handtrack.capture.masks.mask_cleaning import Roi
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.errors import HandtrackError, listed_names

@@ -9,10 +9,9 @@ import trimesh
 
 from handtrack.capture.clouds import cloud_files
 from handtrack.capture.clouds import cloud_filters as filters
-from handtrack.capture.clouds.cloud_files import read_cloud, write_cloud
+from handtrack.capture.clouds.cloud_files import read_cloud, read_ply, write_cloud
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.depth import DepthSettings, depth_cloud, surface_pixels
-from handtrack.capture.clouds.ply import read_ply
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.errors import HandtrackError
@@ -31,13 +30,13 @@ def test_written_clouds_read_back(suffix, cloud, tmp_path):
     for colors in (cloud.colors, None):
         path = tmp_path / f"0{suffix}"
         write_cloud(path, PointCloud(cloud.points * 0.01, colors), 0.01)
-        back = read_cloud(path, 0.01)
-        assert back.warnings == ()
-        assert np.allclose(back.cloud.points, cloud.points * 0.01, atol=1e-7)
+        back, warnings = read_cloud(path, 0.01)
+        assert warnings == ()
+        assert np.allclose(back.points, cloud.points * 0.01, atol=1e-7)
         if colors is None:
-            assert back.cloud.colors is None
+            assert back.colors is None
         else:
-            assert np.array_equal(back.cloud.colors, colors)
+            assert np.array_equal(back.colors, colors)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
@@ -58,10 +57,10 @@ def test_what_trimesh_writes_is_read_and_the_other_way_round(encoding, cloud, tm
 def test_huge_clouds_are_read_in_part(suffix, tmp_path, monkeypatch, rng):
     monkeypatch.setattr(cloud_files, "MOST_POINTS", 1000)
     write_cloud(tmp_path / f"0{suffix}", PointCloud(rng.uniform(size=(25_000, 3))))
-    back = read_cloud(tmp_path / f"0{suffix}")
-    assert len(back.cloud) == 1000
-    assert "25000 points; an even part of 1000 is used" in back.warnings[0]
-    assert np.array_equal(back.cloud.points, read_cloud(tmp_path / f"0{suffix}").cloud.points)
+    back, warnings = read_cloud(tmp_path / f"0{suffix}")
+    assert len(back) == 1000
+    assert "25000 points; an even part of 1000 is used" in warnings[0]
+    assert np.array_equal(back.points, read_cloud(tmp_path / f"0{suffix}")[0].points)
 
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
@@ -117,7 +116,7 @@ def test_arrays_of_an_npz(tmp_path):
     with pytest.raises(HandtrackError, match=r"`colors` has the shape \(1, 3\)"):
         read_cloud(path)
     np.savez(path, points=np.zeros((2, 3)), colors=np.full((2, 3), 0.5))
-    assert (read_cloud(path).cloud.colors == 127).all()
+    assert (read_cloud(path)[0].colors == 127).all()
 
 
 EYE = np.zeros((1, 3))

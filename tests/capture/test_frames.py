@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import handtrack.capture.images.video as video_module
-from handtrack.capture.images.bayer import (
+from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, announced_size, frame_number
+from handtrack.capture.images.raw_frames import (
     METHODS,
     PATTERNS,
+    MosaicFiles,
     demosaic,
     level_line_at,
     level_line_green,
 )
-from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, announced_size, frame_number
-from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError
 from tests.capture.level_line_reference import level_line_value
@@ -153,9 +153,7 @@ def test_a_seek_that_arrives_elsewhere_is_noticed(clip, monkeypatch):
     monkeypatch.setattr(video_module, "_CHECKPOINT_EVERY", 10)
     source = VideoFile(clip)
     assert source.frames == range(FRAMES)
-    lying = {
-        at: mark._replace(checksum=mark.checksum ^ 1) for at, mark in source._checkpoints.items()
-    }
+    lying = {at: (time_ms, sum_ ^ 1) for at, (time_ms, sum_) in source._checkpoints.items()}
     source._checkpoints = lying
     assert [shown(source, frame) for frame in (70, 25, 60, 24)] == [70, 25, 60, 24]
 
@@ -224,9 +222,7 @@ def written(folder: Path, images: list[np.ndarray]) -> list[Path]:
 
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_eight_bits_come_back_in_colour(pattern, tmp_path):
-    source = MosaicFiles(
-        written(tmp_path, [mosaic_of(raw_picture(), pattern)]), MosaicSettings(pattern)
-    )
+    source = MosaicFiles(written(tmp_path, [mosaic_of(raw_picture(), pattern)]), pattern)
     off = source.read(0)[4:-4, 4:-4].astype(int) - raw_picture()[4:-4, 4:-4]
     assert np.abs(off).max() <= 3
     assert source.size == (64, 48)
@@ -237,11 +233,11 @@ def test_sixteen_bits_have_one_white_level_for_all_frames(tmp_path):
     """Twelve bits in sixteen; the second frame is half as bright, and stays so."""
     images = [mosaic_of(raw_picture(level), "RGGB").astype(np.uint16) * 16 for level in (1.0, 0.5)]
     files = written(tmp_path, images)
-    bright, dark = (MosaicFiles(files, MosaicSettings("RGGB")).read(frame) for frame in (0, 1))
+    bright, dark = (MosaicFiles(files, "RGGB").read(frame) for frame in (0, 1))
     assert bright.dtype == np.uint8
     assert 250 <= bright.max() <= 255
     assert bright.mean() / dark.mean() == pytest.approx(2.0, rel=0.03)
-    backwards = MosaicFiles(files, MosaicSettings("RGGB"))
+    backwards = MosaicFiles(files, "RGGB")
     assert np.array_equal(backwards.read(1), dark)  # whatever is read first
 
 

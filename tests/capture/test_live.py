@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from handtrack.capture.live.live_camera import LiveCamera
-from handtrack.capture.live.live_feed import CameraCount, LiveFeed, LiveImages
+from handtrack.capture.live.live_feed import CameraCount, LiveCamera, LiveFeed, LiveImages
 from handtrack.errors import HandtrackError
 from tests.app.waiting import eventually
 from tests.live_cameras import SIZE, ScriptedDevice

@@ -13,8 +13,7 @@ from handtrack.capture.clouds.disparity import (
     without_speckles,
 )
 from handtrack.capture.clouds.rectification import rectified
-from handtrack.capture.clouds.stereo import StereoMatcher
-from handtrack.capture.clouds.stereo_check import check_pair
+from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 
@@ -124,15 +123,15 @@ def test_only_masked_pixels_are_matched(texture):
 def test_correlation_finds_known_shifts_and_says_nothing_of_blank_images(texture):
     left = texture[:60, 100:260, 0]
     right = texture[:60, 107:267, 0]  # left x is right x − 7
-    both = correlate(left, right, 0, 15)
-    assert np.nanmax(np.abs(both.left[8:-8, 20:-20] - 7)) < 0.3
-    assert (both.right[8:-8, 20:-20] == 7).all()
+    to_right, to_left = correlate(left, right, 0, 15)
+    assert np.nanmax(np.abs(to_right[8:-8, 20:-20] - 7)) < 0.3
+    assert (to_left[8:-8, 20:-20] == 7).all()
     shifted = cv2.resize(texture[:120, :640, 0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     moved = cv2.resize(texture[:120, 9:649, 0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    half = correlate(shifted, moved, -3, 10).left
+    half = correlate(shifted, moved, -3, 10)[0]
     assert np.nanmedian(half[8:-8, 20:-20]) == pytest.approx(4.5, abs=0.08)
     blank = np.full((60, 160), 90, np.uint8)
-    assert np.isnan(correlate(blank, blank, 0, 15).left).all()
+    assert np.isnan(correlate(blank, blank, 0, 15)[0]).all()
 
 
 def test_left_right_check_and_speckles():

@@ -29,8 +29,8 @@ from handtrack.capture.calibration.rig_calibration import (
 )
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
 from handtrack.capture.calibration.rig_picture import draw_calibration, draw_residuals
-from handtrack.capture.images.bayer import PATTERNS, demosaic
 from handtrack.capture.images.frames import COLOUR, IMAGE_SUFFIXES, RAW, FrameSource, ImageFiles
+from handtrack.capture.images.raw_frames import PATTERNS, demosaic
 from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing

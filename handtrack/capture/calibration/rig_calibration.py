@@ -1,34 +1,30 @@
-"""Board views of several cameras → calibrated rig with a report: lenses, places, joint refinement."""
+"""Board views of several cameras → calibrated rig with a report: lenses, places, joint refinement.
+
+Not all cameras need to see one board: pairs are chained, the pairs with most common views first.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
+from itertools import combinations
+from typing import Any
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from handtrack.arrays import D2, D4, Array, Floats, N
+from handtrack.arrays import D2, D3, D4, Array, C, Floats, K, N
 from handtrack.capture.calibration.board_detection import BoardView
 from handtrack.capture.calibration.board_views import CameraViews, choose_views
 from handtrack.capture.calibration.boards import Board, CharucoBoard
 from handtrack.capture.calibration.bundle_adjustment import (
+    LENS,
     Corners,
     Refined,
     RigState,
     lens_matrix,
     refine,
-)
-from handtrack.capture.calibration.calibration_report import (
-    CalibrationReport,
-    camera_report,
-    pair_reports,
-)
-from handtrack.capture.calibration.rig_graph import (
-    Placed,
-    frame_offset,
-    place_cameras,
-    pose_of_view,
 )
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
@@ -397,3 +393,381 @@ def _pose_matrix(pose: Floats) -> Floats:
 
 def _pose_vector(matrix: Floats) -> Floats:
     return np.concatenate([rotation_vector(matrix[:3, :3]), matrix[:3, 3]])
+
+
+# ---- where cameras stand relative to one another, from boards that two of them saw in the same frame
+
+
+_MOST_LATE = 60  # frames
+_TURN_M = 1.0  # a degree of disagreement counts as much as 1.7 % of the distance to the board
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A first estimate of the rig."""
+
+    cameras: tuple[CameraViews, ...]
+    """the same views; of a board that looks alike when turned, renumbered to agree"""
+    T_camera_world: Floats[C, D4, D4]
+    T_world_board: dict[int, Floats[D4, D4]]
+    """by frame, of shared views"""
+    disagreement: dict[tuple[str, str], float]
+    """median share of the board's distance by which common views disagree about a pair"""
+
+
+def pose_of_view(
+    view: BoardView, board: Board, matrix: Floats[D3, D3], distortions: Floats[K]
+) -> Floats[D4, D4]:
+    """Return T_camera_board of one view, the better of a plane's two poses."""
+    points = board.points[view.ids]
+    count, turns, shifts, errors = cv2.solvePnPGeneric(
+        points, view.pixels.reshape(-1, 1, 2), matrix, distortions, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not count:
+        _, turn, shift = cv2.solvePnP(points, view.pixels, matrix, distortions)
+    else:
+        best = int(np.argmin([float(np.ravel(e)[0]) for e in errors]))
+        turn, shift = cv2.solvePnPRefineLM(
+            points, view.pixels, matrix, distortions, turns[best], shifts[best]
+        )
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(turn)[0]
+    pose[:3, 3] = np.ravel(shift)
+    return pose
+
+
+def common_frames(a: CameraViews, b: CameraViews) -> list[int]:
+    """Return the frames in which both cameras saw the board, ascending."""
+    return sorted({view.frame for view in a.shared} & {view.frame for view in b.shared})
+
+
+def place_cameras(
+    cameras: Sequence[CameraViews], poses: Sequence[dict[int, Floats[D4, D4]]], board: Board
+) -> Placed:
+    """Return all cameras in the first one's frame.
+
+    poses: per camera T_camera_board by frame. Raises HandtrackError naming the groups of cameras that
+    share no view.
+    """
+    edges = {
+        (i, j): common_frames(cameras[i], cameras[j])
+        for i in range(len(cameras))
+        for j in range(i + 1, len(cameras))
+    }
+    _require_connected(cameras, edges)
+    turns = _turn_transforms(board)
+    poses = [dict(own) for own in poses]
+    placed: dict[int, Floats] = {0: np.eye(4)}
+    boards = dict(poses[0])
+    renumbered = list(cameras)
+    disagreement: dict[tuple[str, str], float] = {}
+    while len(placed) < len(cameras):
+        near, new = max(
+            ((i, j) if i in placed else (j, i) for i, j in edges if (i in placed) != (j in placed)),
+            key=lambda pair: (len(edges[min(pair), max(pair)]), -pair[1]),
+        )
+        frames = edges[min(near, new), max(near, new)]
+        T_new_near, off = _agreed(
+            [poses[new][f] for f in frames], [poses[near][f] for f in frames], turns
+        )
+        disagreement[cameras[near].name, cameras[new].name] = off
+        placed[new] = T_new_near @ placed[near]
+        renumbered[new] = _renumbered(cameras[new], poses[new], placed[new], boards, turns, board)
+        for frame, pose in poses[new].items():
+            boards.setdefault(frame, np.linalg.inv(placed[new]) @ pose)
+    return Placed(
+        tuple(renumbered), np.stack([placed[i] for i in range(len(cameras))]), boards, disagreement
+    )
+
+
+def frame_offset(
+    a: dict[int, Floats[D4, D4]], b: dict[int, Floats[D4, D4]], board: Board
+) -> int | None:
+    """Return by how many frames the second camera seems to be late, None when no shift explains it.
+
+    a, b: T_camera_board by frame. With frames rightly matched, all views agree on the cameras' places.
+    """
+    turns = _turn_transforms(board)
+    found: dict[int, float] = {}
+    for offset in range(-_MOST_LATE, _MOST_LATE + 1):
+        frames = [frame for frame in a if frame + offset in b][:60]
+        if len(frames) >= 5:
+            news, nears = [b[f + offset] for f in frames], [a[f] for f in frames]
+            found[offset] = _agreed(news, nears, turns)[1]
+    best = min(found, key=lambda offset: found[offset], default=0)
+    return best if best != 0 and found[best] < 0.3 * found.get(0, np.inf) else None
+
+
+def _require_connected(
+    cameras: Sequence[CameraViews], edges: dict[tuple[int, int], list[int]]
+) -> None:
+    group = list(range(len(cameras)))
+    for (i, j), frames in edges.items():
+        if frames:
+            group = [group[i] if g == group[j] else g for g in group]
+    names = [
+        ", ".join(f"'{camera.name}'" for camera, g in zip(cameras, group) if g == one)
+        for one in dict.fromkeys(group)
+    ]
+    if len(names) > 1:
+        raise HandtrackError(
+            f"the cameras fall into groups that share no view of the board: {' | '.join(names)}. "
+            "Frames are matched by number (a video's frame, the last digits of a file's name). Show "
+            "the board so that at least one camera of each group sees it together with one of "
+            "another, and check that file numbers agree."
+        )
+
+
+def _turn_transforms(board: Board) -> list[Floats]:
+    """Return T_board_turned (4, 4) of each way the board looks the same."""
+    found = []
+    for turn in board.turns:
+        seen, real = board.points, board.points[turn]
+        middle = board.points.mean(axis=0)
+        covariance = (seen - middle).T @ (real - middle)
+        covariance[2, 2] = 1.0  # all in the plane: the turn is about its normal
+        u, _, vt = np.linalg.svd(covariance)
+        rotation = (u @ vt).T
+        transform = np.eye(4)
+        transform[:3, :3] = rotation
+        transform[:3, 3] = middle - rotation @ middle
+        found.append(transform)
+    return found
+
+
+def _agreed(news: list[Floats], nears: list[Floats], turns: list[Floats]) -> tuple[Floats, float]:
+    """Return T_new_near on which most common views agree, and their median disagreement.
+
+    Each view proposes one per way the board looks the same; wrong ones move with the board, the right
+    ones agree. The winner is averaged with those that agree with it.
+    """
+    proposals = np.stack(
+        [[a @ turn @ np.linalg.inv(b) for turn in turns] for a, b in zip(news, nears, strict=True)]
+    )  # (V, S, 4, 4)
+    distance = float(np.median([np.linalg.norm(b[:3, 3]) for b in [*news, *nears]]))
+    best, best_off, best_choice = proposals[0, 0], np.inf, None
+    for candidate in proposals.reshape(-1, 4, 4):
+        off = _disagreements(candidate, proposals, distance)
+        nearest = off.argmin(axis=1)
+        middle = float(np.median(off.min(axis=1)))
+        if middle < best_off:
+            best, best_off, best_choice = candidate, middle, nearest
+    if best_choice is None or len(news) == 1:
+        return best, 0.0
+    chosen = proposals[np.arange(len(proposals)), best_choice]
+    off = _disagreements(best, chosen[:, None], distance)[:, 0]
+    agreeing = chosen[off <= max(2 * best_off, 1e-6)]
+    mean = np.eye(4)
+    mean[:3, :3] = Rotation.from_matrix(agreeing[:, :3, :3]).mean().as_matrix()
+    mean[:3, 3] = np.median(agreeing[:, :3, 3], axis=0)
+    return mean, float(np.median(_disagreements(mean, chosen[:, None], distance)))
+
+
+def _disagreements(pose: Floats, others: Floats, distance: float) -> Floats:
+    """Return how far poses (..., 4, 4) are from one, as a share of the distance to the board."""
+    trace = np.einsum("ij,...ij->...", pose[:3, :3], others[..., :3, :3])
+    angle = np.arccos(np.clip((trace - 1) / 2, -1, 1))
+    shift = np.linalg.norm(others[..., :3, 3] - pose[:3, 3], axis=-1) / distance
+    return _TURN_M * angle + shift
+
+
+def _renumbered(
+    camera: CameraViews,
+    poses: dict[int, Floats],
+    T_camera_world: Floats,
+    boards: dict[int, Floats],
+    turns: list[Floats],
+    board: Board,
+) -> CameraViews:
+    """Return the camera's views numbered as the boards already placed are; poses are turned along."""
+    views = []
+    for view in camera.shared:
+        if view.frame in boards and len(turns) > 1:
+            expected = T_camera_world @ boards[view.frame]
+            ways = [poses[view.frame] @ turn for turn in turns]
+            distance = float(np.linalg.norm(expected[:3, 3]))
+            off = _disagreements(expected, np.stack(ways), distance)
+            best = int(off.argmin())
+            poses[view.frame] = ways[best]
+            inverse = np.argsort(board.turns[best])
+            view = replace(view, ids=inverse[view.ids])
+        views.append(view)
+    return replace(camera, shared=tuple(views))
+
+
+# ---- what a calibration is worth, in numbers and plain words
+
+
+_GRID = (8, 6)  # cells of the image in which corners are counted
+_WORST = 3
+
+
+@dataclass(frozen=True)
+class CalibrationReport:
+    """All of it, as it is written in JSON."""
+
+    board: str
+    sigma_px: float
+    """robust standard deviation of one coordinate of a corner"""
+    cameras: tuple[dict[str, Any], ...]
+    """see `camera_report`"""
+    pairs: tuple[dict[str, Any], ...]
+    """see `pair_reports`"""
+    warnings: tuple[str, ...]
+    contradictions: tuple[str, ...] = ()
+    """pairs of cameras whose common views contradict one another: the rig is not to be used"""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain numbers, lists and texts, for JSON."""
+        return {**asdict(self), "warnings": [*self.warnings, *self.doubts]}
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What the numbers themselves say against the calibration."""
+        found: list[str] = []
+        for camera in self.cameras:
+            found += _doubts(camera)
+        return tuple(found)
+
+    def text(self) -> str:
+        """Return the report as lines for a terminal."""
+        lines = [
+            f"board {self.board}; corners scatter by {self.sigma_px:.3f} px in each direction",
+            "",
+        ]
+        lines.append("camera          images  found  used   rms px   alone   covered  worst views")
+        for camera in self.cameras:
+            worst = sorted(camera["views"], key=lambda view: -view["rms_px"])[:_WORST]
+            shown = ", ".join(f"{_short(view)} {view['rms_px']:.2f}" for view in worst)
+            lines.append(
+                f"{camera['name']:15s} {camera['images']:6d} {camera['found']:6d} {camera['used']:5d}  {camera['rms_px']:7.3f} "
+                f"{camera['rms_alone_px']:7.3f}  {100 * camera['coverage']:6.0f} %  {shown}"
+            )
+        for camera in self.cameras:
+            numbers = [
+                f"{name} {value:.5g}" + (f" ±{std:.2g}" if std else " fixed")
+                for (name, value), std in zip(camera["lens"].items(), camera["lens_std"].values())
+            ]
+            lines += [
+                "",
+                f"{camera['name']}: " + "  ".join(numbers[:4]),
+                "   " + "  ".join(numbers[4:]),
+                f"   skew that would fit: {camera['skew_px']:.2f} ±{camera['skew_std_px']:.2f} px (held at 0)",
+            ]
+        if self.pairs:
+            lines += ["", "pair                            baseline mm   angle °   common views"]
+            lines += [
+                f"{' – '.join(pair['names']):30s}  {1e3 * pair['baseline_m']:11.2f} {pair['angle_deg']:9.2f} {pair['common_views']:14d}"
+                for pair in self.pairs
+            ]
+        notes = (*self.contradictions, *self.warnings, *self.doubts)
+        return "\n".join([*lines, *(["", *(f"note: {note}" for note in notes)] if notes else [])])
+
+
+def camera_report(
+    camera: Camera,
+    given: CameraViews,
+    used: CameraViews,
+    left: Sequence[Floats[N, D2]],
+    rms_alone_px: float,
+    refined: Refined,
+    index: int,
+) -> dict[str, Any]:
+    """Return one camera's lens and how well its views fit; left: residuals of each view, shared ones first.
+
+    `rms_px` is of all corners after the joint refinement, `rms_alone_px` of its lens fitted alone: much smaller means that cameras
+    disagree. `coverage` is the share of the image's cells in which there is a corner. Of `lens_std`, 0 is held fixed; `skew_px` would
+    fit, but is held at 0. A view that is `alone` is for the lens, not shared with other cameras.
+    """
+    views = (*used.shared, *used.alone)
+    pixels = np.concatenate([view.pixels for view in views])
+    cell = np.floor(pixels / np.array(camera.size) * _GRID).astype(int)
+    covered = {tuple(c) for c in cell if (c >= 0).all() and (c < _GRID).all()}
+    skew, skew_std = refined.skew[index].tolist()
+    return {
+        "name": camera.name,
+        "images": given.tried,
+        "found": len(given.shared) + len(given.alone),
+        "used": len(views),
+        "rms_px": _rms(np.concatenate(left)),
+        "rms_alone_px": rms_alone_px,
+        "coverage": len(covered) / (_GRID[0] * _GRID[1]),
+        "lens": dict(zip(LENS, refined.state.lens[index].tolist())),
+        "lens_std": dict(zip(LENS, refined.lens_std[index].tolist())),
+        "skew_px": skew,
+        "skew_std_px": skew_std,
+        "views": [
+            {
+                "frame": view.frame,
+                "source": view.source,
+                "rms_px": _rms(off),
+                "max_px": float(np.linalg.norm(off, axis=1).max()),
+                "alone": i >= len(used.shared),
+            }
+            for i, (view, off) in enumerate(zip(views, left, strict=True))
+        ],
+    }
+
+
+def pair_reports(
+    rig: CameraRig, used: Sequence[CameraViews], disagreement: dict[tuple[str, str], float]
+) -> tuple[dict[str, Any], ...]:
+    """Return all pairs that share a view, or that placed a camera: their distance, and the angle between their directions."""
+    found = []
+    for (a, b), (seen_a, seen_b) in zip(combinations(rig, 2), combinations(used, 2), strict=True):
+        common = len(common_frames(seen_a, seen_b))
+        if common or {(a.name, b.name), (b.name, a.name)} & set(disagreement):
+            turn = rotation_vector(b.rotation @ a.rotation.T)
+            found.append(
+                {
+                    "names": (a.name, b.name),
+                    "baseline_m": float(np.linalg.norm(a.centre - b.centre)),
+                    "angle_deg": float(np.rad2deg(np.linalg.norm(turn))),
+                    "common_views": common,
+                }
+            )
+    return tuple(found)
+
+
+def _rms(off: Floats) -> float:
+    return float(np.sqrt((off**2).sum(axis=1).mean()))
+
+
+def _short(view: dict[str, Any]) -> str:
+    name = view["source"].replace("\\", "/").rsplit("/", 1)[-1]
+    return name if name and ", frame" not in name else f"frame {view['frame']}"
+
+
+def _doubts(camera: dict[str, Any]) -> list[str]:
+    who = f"camera '{camera['name']}'"
+    found = []
+    if camera["rms_px"] > max(3 * camera["rms_alone_px"], 1.0):
+        found.append(
+            f"{who} fits by {camera['rms_alone_px']:.2f} px alone but by {camera['rms_px']:.2f} px together with "
+            "the others: frames may not be synchronised, or a camera moved between views."
+        )
+        return found  # what else the numbers say follows from that
+    if camera["rms_px"] > 1.0:
+        found.append(
+            f"{who} misses corners by {camera['rms_px']:.2f} px (below 0.5 is usual): blurred or moving "
+            "boards, a board that is not flat, or a lens that needs more than k1 k2 p1 p2 k3."
+        )
+    if camera["used"] < 10:
+        found.append(
+            f"{who} has {camera['used']} views; 15 or more, in different tilts, are better."
+        )
+    if camera["coverage"] < 0.5:
+        found.append(
+            f"{who}: corners cover {100 * camera['coverage']:.0f} % of the image; its distortion is a guess elsewhere."
+        )
+    sure = camera["lens_std"]["fx"] / camera["lens"]["fx"]
+    if sure > 0.01:
+        found.append(
+            f"{who}: its focal length is known to {100 * sure:.1f} % only; tilt the board more (30° to 45°)."
+        )
+    if abs(camera["skew_px"]) > max(4 * camera["skew_std_px"], 1.0):
+        found.append(
+            f"{who}: a skew of {camera['skew_px']:.2f} px would fit better, but skew is not modelled (OpenCV "
+            "ignores it, and so would everything after). A warped board or print scaled unevenly looks the same."
+        )
+    return found

@@ -1,15 +1,18 @@
-"""Read point clouds from .ply and .npz files in metres, leaving out unusable points with a note."""
+"""Read point clouds from .ply and .npz files in metres, leaving out unusable points with a note.
+
+PLY has an own reader, since trimesh reads a file whole and several times over: here a file of ten million
+points costs no more memory than the part of it that is kept.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats
+from handtrack.arrays import D3, Array, Floats, M, N
 from handtrack.capture.clouds.cloud_filters import finite
-from handtrack.capture.clouds.ply import read_ply, spread_part, write_ply
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
@@ -20,17 +23,8 @@ _LARGE_M = 20.0  # no camera sees a hand in a cloud of that extent
 _POINTS = "points"
 
 
-@dataclass(frozen=True, eq=False)
-class ReadCloud:
-    """A cloud as read, and what was odd about its file."""
-
-    cloud: PointCloud
-    warnings: tuple[str, ...]
-    """plain sentences; each names the file."""
-
-
-def read_cloud(path: Path, world_unit_m: float = 1.0) -> ReadCloud:
-    """Return the cloud of a .ply or .npz file (`points` (N, 3), optional `colors` (N, 3)).
+def read_cloud(path: Path, world_unit_m: float = 1.0) -> tuple[PointCloud, tuple[str, ...]]:
+    """Return the cloud of a .ply or .npz file (`points` (N, 3), optional `colors` (N, 3)), and what was odd about it, in sentences.
 
     world_unit_m: metres in one unit of the file. Points that are not finite are dropped; of more
     than a million an even part is kept; an extent above 20 m is asked about. Raises
@@ -55,7 +49,7 @@ def read_cloud(path: Path, world_unit_m: float = 1.0) -> ReadCloud:
         )
     cloud = PointCloud(points * world_unit_m, colors).select(good)
     warnings += _extent_warning(path, cloud.points, world_unit_m)
-    return ReadCloud(cloud, tuple(warnings))
+    return cloud, tuple(warnings)
 
 
 def write_cloud(path: Path, cloud: PointCloud, world_unit_m: float = 1.0) -> None:
@@ -123,3 +117,184 @@ def _eight_bit(colors: Array) -> Array:
     if colors.dtype.kind == "f" and np.nanmax(colors, initial=0.0) <= 1.0:
         colors = colors * 255.0
     return np.clip(np.nan_to_num(colors), 0, 255).astype(np.uint8)
+
+
+# ---- Read and write point clouds as .ply: ascii and binary in, binary little endian out
+
+
+_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+_FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_COLOURS = (
+    ("red", "green", "blue"),
+    ("r", "g", "b"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+)
+_LONGEST_HEADER = 64 * 1024
+
+
+class _Header(NamedTuple):
+    order: str
+    """numpy's sign for the byte order; empty for ascii."""
+    count: int
+    fields: list[tuple[str, str]]
+    start: int
+    """first byte after the header."""
+
+
+def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None, int]:
+    """Return points, colours uint8 RGB or None, and how many points the file has.
+
+    Of more than `most` points, about that many are returned, evenly spread. Raises HandtrackError
+    for what is no .ply, is cut off, or has no vertices with x, y, z.
+    """
+    header = _header(path)
+    names = [name for name, _ in header.fields]
+    if not {"x", "y", "z"} <= set(names):
+        raise HandtrackError(
+            f"{path}: the vertices have no x, y, z; properties there: {', '.join(names) or 'none'}."
+        )
+    if len(set(names)) < len(names):
+        raise HandtrackError(f"{path}: a vertex property is named twice: {', '.join(names)}.")
+    if header.count == 0:
+        return np.zeros((0, 3)), None, 0
+    if header.count > path.stat().st_size:  # do not believe any header
+        raise _cut_off(path, header.count, None)
+    picked = spread_part(header.count, most)
+    table = _ascii(path, header, picked) if not header.order else _binary(path, header, picked)
+    points = np.column_stack([table[axis] for axis in "xyz"]).astype(float)
+    return points, _colors(table, names), header.count
+
+
+def write_ply(path: Path, points: Floats[N, D3], colors: Array[N, D3] | None = None) -> None:
+    """Write points and colours uint8 RGB as binary little endian, single precision."""
+    fields = [(axis, "<f4") for axis in "xyz"]
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    lines += [f"property float {axis}" for axis in "xyz"]
+    if colors is not None:
+        fields += [(name, "u1") for name in _COLOURS[0]]
+        lines += [f"property uchar {name}" for name in _COLOURS[0]]
+    table = np.empty(len(points), fields)
+    for i, axis in enumerate("xyz"):
+        table[axis] = points[:, i]
+    if colors is not None:
+        for i, name in enumerate(_COLOURS[0]):
+            table[name] = colors[:, i]
+    with Path(path).open("wb") as file:
+        file.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
+        file.write(table.tobytes())
+
+
+def spread_part(count: int, most: int) -> Array[M]:
+    """Return ascending indices of at most `most` of `count` things: one, at random, of each of
+    `most` stretches of equal length; all where they are few. A fixed pattern, part of reading a
+    file: no seed changes it."""
+    if count <= most:
+        return np.arange(count)
+    edges = np.linspace(0, count, most + 1)
+    inside = np.random.default_rng(0).random(most)
+    return (edges[:-1] + inside * np.diff(edges)).astype(np.int64)
+
+
+def _header(path: Path) -> _Header:
+    try:
+        with path.open("rb") as file:
+            head = file.read(_LONGEST_HEADER)
+    except OSError as error:
+        raise HandtrackError(f"{path}: cannot be read ({error.strerror}).") from None
+    end = head.find(b"end_header")
+    if not head.startswith(b"ply") or end < 0:
+        raise HandtrackError(
+            f"{path}: not a .ply file; it has no header from `ply` to `end_header`."
+        )
+    start = head.find(b"\n", end) + 1
+    if start == 0:
+        start = len(head)
+    order: str | None = None
+    count, fields, elements = -1, [], []
+    for line in head[:end].decode("ascii", errors="replace").splitlines():
+        words = line.split()
+        if words[:1] == ["format"]:
+            order = _FORMATS.get(words[1] if len(words) > 1 else "")
+        elif words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
+            elements.append(words[1])
+            if words[1] == "vertex":
+                count = int(words[2])
+        elif words[:1] == ["property"] and elements[-1:] == ["vertex"]:
+            if len(words) != 3 or words[1] not in _TYPES:
+                raise HandtrackError(f"{path}: the vertex property `{line}` cannot be read.")
+            fields.append((words[2], _TYPES[words[1]]))
+    if order is None:
+        raise HandtrackError(f"{path}: no known format; expected one of {', '.join(_FORMATS)}.")
+    if elements[:1] != ["vertex"]:
+        raise HandtrackError(
+            f"{path}: expected the vertices first; elements there: {', '.join(elements) or 'none'}."
+        )
+    return _Header(order, count, fields, start)
+
+
+def _binary(path: Path, header: _Header, picked: Array) -> Array:
+    kind = np.dtype([(name, header.order + kind) for name, kind in header.fields])
+    found = max(path.stat().st_size - header.start, 0) // kind.itemsize
+    if found < header.count:
+        raise _cut_off(path, header.count, found)
+    rows = np.memmap(path, kind, "r", offset=header.start, shape=(header.count,))
+    return np.array(rows[picked])
+
+
+def _ascii(path: Path, header: _Header, picked: Array) -> Array:
+    kind = np.dtype([(name, kind) for name, kind in header.fields])
+    wanted = np.zeros(header.count, bool)
+    wanted[picked] = True
+    rows: list[str] = []
+    with path.open("rb") as file:
+        file.seek(header.start)
+        seen = 0
+        for line in file:
+            if seen == header.count:
+                break
+            if wanted[seen]:
+                rows.append(line.decode("ascii", errors="replace"))
+            seen += 1
+    if seen < header.count:
+        raise _cut_off(path, header.count, seen)
+    try:
+        numbers = np.loadtxt(rows, dtype=float, ndmin=2, usecols=range(len(header.fields)))
+    except ValueError as error:
+        raise HandtrackError(
+            f"{path}: the points cannot be read: {str(error).rstrip('.')}. Expected numbers with spaces between them."
+        ) from None
+    table = np.empty(len(numbers), kind)
+    for i, (name, _) in enumerate(header.fields):
+        column = numbers[:, i]
+        if kind[name].kind in "iu":
+            limits = np.iinfo(kind[name])
+            column = np.clip(np.nan_to_num(column), limits.min, limits.max)
+        table[name] = column
+    return table
+
+
+def _cut_off(path: Path, announced: int, found: int | None) -> HandtrackError:
+    holds = "fewer" if found is None else found
+    return HandtrackError(
+        f"{path}: announces {announced} points, but holds {holds}; the file is cut off. Write it "
+        "again."
+    )
+
+
+def _colors(table: Array, names: list[str]) -> Array | None:
+    for triple in _COLOURS:
+        if set(triple) <= set(names):
+            columns = np.column_stack([table[name] for name in triple])
+            if columns.dtype.kind == "f":  # 0 to 1
+                columns = np.nan_to_num(columns) * 255.0
+            return np.clip(columns, 0, 255).astype(np.uint8)
+    return None

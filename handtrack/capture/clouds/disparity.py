@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -13,30 +13,20 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.setting import setting
 
 
-class Correlated(NamedTuple):
-    """The best match of every pixel, in both directions."""
-
-    left: Array[H, W]
-    """float32 disparity of the left pixels, between whole pixels; NaN where none."""
-    right: Array[H, W]
-    """float32 disparity of the right pixels, whole; NaN where none."""
-
-
 def correlate(
     left: Bytes[H, W],
     right: Bytes[H, W],
     least: int,
     most: int,
     window_px: int = 9,
-) -> Correlated:
-    """Return the disparities of two rectified grey images uint8: left x is right x − d.
+) -> tuple[Array[H, W], Array[H, W]]:
+    """Return the disparities of two rectified grey images uint8, left x is right x − d: of the left pixels, between whole pixels, and
+    of the right ones, whole; float32, NaN where none.
 
     least, most: range of d searched [px], both included. Memory does not grow with the range.
     """
     size = (window_px, window_px)
-    a, b = _centred(left), _centred(right)
-    mean_a, scale_a = _statistics(a, size)
-    mean_b, scale_b = _statistics(b, size)
+    (a, mean_a, scale_a), (b, mean_b, scale_b) = (_statistics(i, size) for i in (left, right))
     best = np.full(a.shape, np.float32(_LEAST_SCORE))
     best_right = best.copy()
     found = np.full_like(a, np.nan, np.float32)
@@ -65,7 +55,7 @@ def correlate(
         after[better] = np.nan
         found[better] = d
         last = score
-    return Correlated(found + _peak(before, best, after), found_right)
+    return found + _peak(before, best, after), found_right
 
 
 def _peak(before: Array, best: Array, after: Array) -> Array:
@@ -77,18 +67,19 @@ def _peak(before: Array, best: Array, after: Array) -> Array:
     return np.where((bend < 0) & (np.abs(top) <= 0.5), top, 0.0).astype(np.float32)
 
 
-def _centred(image: Bytes) -> Array:
-    """Return the image as float32 around 0, so that its squares lose no digits."""
-    return image.astype(np.float32) - np.float32(image.mean())
-
-
-def _statistics(image: Array, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Return each window's mean and 1 / standard deviation; NaN where there is no contrast."""
-    mean = cv2.boxFilter(image, -1, size)
-    variance = cv2.boxFilter(image * image, -1, size) - mean * mean
+def _statistics(image: Bytes, size: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Return the image as float32 around 0, each window's mean, and 1 / standard deviation; NaN where there is no contrast."""
+    values, mean, variance = _moments(image, size)
     with np.errstate(invalid="ignore", divide="ignore"):
         scale = np.where(variance > _LEAST_CONTRAST**2, 1 / np.sqrt(variance), np.nan)
-    return mean, scale.astype(np.float32)
+    return values, mean, scale.astype(np.float32)
+
+
+def _moments(image: Bytes, size: tuple[int, int]) -> tuple[Array, Array, Array]:
+    """Return the image as float32 around 0, so that its squares lose no digits, and each window's mean and variance."""
+    values = image.astype(np.float32) - np.float32(image.mean())
+    mean = cv2.boxFilter(values, -1, size)
+    return values, mean, cv2.boxFilter(values * values, -1, size) - mean * mean
 
 
 _WINDOW_PX = {"sgbm": 5, "correlation": 11}  # the paper's windows need more to go by
@@ -101,7 +92,7 @@ _LEAST_CONTRAST = (
 )
 
 REJECTED = ("", "left and right disagree", "no contrast", "speckle", "outside the other mask")
-"""why a match does not count, by its number in `Matches.rejected`; 0 where nothing was rejected"""
+"""why a match does not count, by its number; 0 where nothing was rejected"""
 
 
 @dataclass(frozen=True)
@@ -148,15 +139,6 @@ class StereoSettings:
             )
 
 
-class Matches(NamedTuple):
-    """What was matched, and what of it was thrown away."""
-
-    disparity: Array[H, W]
-    """float32 [px] of the left pixels, NaN where there is none."""
-    rejected: Bytes[H, W]
-    """uint8: why a match does not count, see REJECTED."""
-
-
 def disparity(
     left: Bytes[H, W, *Axes],
     right: Bytes[H, W, *Axes],
@@ -170,7 +152,7 @@ def disparity(
     left, right: rectified BGR (H, W, 3) or grey uint8 of one size; left (x, y) is right
     (x − d, y). least, most: range of d searched, both included; may be negative.
     """
-    return matches(left, right, least, most, settings).disparity
+    return matches(left, right, least, most, settings)[0]
 
 
 def matches(
@@ -179,24 +161,24 @@ def matches(
     least: int,
     most: int,
     settings: StereoSettings,
-) -> Matches:
-    """Return what `disparity` does, and why the other matches were thrown away."""
+) -> tuple[Array[H, W], Bytes[H, W]]:
+    """Return what `disparity` does, and why the other matches were thrown away, by number in REJECTED."""
     if settings.method == "correlation":
-        both = correlate(_grey(left), _grey(right), least, most, settings.window)
-        found, back = both.left, both.right
+        found, back = correlate(_grey(left), _grey(right), least, most, settings.window)
     else:
         found = _sgbm(left, right, least, most, settings.window)
         back = _sgbm(_mirrored(right), _mirrored(left), least, most, settings.window)
         back = back[:, ::-1]
     matched = np.isfinite(found)
     rejected = np.zeros(found.shape, np.uint8)
-    rejected[_contrast(_grey(left)) < settings.contrast] = 2
+    variance = _moments(_grey(left), (_CONTRAST_PX, _CONTRAST_PX))[2]
+    rejected[variance < settings.contrast**2] = 2
     rejected[~consistent(found, back, settings.left_right_px)] = 1
     found = np.where(rejected == 0, found, np.float32(np.nan))
     kept = without_speckles(found, settings.speckle_px)
     rejected[np.isfinite(found) & ~np.isfinite(kept)] = 3
     rejected[~matched] = 0
-    return Matches(kept, rejected)
+    return kept, rejected
 
 
 def consistent(left: Array[H, W], right: Array[H, W], tolerance_px: float) -> Array[H, W]:
@@ -218,15 +200,6 @@ def without_speckles(found: Array[H, W], least_px: int) -> Array[H, W]:
     whole = np.where(known, (found - low) * _UNIT + _UNIT, 0).astype(np.int16)
     cv2.filterSpeckles(whole, 0, least_px, _UNIT)
     return np.where(whole > 0, found, np.float32(np.nan))
-
-
-def _contrast(image: Bytes) -> Array:
-    """Return the standard deviation (H, W) in the square around each pixel [grey levels]."""
-    size = (_CONTRAST_PX, _CONTRAST_PX)
-    values = image.astype(np.float32) - np.float32(image.mean())
-    mean = cv2.boxFilter(values, -1, size)
-    square = cv2.boxFilter(values * values, -1, size)
-    return np.sqrt(np.maximum(square - mean * mean, 0))
 
 
 def _sgbm(left: Bytes, right: Bytes, least: int, most: int, window_px: int) -> Array:

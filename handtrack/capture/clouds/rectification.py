@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W
-from handtrack.capture.images.bayer import level_line_at
+from handtrack.capture.images.raw_frames import level_line_at
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 

@@ -6,10 +6,11 @@ A miss is a value, None.
 from __future__ import annotations
 
 import errno
+import io
 import os
 import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Protocol
 
@@ -20,73 +21,6 @@ from handtrack.arrays import Array, Axes, Bytes, H, W
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import scaled_by
-
-_PNM = re.compile(rb"P[1-6](?:\s+|#[^\n]*\n)+(\d+)(?:\s+|#[^\n]*\n)+(\d+)\s")
-_NO_FRAME = (0xC4, 0xC8, 0xCC)  # of JPEG's markers C0 to CF, those that begin no picture
-_TIFF_SIDES = {256: 0, 257: 1}  # tags of width and height
-
-
-def announced_size(data: bytes) -> tuple[int, int] | None:
-    """Return width, height [px] as an image file announces them; None of files that say it in no way known here."""
-    try:
-        if data.startswith(b"\x89PNG\r\n\x1a\n"):
-            return struct.unpack_from(">II", data, 16)
-        if data.startswith(b"\xff\xd8\xff"):
-            return _of_jpeg(data)
-        if data.startswith(b"BM"):
-            width, height = struct.unpack_from("<ii", data, 18)
-            return width, abs(height)  # negative: from the top down
-        if data[:4] in (b"II*\0", b"MM\0*"):
-            return _of_tiff(data)
-        if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
-            return _of_webp(data)
-        if b"ihdr" in data[:256]:  # JPEG 2000
-            height, width = struct.unpack_from(">II", data, data.index(b"ihdr") + 4)
-            return width, height
-    except (struct.error, IndexError):  # cut off
-        return None
-    found = _PNM.match(data[:256])
-    return (int(found[1]), int(found[2])) if found else None
-
-
-def _of_jpeg(data: bytes) -> tuple[int, int]:
-    at = 2
-    while True:
-        kind = data[at + 1]
-        if kind == 0xFF:  # filling
-            at += 1
-        elif 0xC0 <= kind <= 0xCF and kind not in _NO_FRAME:
-            height, width = struct.unpack_from(">HH", data, at + 5)
-            return width, height
-        else:
-            at += 2 + struct.unpack_from(">H", data, at + 2)[0]
-
-
-def _of_tiff(data: bytes) -> tuple[int, int] | None:
-    order = "<" if data.startswith(b"II") else ">"
-    at = struct.unpack_from(f"{order}I", data, 4)[0]
-    sides = [0, 0]
-    for entry in range(struct.unpack_from(f"{order}H", data, at)[0]):
-        tag, kind = struct.unpack_from(f"{order}HH", data, at + 2 + 12 * entry)
-        if tag in _TIFF_SIDES:
-            value = f"{order}{'H' if kind == 3 else 'I'}"
-            sides[_TIFF_SIDES[tag]] = struct.unpack_from(value, data, at + 10 + 12 * entry)[0]
-    return (sides[0], sides[1]) if all(sides) else None
-
-
-def _of_webp(data: bytes) -> tuple[int, int] | None:
-    kind = data[12:16]
-    if kind == b"VP8X":
-        width, height = (int.from_bytes(data[at : at + 3], "little") + 1 for at in (24, 27))
-        return width, height
-    if kind == b"VP8L":
-        bits = struct.unpack_from("<I", data, 21)[0]
-        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
-    if kind == b"VP8 ":
-        width, height = struct.unpack_from("<HH", data, 26)
-        return width & 0x3FFF, height & 0x3FFF
-    return None
-
 
 COLOUR, MASK, DEPTH, RAW = "image", "mask", "depth", "raw"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")
@@ -176,6 +110,46 @@ def frames_of(files: dict[int, Path]) -> range:
     return range(next(reversed(files), -1) + 1)
 
 
+class DerivedFrames:
+    """A source whose images are made of another's, or read in another way; see FrameSource."""
+
+    def __init__(
+        self,
+        source: FrameSource,
+        read: Callable[[int], Array[H, W, *Axes] | None],
+        size: tuple[int, int] | None = None,
+    ) -> None:
+        """read: gives the image of a frame. size: width, height [px] of these images, where they have another than the source's."""
+        self.source, self._read, self._size = source, read, size
+
+    @property
+    def where(self) -> str:
+        return self.source.where
+
+    @property
+    def size(self) -> tuple[int, int] | None:
+        found = self.source.size
+        return found if found is None or self._size is None else self._size
+
+    @property
+    def frames(self) -> range:
+        return self.source.frames
+
+    @property
+    def known_frames(self) -> range:
+        return self.source.known_frames
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        return self.source.warnings
+
+    def has(self, frame: int) -> bool:
+        return self.source.has(frame)
+
+    def read(self, frame: int) -> Array[H, W, *Axes] | None:
+        return self._read(frame)
+
+
 class ImageFiles:
     """Numbered image files of one kind: colour (H, W, 3) uint8 BGR, mask (H, W) uint8 or depth (H,
     W) uint16.
@@ -234,7 +208,8 @@ class ImageFiles:
         if path is None:
             return None
         data, problem = _bytes(path)
-        check_announced(announced_size(data), self._expected_size, f"{path}, frame {frame}")
+        where = f"{path}, frame {frame}"
+        check_announced(announced_size(data, where), self._expected_size, where)
         image = (
             None
             if problem
@@ -251,8 +226,24 @@ class ImageFiles:
         elif self._kind == COLOUR and not self._looked_closer:
             self._looked_closer = True
             self._notes.add(frame, *_oddities(data, image, path))
-        check_size(image, self._expected_size, f"{path}, frame {frame}")
+        check_size(image, self._expected_size, where)
         return image
+
+
+def announced_size(data: bytes, where: str = "") -> tuple[int, int] | None:
+    """Return width, height [px] as an image file announces them; None of files that say it in no way known here.
+
+    where: the file, for errors. Raises HandtrackError for a picture so large that Pillow takes it for an attack.
+    """
+    from PIL import Image  # looks at the head of a file; OpenCV decodes it
+
+    try:
+        with Image.open(io.BytesIO(data)) as image:
+            return image.size
+    except Image.DecompressionBombError as error:
+        raise HandtrackError(f"{where}: {error}") from None
+    except (OSError, ValueError, SyntaxError, struct.error):  # cut off, or of no kind it knows
+        return None
 
 
 def check_announced(

@@ -1,4 +1,4 @@
-"""LiveFeed: the newest images of several cameras, put together to frames one after the other."""
+"""LiveFeed: what running cameras, or video files played as if they were some, show, put together to frames one after the other."""
 
 from __future__ import annotations
 
@@ -7,11 +7,183 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypeVar
 
+import cv2
+
 from handtrack.arrays import D3, Array, H, W
-from handtrack.capture.live.live_camera import LiveCamera
+from handtrack.capture.images.frames import check_size
 from handtrack.errors import HandtrackError
+
+_USUAL_FPS = 30.0
+
+
+def open_device(
+    device: str, size: tuple[int, int], where: str, rate: float = 1.0, fps: float | None = None
+) -> Device:
+    """Return the device of an index such as `0`, of a path such as /dev/video2 or an address, or of a video file.
+
+    size: width, height [px] to ask a device for. rate: how many times faster than its pace a file is played. fps: images
+    a second to ask a device for. Raises HandtrackError.
+    """
+    if Path(device).is_file():
+        return PlayedFile(_opened(cv2.VideoCapture(device), device, where), rate)
+    capture = cv2.VideoCapture(int(device)) if device.isdecimal() else cv2.VideoCapture(device)
+    capture = _opened(capture, device, where)
+    capture.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
+    capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size[1])
+    if fps is not None:
+        capture.set(cv2.CAP_PROP_FPS, fps)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the newest image, not a queue of old ones
+    return Device(capture)
+
+
+class Device:
+    """Gives one image after the other; read by one thread."""
+
+    def __init__(self, capture: cv2.VideoCapture) -> None:
+        self._capture = capture
+        self.fps = max(float(capture.get(cv2.CAP_PROP_FPS)), 0.0)
+        """images a second, 0 where unknown"""
+
+    def read(self) -> Array[H, W, D3] | None:
+        """Wait for the next image uint8 BGR and return it; None where none comes."""
+        good, image = self._capture.read()
+        return image if good else None
+
+    def release(self) -> None:
+        """Give the device back; a read that waits may return."""
+        self._capture.release()
+
+
+class PlayedFile(Device):
+    """A video whose images come when they are due; its first one comes at once, and starts its clock with the second."""
+
+    def __init__(
+        self,
+        capture: cv2.VideoCapture,
+        rate: float = 1.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(capture)
+        self.fps = (self.fps or _USUAL_FPS) * rate
+        self._clock, self._count, self._began = clock, 0, 0.0
+        self._released = threading.Event()
+
+    def read(self) -> Array[H, W, D3] | None:
+        image = super().read()
+        if self._count == 1:
+            self._began = self._clock()
+        if self._count > 1:
+            due = self._began + (self._count - 1) / self.fps
+            self._released.wait(max(due - self._clock(), 0.0))
+        self._count += 1
+        return None if self._released.is_set() else image
+
+    def release(self) -> None:
+        self._released.set()
+
+
+def _opened(capture: cv2.VideoCapture, device: str, where: str) -> cv2.VideoCapture:
+    if not capture.isOpened():
+        raise HandtrackError(
+            f"{where}: '{device}' cannot be opened as a camera; expected the number of a camera that is plugged in (0 is "
+            "the first), its path or address, or a video file. Is it in use by another program, or may you not read it? "
+            "Name another one with --camera NAME=DEVICE."
+        )
+    return capture
+
+
+_PATIENCE = 3  # reads in a row without an image: then the camera is gone
+
+
+class LiveCamera:
+    """Reads a device as fast as it gives images. An image that nobody took before the next one came is passed over."""
+
+    def __init__(
+        self,
+        name: str,
+        device: Device,
+        size: tuple[int, int] | None = None,
+        where: str = "",
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Read one image, which shows that the device gives any, of the calibration's size (width, height) [px].
+
+        Raises HandtrackError.
+        """
+        self.name, self.where = name, where or f"camera '{name}'"
+        self._device, self._clock = device, clock
+        first = device.read()
+        if first is None:
+            device.release()
+            raise HandtrackError(
+                f"{self.where}: it was opened, but gives no image. Is it in use by another program, or its lid closed? A "
+                "video file must have a frame."
+            )
+        try:
+            check_size(first, size, self.where)
+        except HandtrackError:
+            device.release()
+            raise
+        self.size = (first.shape[1], first.shape[0])
+        self.fps = device.fps
+        """images a second as the device says, 0 where it does not"""
+        self.given, self.passed_over = 1, 0
+        """images that came, and those of them that nobody took in time"""
+        self.gone = ""
+        """why no more images come, in a sentence; empty while they do"""
+        self._newest: tuple[float, Array] | None = clock(), first
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def has_new(self) -> bool:
+        """Whether there is an image that nobody took; to be asked by who holds `changed`."""
+        return self._newest is not None
+
+    def take(self) -> tuple[float, Array[H, W, D3]] | None:
+        """Return the newest image and when it came [s], once; for who holds `changed`."""
+        newest, self._newest = self._newest, None
+        return newest
+
+    def start(self, changed: threading.Condition) -> None:
+        """Begin to read; `changed` is notified of each image, and of the end."""
+        read = threading.Thread(
+            target=self._work, args=(changed,), name=f"camera {self.name}", daemon=True
+        )
+        self._thread = read
+        read.start()
+
+    def stop(self, timeout: float = 2.0) -> None:
+        """End reading and give the device back."""
+        self._stopping.set()
+        if self._thread is None:
+            self._device.release()
+        else:
+            self._thread.join(timeout)
+
+    def _work(self, changed: threading.Condition) -> None:
+        failures = 0
+        while not self._stopping.is_set() and failures < _PATIENCE:
+            image = self._device.read()
+            fits = image is not None and (image.shape[1], image.shape[0]) == self.size
+            failures = 0 if fits else failures + 1
+            if fits and image is not None:
+                with changed:
+                    self.given += 1
+                    self.passed_over += self._newest is not None
+                    self._newest = self._clock(), image
+                    changed.notify_all()
+        self._device.release()
+        with changed:
+            if not self._stopping.is_set():
+                self.gone = (
+                    f"{self.where} gives no more images: it was unplugged, or a file is at its end."
+                )
+            changed.notify_all()
+
 
 _T = TypeVar("_T")
 _KEPT_IMAGES = 40  # frames whose images stay in memory: a search may have the last 32 solved anew
@@ -131,11 +303,12 @@ class LiveFeed:
                     return None
                 self._changed.wait_for(self._is_complete, self.tolerance_s)
                 taken = {camera.name: camera.take() for camera in self.cameras}
-            newest = max(timed.time_s for timed in taken.values() if timed is not None)
+            timed = {name: image for name, image in taken.items() if image is not None}
+            newest = max(time_s for time_s, _ in timed.values())
             images = {
-                name: timed.image
-                for name, timed in taken.items()
-                if timed is not None and newest - timed.time_s <= self.tolerance_s
+                name: image
+                for name, (time_s, image) in timed.items()
+                if newest - time_s <= self.tolerance_s
             }
             return self._add(images, newest, counts)
 

@@ -18,6 +18,8 @@ from handtrack.files.toml_table import above, at_least
 
 UNKNOWN_LEVEL = 128
 """in masks of 8 bits: hand or background, nobody can tell"""
+_Look = tuple[Array, HandSeeds]
+"""a sampled frame's image, and where the hand is expected in it"""
 Seeds = Callable[[int], HandSeeds | None]
 """frame → where the hand is expected in its image"""
 
@@ -78,14 +80,6 @@ class Seeded:
         return SeededMasks(self, looks, roi)
 
 
-@dataclass(frozen=True, eq=False)
-class _Look:
-    """A sampled frame."""
-
-    image: Array
-    seeds: HandSeeds
-
-
 class SeededMasks:
     """Masks of one camera's images. Safe to use from several threads."""
 
@@ -93,7 +87,7 @@ class SeededMasks:
         """Use `Seeded.learned`."""
         self._limit = float(np.log(method.sure / (1 - method.sure)))
         self._roi = roi
-        spread = np.mean([_colour(look.image) for look in looks])
+        spread = np.mean([_colour(image) for image, _ in looks])
         self._grey = bool(spread < _COLOURED)
         self._empty = _background(looks)
         self._by_change = self._other_log = self._hand_log = np.zeros_like(Colours().counts)
@@ -145,8 +139,8 @@ class SeededMasks:
 
     def _teach(self, looks: list[_Look], taught: bool) -> None:
         hand, other, moved, stayed = Colours(), Colours(), Colours(), Colours()
-        for look in looks:
-            part = _Part(look.image, look.seeds, self._grey, self._empty)
+        for image, seeds in looks:
+            part = _Part(image, seeds, self._grey, self._empty)
             likely = 1 / (1 + np.exp(-self._log_odds(part, taught)))
             for share, colours, changes in (
                 (likely * (part.before | part.core), hand, moved),
@@ -205,20 +199,20 @@ def _looks(source: FrameSource, seeds: Seeds, count: int) -> Iterator[_Look]:
         found = seeds(int(frame))
         image = source.read(int(frame)) if found is not None else None
         if found is not None and image is not None:
-            yield _Look(image, found)
+            yield image, found
 
 
 def _background(looks: list[_Look]) -> tuple[Array, Array] | None:
     """Return the median image without the hand, small, int16, and where it is known (at least 3 frames without hand or arm)."""
-    height, width = looks[0].image.shape[:2]
+    height, width = looks[0][0].shape[:2]
     scale = min(1.0, _LONGEST_PX / max(height, width))
     size = max(round(scale * width), 2), max(round(scale * height), 2)
     stack = np.empty((len(looks), size[1], size[0], 3), np.uint8)
     free = np.empty((len(looks), size[1], size[0]), bool)
-    for i, look in enumerate(looks):
-        taken = look.seeds.behind((height, width)).astype(np.float32)
-        taken[look.seeds.part] = np.maximum(taken[look.seeds.part], look.seeds.log_odds > _AWAY)
-        stack[i] = _reduced(look.image, size)
+    for i, (image, seeds) in enumerate(looks):
+        taken = seeds.behind((height, width)).astype(np.float32)
+        taken[seeds.part] = np.maximum(taken[seeds.part], seeds.log_odds > _AWAY)
+        stack[i] = _reduced(image, size)
         free[i] = _reduced(taken, size) == 0
     often = free.sum(axis=0)
     if not (often >= _LEAST_SAMPLES).any():

@@ -8,9 +8,7 @@ from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.cloud_filters import HandDistance
-from handtrack.capture.live.devices import open_device
-from handtrack.capture.live.live_camera import LiveCamera
-from handtrack.capture.live.live_feed import LiveFeed, LiveImages
+from handtrack.capture.live.live_feed import LiveCamera, LiveFeed, LiveImages, open_device
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.errors import HandtrackError, unknown_name

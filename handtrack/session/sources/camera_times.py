@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Array, Axes, H, W
-from handtrack.capture.images.frames import FrameSource
+from handtrack.capture.images.frames import DerivedFrames, FrameSource
 from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
 from handtrack.session.layout import SESSION_FILE, matching_files
 from handtrack.session.session_file import CameraSettings, RecordingSettings
@@ -77,45 +77,34 @@ class SessionTimes:
     """of those whose frames are not simply numbered like the session's"""
 
 
-class JoinedByTime:
-    """A camera's images by the session's frames; see capture.images.frames.FrameSource."""
+class JoinedByTime(DerivedFrames):
+    """A camera's images by the session's frames."""
 
     def __init__(self, recording: FrameSource, times: CameraTimes) -> None:
         """recording: by the camera's own frames."""
-        self.recording, self._times = recording, times
-
-    @property
-    def where(self) -> str:
-        return self.recording.where
-
-    @property
-    def size(self) -> tuple[int, int] | None:
-        return self.recording.size
+        super().__init__(recording, self._own)
+        self._times = times
 
     @property
     def frames(self) -> range:
-        return self._times.frames(self.recording.frames)
+        return self._times.frames(self.source.frames)
 
     @property
     def known_frames(self) -> range:
-        return self._times.frames(self.recording.known_frames)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        return self.recording.warnings
+        return self._times.frames(self.source.known_frames)
 
     def has(self, frame: int) -> bool:
         own = self._times.own_frame(frame)
-        return own is not None and self.recording.has(own)
+        return own is not None and self.source.has(own)
 
-    def read(self, frame: int) -> Array[H, W, *Axes] | None:
+    def _own(self, frame: int) -> Array[H, W, *Axes] | None:
         own = self._times.own_frame(frame)
-        return None if own is None else self.recording.read(own)
+        return None if own is None else self.source.read(own)
 
 
 def recording_of(source: FrameSource) -> FrameSource:
     """Return a source by the camera's own frames."""
-    return source.recording if isinstance(source, JoinedByTime) else source
+    return source.source if isinstance(source, JoinedByTime) else source
 
 
 def session_times(

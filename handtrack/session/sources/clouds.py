@@ -14,8 +14,7 @@ from handtrack.capture.clouds.cloud_files import read_cloud
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.point_cloud import PointCloud, merged
-from handtrack.capture.clouds.stereo import StereoMatcher, StereoView
-from handtrack.capture.clouds.stereo_check import check_pair
+from handtrack.capture.clouds.stereo import StereoMatcher, StereoView, check_pair
 from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
@@ -160,9 +159,9 @@ class FileClouds(CloudSource):
             return None
 
     def _read(self, frame: int, path: Path) -> PointCloud:
-        read = read_cloud(path, self._unit)
-        self._notes.add(frame, *read.warnings)
-        return read.cloud
+        cloud, warnings = read_cloud(path, self._unit)
+        self._notes.add(frame, *warnings)
+        return cloud
 
     def _try_first(self) -> None:
         """Read a file, so that a session none of whose clouds can be used is refused at once."""

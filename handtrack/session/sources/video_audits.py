@@ -10,8 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from handtrack.capture.images.video import VideoFile
-from handtrack.capture.images.video_audit import ENDING, Checkpoint, VideoAudit, file_stamp
+from handtrack.capture.images.video import ENDING, VideoAudit, VideoFile, file_stamp
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text
 from handtrack.session.layout import VIDEOS_FILE, place_of
@@ -76,7 +75,7 @@ def _row(audit: VideoAudit) -> dict[str, Any]:
 
 def _audit(row: dict[str, Any]) -> VideoAudit:
     marks = {
-        int(at): Checkpoint(float(time_ms), int(checksum))
+        int(at): (float(time_ms), int(checksum))
         for at, (time_ms, checksum) in row["checkpoints"].items()
     }
     oddities = tuple(str(text) for text in row["oddities"])

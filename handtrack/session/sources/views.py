@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 from copy import copy
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Axes, Bytes, Floats, H, W
@@ -16,11 +17,11 @@ from handtrack.capture.images.frames import (
     DEPTH,
     IMAGE_SUFFIXES,
     MASK,
+    DerivedFrames,
     FrameSource,
     ImageFiles,
 )
-from handtrack.capture.images.raw_frames import MosaicFiles, MosaicSettings
-from handtrack.capture.images.straightened import StraightenedFrames
+from handtrack.capture.images.raw_frames import MosaicFiles
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
 from handtrack.capture.masks.mask_cleaning import Roi
@@ -280,7 +281,7 @@ class View:
             source = self._taught_by
         assert source is not None
         if self._lessons is not None:
-            source = Lessons(source, self._lessons.setdefault(method.needs, LRUCache()))
+            source = _read_once(source, self._lessons.setdefault(method.needs, LRUCache()))
         try:
             if isinstance(method, Seeded):
                 return method.learned(source, self._seeds, self.settings.roi)
@@ -332,7 +333,7 @@ class View:
             return None
         source = self._recording(folder, setting, kind)
         if self._lens is not None:
-            source = StraightenedFrames(source, self._lens, self._view)
+            source = _straightened(source, self._lens, self._view)
         return source if self.times is None else JoinedByTime(source, self.times)
 
     def _recording(self, folder: Path, setting: str, kind: str) -> FrameSource:
@@ -364,45 +365,31 @@ class View:
         pattern = self.settings.bayer
         if kind != COLOUR or pattern is None:
             return ImageFiles(files, kind, self._taken_size, where)
-        method = self.settings.demosaic or MosaicSettings.method
-        settings = MosaicSettings(pattern.upper(), self.settings.white_level, method)
-        return MosaicFiles(files, settings, self._taken_size, where)
+        level, method = self.settings.white_level, self.settings.demosaic
+        return MosaicFiles(files, pattern.upper(), level, method, self._taken_size, where)
 
 
-class Lessons:
-    """A source that reads each frame once; see capture.images.frames.FrameSource."""
+def _straightened(taken: FrameSource, lens: SourceLens, view: PinholeView) -> DerivedFrames:
+    """Return images as a pinhole view of their lens shows them. taken: as the lens took them."""
 
-    def __init__(
-        self, source: FrameSource, memory: LRUCache[int, Array[H, W, *Axes] | None]
-    ) -> None:
-        """memory: of this source alone."""
-        self._source, self._memory = source, memory
+    @cache
+    def maps() -> tuple[Array[H, W], Array[H, W]]:
+        """float32: column and row of the taken image that each of the view's pixels shows."""
+        places = np.nan_to_num(view.source(lens), nan=-1e4).astype(np.float32)
+        return np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
 
-    @property
-    def where(self) -> str:
-        return self._source.where
+    def read(frame: int) -> Array[H, W, *Axes] | None:
+        image = taken.read(frame)
+        return None if image is None else cv2.remap(image, *maps(), cv2.INTER_LINEAR)
 
-    @property
-    def size(self) -> tuple[int, int] | None:
-        return self._source.size
+    return DerivedFrames(taken, read, view.size)
 
-    @property
-    def frames(self) -> range:
-        return self._source.frames
 
-    @property
-    def known_frames(self) -> range:
-        return self._source.known_frames
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        return self._source.warnings
-
-    def has(self, frame: int) -> bool:
-        return self._source.has(frame)
-
-    def read(self, frame: int) -> Array[H, W, *Axes] | None:
-        return self._memory.value(frame, lambda: self._source.read(frame), _most)
+def _read_once(
+    source: FrameSource, memory: LRUCache[int, Array[H, W, *Axes] | None]
+) -> DerivedFrames:
+    """Return a source that reads each frame once. memory: of this source alone."""
+    return DerivedFrames(source, lambda f: memory.value(f, lambda: source.read(f), _most))
 
 
 def _most(image: Array[H, W, *Axes] | None) -> int:

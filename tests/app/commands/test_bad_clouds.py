@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.ply import write_ply
+from handtrack.capture.clouds.cloud_files import write_ply
 from handtrack.session.formats.tables import read_npz
 from tests.app.cloud_session import FRAMES, STEP_M, cloud_file, cloud_recording, points_of
 from tests.app.command_line import Ended, refused

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose
-from handtrack.capture.joints.given_joints import checked_bodies, in_pixels, layout_of, write_joints
+from handtrack.capture.joints.given_joints import (
+    checked_bodies,
+    in_pixels,
+    layout_of,
+    people,
+    write_joints,
+)
 from handtrack.capture.joints.joint_names import known_body_joint
-from handtrack.capture.joints.people import people
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.capture.joints.subject import BODY, subject_length
 from tests.capture.joints.people import FORMS, FRAMES, SIZE, in_order, names, pixels, places, rig

@@ -16,7 +16,7 @@ from handtrack.arrays import D3, D21, Array, Bytes, Floats, H, N, P, W
 from handtrack.bench.measuring import data_folder, recording
 from handtrack.capture.clouds.disparity import StereoSettings, disparity
 from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.capture.images.bayer import demosaic, level_line_at
+from handtrack.capture.images.raw_frames import demosaic, level_line_at
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface

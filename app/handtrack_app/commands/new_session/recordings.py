@@ -17,9 +17,14 @@ from handtrack.capture.calibration.formats.settle import LensView
 from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
 from handtrack.capture.images.openpose import LAYOUTS, is_body
 from handtrack.capture.images.video import VideoFile
-from handtrack.capture.joints.given_joints import GivenJoints, in_pixels, layout_of, write_joints
+from handtrack.capture.joints.given_joints import (
+    GivenJoints,
+    in_pixels,
+    layout_of,
+    people,
+    write_joints,
+)
 from handtrack.capture.joints.joint_names import JOINTS
-from handtrack.capture.joints.people import people
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.capture.joints.subject import BODY, HAND, Subject
 from handtrack.errors import HandtrackError, unknown_name
