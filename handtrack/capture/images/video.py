@@ -1,7 +1,7 @@
 """Read videos by decode index, exact at random access, without holding the recording in memory.
 
 What a container says about its frames is not trusted: who must know how many there are waits until they are counted
-by decoding once (`video_audit.py`), and a seek is used only where it is proven, by time stamp and by content, to have
+by decoding once, and a seek is used only where it is proven, by time stamp and by content, to have
 arrived where it should.
 """
 
