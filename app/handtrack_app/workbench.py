@@ -67,7 +67,7 @@ class Workbench:
         if plan is not None:
             self.worker = EngineProcess(plan, self._snapshots.put, child)
         else:
-            from handtrack_app.engine.worker import EngineThread  # the engine's imports
+            from handtrack_app.engine.worker import Worker as EngineThread  # the engine's imports
 
             plan = EnginePlan(self.folder, rerun=rerun, take_over=take_over, opener=opener)
             self.worker = EngineThread(plan, self._snapshots.put)
@@ -192,14 +192,13 @@ class Workbench:
     def _show_snapshots(self) -> None:
         while not self._stopping.is_set():
             snapshot = self._snapshots.take(0.2)
-            self.stage.clear_late()
-            self.layout.help.watch()
-            if snapshot is None:
-                continue
             try:
-                self.page.show(snapshot)
+                if snapshot is not None:
+                    self.page.show(snapshot)
             except Exception:  # one snapshot that cannot be shown must not end the page
                 log.exception("could not show %s", type(snapshot).__name__)
+            self.stage.clear_late()
+            self.layout.help.watch()
             opens = self.layout.progress.state in ("opening", "failed")
             if not opens and None not in (self.stage.pose, self.layout.timeline.strip):
                 self._ready.set()

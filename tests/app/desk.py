@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack_app.engine.worker import Worker
+from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.fake_run import fake_document
 
@@ -53,7 +54,9 @@ class Listener:
 
 def a_desk(folder: Path, **options: Any) -> Iterator[tuple[Worker, Listener]]:
     listener = Listener()
-    worker = Worker(folder, listener.publish, lambda f, o: fake_document(f, o, **options))
+    worker = Worker(
+        EnginePlan(folder, opener=lambda f, o: fake_document(f, o, **options)), listener.publish
+    )
     worker.start()
     listener.state("idle")
     yield worker, listener

@@ -16,7 +16,7 @@ from handtrack_app.engine.jobs import CompileWatch
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession
-from handtrack_app.engine.opening import Opening, open_document
+from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.preview_service import Painter, RenderThread
 from handtrack_app.engine.posing_service import PinService, PoseService
@@ -79,21 +79,18 @@ class Worker:
 
     def __init__(
         self,
-        folder: Path,
+        plan: EnginePlan,
         publish: Callable[[Snapshot], None],
-        opener: Opener = open_document,
-        rerun: bool = False,
         previewer: Opener | None = None,
-        take_over: bool = False,
-        page: str = "",
     ) -> None:
-        """rerun: tracked frames are recorded for it. previewer: makes quickly what is shown while `opener` is at work. take_over: write, even if another program does. page:
-        whose numbers its commands have.
-        """
-        self.folder = folder
-        self._publish, self._opener = publish, opener
-        self._recorder = LiveRecorder(publish, rerun)
-        self._previewer, self._take_over, self._page = previewer, take_over, page
+        """previewer: makes quickly what is shown while the session is opened, where that is not by `Opening`, which does it itself."""
+        opening = Opening()
+        live = None if plan.live is None else partial(open_live_document, plan.live)
+        if plan.opener is None and live is None and plan.preview:
+            previewer = opening.preview
+        self._opener = plan.opener or live or opening.document
+        self._plan, self._publish, self._previewer = plan, publish, previewer
+        self._recorder = LiveRecorder(publish, plan.rerun)
         self._mail: Mailbox[Call | Callable[[], None]] = Mailbox(
             lambda item: item.key if isinstance(item, Call) else None,
             lambda item: isinstance(item, Call) and item.is_step,
@@ -166,7 +163,7 @@ class Worker:
     # ---- on the worker's thread
 
     def _work(self) -> None:
-        self._publish(ProgressSnapshot("opening", f"Opening {self.folder.name} …"))
+        self._publish(ProgressSnapshot("opening", f"Opening {self._plan.folder.name} …"))
         threading.Thread(target=self._open, name="opening", daemon=True).start()
         while not self._stopping.is_set():
             desk = self._session or self._preview
@@ -189,11 +186,11 @@ class Worker:
         """Open the session, on a thread of its own: what can be shown first, then what takes longer."""
         try:
             if self._previewer is not None:
-                self._mail.put(partial(self._look_at, self._previewer(self.folder, {})))
+                self._mail.put(partial(self._look_at, self._previewer(self._plan.folder, {})))
                 while not self._shown.wait(0.1):  # nothing is fitted before the first picture
                     if self._stopping.is_set():
                         return
-            self._mail.put(partial(self._begin, self._opener(self.folder, {})))
+            self._mail.put(partial(self._begin, self._opener(self._plan.folder, {})))
         except Exception as error:
             self._mail.put(partial(self._begin, error))
 
@@ -238,9 +235,10 @@ class Worker:
         try:
             if isinstance(document, Exception):
                 raise document
+            document.version = self._plan.version
             session = OpenSession(
                 document, self._publish, self._mail.put, self._mail, self._render_thread, self._recorder,
-                self._compiles, self._take_over, self._page,
+                self._compiles, self._plan.take_over, self._plan.page,
             )  # fmt: skip
         except Exception as error:
             self._failure = error
@@ -256,27 +254,3 @@ class Worker:
         for call in self._later:
             self._guarded(partial(session.serve, call))
         self._later, self._preview = [], None
-
-
-class EngineThread(Worker):
-    """A worker that does what a plan says."""
-
-    def __init__(self, plan: EnginePlan, publish: Callable[[Snapshot], None]) -> None:
-        opening = Opening()
-        live = None if plan.live is None else partial(open_live_document, plan.live)
-        opener = plan.opener or live
-
-        def opened(folder: Path, overrides: Mapping[str, object]) -> Document:
-            document = (opener or opening.document)(folder, overrides)
-            document.version = plan.version
-            return document
-
-        super().__init__(
-            plan.folder,
-            publish,
-            opened,
-            plan.rerun,
-            opening.preview if opener is None and plan.preview else None,
-            plan.take_over,
-            plan.page,
-        )

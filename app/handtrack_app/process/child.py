@@ -254,7 +254,7 @@ def serve(pipe: Connection, log: Path) -> None:
 
 
 def _serve(pipe: Connection) -> None:
-    from handtrack_app.engine.worker import RULES, EngineThread  # seconds, if all is compiled
+    from handtrack_app.engine.worker import RULES, Worker  # seconds, if all is compiled
     from handtrack_app.protocol.calls import Call, portable
     from handtrack_app.protocol.snapshots import Opened, Shown
 
@@ -275,7 +275,7 @@ def _serve(pipe: Connection) -> None:
     plan = pipe.recv()
     assert isinstance(plan, EnginePlan)
     limit_memory(plan.memory)
-    engine = EngineThread(plan, publish)
+    engine = Worker(plan, publish)
     # on a thread: what the handler breaks into may be the wait itself, with its lock held
     signal.signal(signal.SIGTERM, lambda *_: threading.Thread(target=asked.set).start())
 

@@ -11,6 +11,7 @@ import pytest
 
 import handtrack.session.sources.video_audits as video_audits
 from handtrack_app.engine.worker import Worker
+from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.desk import Listener
 from tests.session.small_session import edit, make_session
@@ -32,7 +33,11 @@ def opened(
         return audited(video)
 
     monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
-    return Worker(folder, (listener := Listener()).publish), listener, may_count
+    return (
+        Worker(EnginePlan(folder, preview=False), (listener := Listener()).publish),
+        listener,
+        may_count,
+    )
 
 
 def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import handtrack.session.live.live_session as live_session
 from handtrack.session.session import Session
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.worker import Worker
-from handtrack_app.process.child import LiveOptions
+from handtrack_app.process.child import EnginePlan, LiveOptions
 from handtrack_app.protocol import snapshots
 from tests.app.desk import Listener
 from tests.app.waiting import eventually
@@ -35,7 +35,8 @@ class Studio:
         options = LiveOptions({}, 10.0)
         self.listener = Listener()
         self.worker = Worker(
-            folder, self.listener.publish, lambda f, _: open_live_document(options, f, FAST)
+            EnginePlan(folder, opener=lambda f, _: open_live_document(options, f, FAST)),
+            self.listener.publish,
         )
         self.worker.start()
         self.listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", 60.0)

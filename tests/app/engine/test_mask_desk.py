@@ -14,6 +14,7 @@ from handtrack.session.session import Session
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine.opening import open_document
 from handtrack_app.engine.worker import Worker
+from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call
 from tests.app.calls import call
@@ -37,7 +38,7 @@ def desk(tmp_path):
 
 def begun(folder: Path) -> Desk:
     listener = Listener()
-    worker = Worker(folder, listener.publish, open_document)
+    worker = Worker(EnginePlan(folder, opener=open_document), listener.publish)
     worker.start()
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     return worker, listener, folder

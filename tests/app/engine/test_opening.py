@@ -7,6 +7,7 @@ import numpy as np
 from handtrack.tracking.search import initialize
 from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.worker import Worker
+from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.fake_run import fake_document
 from tests.session.small_session import keypoints, make_session
@@ -22,7 +23,7 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path):
         assert held.wait(60.0)
         return fake_document(folder, overrides)
 
-    worker = Worker(tmp_path, seen.append, opener, previewer=fake_document)
+    worker = Worker(EnginePlan(tmp_path, opener=opener), seen.append, fake_document)
     worker.start()
     assert worker.wait_shown(60.0) is None
     worker.engine.show_frame(5)
@@ -46,7 +47,7 @@ def test_a_failure_after_the_preview_is_told(tmp_path):
     def opener(folder, overrides):
         raise ValueError("no such thing")
 
-    worker = Worker(tmp_path, seen.append, opener, previewer=fake_document)
+    worker = Worker(EnginePlan(tmp_path, opener=opener), seen.append, fake_document)
     worker.start()
     assert isinstance(worker.wait_opened(60.0), ValueError)
     worker.stop()

@@ -9,6 +9,7 @@ from handtrack.session.session_state import decide
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
+from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, tracked
@@ -90,7 +91,10 @@ def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path):
     store = opened(tmp_path)
     did(store, edits.setting("model.forearm", "false"))
     store.close()
-    worker = Worker(tmp_path, (seen := []).append, lambda f, o: fake_document(f, o, step_s=0.0))
+    worker = Worker(
+        EnginePlan(tmp_path, opener=lambda f, o: fake_document(f, o, step_s=0.0)),
+        (seen := []).append,
+    )
     worker.start()
     try:
         assert worker.wait_opened(60.0) is None

@@ -16,6 +16,7 @@ from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.engine.worker import Worker
+from handtrack_app.process.child import EnginePlan
 from tests.app.calls import call
 from tests.app.command_line import FRAMES as WHOLE
 from tests.app.command_line import small_recording
@@ -136,7 +137,7 @@ def corrected(folder: Path) -> None:
 
 def opened(folder: Path) -> tuple[Worker, list]:
     seen = []
-    worker = Worker(folder, seen.append)
+    worker = Worker(EnginePlan(folder, preview=False), seen.append)
     worker.start()
     assert worker.wait_opened(60.0) is None
     return worker, seen

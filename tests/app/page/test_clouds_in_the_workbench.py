@@ -14,6 +14,7 @@ from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud import CROP, STEREO, THIN
 from handtrack_app.page.panels.settings import in_file, on_page
 from handtrack_app.page.scene.camera_view import pixel_box
+from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
 from tests.app.desk import Listener
@@ -28,7 +29,7 @@ Desk = tuple[Worker, Listener, Path]
 def desk(tmp_path):
     """A worker with the recording open; its clouds are wanted."""
     listener = Listener()
-    worker = Worker(cloudy_session(tmp_path), listener.publish, open_document)
+    worker = Worker(EnginePlan(cloudy_session(tmp_path), opener=open_document), listener.publish)
     worker.start()
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     yield worker, listener, tmp_path
@@ -65,7 +66,7 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk):
     np.testing.assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
     worker.stop()
     again = Listener()
-    second = Worker(folder, again.publish, open_document)
+    second = Worker(EnginePlan(folder, opener=open_document), again.publish)
     second.start()
     back = again.wait(snapshots.TimelineSnapshot, lambda s: bool(s.terms))
     np.testing.assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
@@ -163,7 +164,7 @@ def test_a_dragged_box_is_found_in_the_image():
 def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp_path):
     folder, listener = cloudy_session(tmp_path), Listener()
     (folder / "init.json").unlink()
-    worker = Worker(folder, listener.publish, open_document)
+    worker = Worker(EnginePlan(folder, opener=open_document), listener.publish)
     worker.start()
     listener.state("idle")
     worker.engine.want_cloud(snapshots.CloudSelection(points=True))

@@ -26,7 +26,7 @@ from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.worker import Worker
-from handtrack_app.process.child import LiveOptions
+from handtrack_app.process.child import EnginePlan, LiveOptions
 from handtrack_app.protocol import snapshots
 
 _FPS = 30.0
@@ -53,7 +53,7 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
                 shown.append((now, snapshot.frame))  # a frame solved anew does not count again
 
     opener = partial(open_live_document, LiveOptions(devices, 0.05, rate=rate))
-    worker = Worker(bundled_session("open_fist_open"), publish, opener)
+    worker = Worker(EnginePlan(bundled_session("open_fist_open"), opener=opener), publish)
     worker.start()
     opened.wait(120.0)
     began_s = time.process_time()

@@ -141,14 +141,12 @@ def update_truth(view: HandView, pose: PoseSnapshot, display: Display) -> None:
     view.truth_lines.visible = view.truth_points.visible = shown
 
 
-def show_hand(view: HandView, display: Display, instead: bool, opacity: float | None) -> None:
+def show_hand(view: HandView, display: Display, instead: bool) -> None:
     """Apply the display options to the hand. instead: the surface stands where the ellipsoids would."""
     shown = display.flesh or (display.surface and not instead)
     view.flesh.visible = shown and not view.parts
-    view.flesh.opacity = opacity
     for part in view.parts:
         put(part, visible=shown)
-        put(part, opacity=opacity)
     view.bones.visible = view.joints.visible = display.skeleton
 
 

@@ -155,19 +155,23 @@ class Stage:
         assert self.hand is not None
         pose, state = self.pose, self.page.state
         still = not (state.playing or state.tracking)
-        ready = still and self._surface_at is not None and display.surface
-        ready = (
-            ready
-            and pose is not None
-            and self._surface_at == (pose.frame, pose.version, self._model)
-        )
+        made_of = None if pose is None else (pose.frame, pose.version, self._model)
+        ready = still and display.surface and made_of is not None and self._surface_at == made_of
+        show_hand(self.hand, display, ready)
+        if pose is not None and self._fits(pose):
+            update_hand(self.hand, pose, display)
+        put(self.surface, visible=ready)
+        self._show_opacity()
+
+    def _show_opacity(self) -> None:
+        """Let what stands in the hand, and behind it, be seen through it."""
+        display = self.display
+        assert self.hand is not None
         points = self.cloud.points.visible and display.cloud_colour == "residual"
         inside = points or self.ghosts.bones.visible
         opacity = flesh_opacity(display, inside, self.looking.anyone)
-        show_hand(self.hand, display, ready, opacity)
-        if pose is not None and self._fits(pose):
-            update_hand(self.hand, pose, display)
-        put(self.surface, visible=ready, opacity=opacity)
+        for node in (self.hand.flesh, *self.hand.parts, self.surface):
+            put(node, opacity=opacity)
 
     @property
     def _larger(self) -> float:
@@ -218,13 +222,14 @@ class Stage:
         if not self._fits(pose) or session is None:
             return
         first, self.pose = self.pose is None, pose
-        self.moments.show(pose.frame)
         with self.page.server.atomic():
+            self._show_flesh()
+            self.moments.show(pose.frame)
             update_truth(self.hand, pose, display)
             self.clear_late()
             self.ghosts.show(display.ghosts, pose.frame)
             self.compared.show(True, pose.frame)
-            self._show_flesh()
+            self._show_opacity()
             if move_handle:
                 self.root.show_at(pose.values[:6])
                 self._show_handle()
