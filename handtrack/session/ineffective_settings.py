@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Protocol
+from collections.abc import Iterator
 
-from handtrack.session.session_file import CameraSettings
+from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
 
 
-class _View(Protocol):
-    @property
-    def settings(self) -> CameraSettings: ...
-
-
-class Evidence(Protocol):
-    """What a recording has to track by; see session.session.Session."""
-
-    @property
-    def views(self) -> Sequence[_View]: ...
-    @property
-    def has_clouds(self) -> bool: ...
-
-
-def ineffective_settings(settings: TrackerSettings, seen: Evidence, kind: str) -> list[str]:
+def ineffective_settings(settings: TrackerSettings, session: Session, kind: str) -> list[str]:
     """Return a sentence on the changed settings that have no effect, for each reason. kind: of the model, hand or body."""
     flat, usual = settings.flat(), settings.usual
     changed = [
@@ -32,7 +17,7 @@ def ineffective_settings(settings: TrackerSettings, seen: Evidence, kind: str) -
         if flat[name] != usual[name] and known.about in ("", kind)
     ]
     found = settings.without_effect(kind)
-    for prefix, why in _reasons(settings, seen):
+    for prefix, why in _reasons(settings, session):
         without = [n for n in changed if n.startswith(prefix) and not n.endswith(".weight")]
         if without:
             has = "have" if len(without) > 1 else "has"
@@ -40,12 +25,12 @@ def ineffective_settings(settings: TrackerSettings, seen: Evidence, kind: str) -
     return found
 
 
-def _reasons(settings: TrackerSettings, seen: Evidence) -> Iterator[tuple[str, str]]:
+def _reasons(settings: TrackerSettings, session: Session) -> Iterator[tuple[str, str]]:
     """Yield how names of ineffective settings begin, and why."""
-    cameras = [view.settings for view in seen.views]
+    cameras = [view.settings for view in session.views]
     there = {
         "silhouettes": any(camera.masks is not None for camera in cameras),
-        "cloud": seen.has_clouds,
+        "cloud": session.has_clouds,
         "edges": any(camera.images is not None for camera in cameras),
         "intensity": any(camera.images is not None for camera in cameras),
     }

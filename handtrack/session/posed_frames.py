@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
@@ -18,27 +16,20 @@ from handtrack.tracking.frame.result import FrameResult, Status
 _FAR = 100.0  # [m] no hand is further from the world's origin
 
 
-@dataclass(frozen=True, eq=False)
-class PosedFrames:
-    """Poses that tracking keeps, or starts again from; joint parameters by frame."""
+def posed_frames(
+    run: TrackingRun,
+) -> tuple[TrackingRun, dict[int, FrameResult], dict[int, Floats[S]]]:
+    """Return what a person decided in the workbench for frames of a recording. Poses of another model count by names.
 
-    run: TrackingRun
-    """with the size and forearm for which a person set the poses"""
-    fixed: dict[int, FrameResult]
-    """keyframes and accepted frames"""
-    guides: dict[int, Floats[S]]
-    """where pins or tuned settings led the solver: tracking starts again from there and solves these frames, too"""
-
-    def without(self, frame: int) -> PosedFrames:
-        """Return all but a frame's pose."""
-        fixed = {f: result for f, result in self.fixed.items() if f != frame}
-        return PosedFrames(
-            self.run, fixed, {f: pose for f, pose in self.guides.items() if f != frame}
-        )
-
-
-def posed_frames(run: TrackingRun) -> PosedFrames:
-    """Return what a person decided in the workbench for frames of a recording. Poses of another model count by names."""
+    Returns
+    -------
+    run
+        with the size and forearm for which the poses were set
+    fixed
+        keyframes and accepted frames, ascending
+    guides
+        joint parameters where pins or tuned settings led the solver: tracking starts again from there and solves these frames, too
+    """
     store = Store(run.session.folder / TRACKS_FOLDER)
     state, frames = readable(store.history().state), run.session.known_frames
     decided = {frame: pose for frame, pose in state.pose.items() if not pose.carried}
@@ -60,7 +51,7 @@ def posed_frames(run: TrackingRun) -> PosedFrames:
     for frame in accepted & guides.keys():
         fixed[frame] = keyframe_result(run, frame, guides.pop(frame))
     fixed |= _tracked(store, model, accepted.intersection(frames) - fixed.keys())
-    return PosedFrames(run, dict(sorted(fixed.items())), dict(sorted(guides.items())))
+    return run, dict(sorted(fixed.items())), dict(sorted(guides.items()))
 
 
 def _sized(run: TrackingRun, state: SessionState) -> TrackingRun:

@@ -6,7 +6,6 @@ import glob
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -35,21 +34,6 @@ _FLESH_OFF_M = 0.004
 _SUBPIXEL_BITS = 4
 _MARK = "made_by_handtrack.json"
 _KNUCKLES = ("index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
-
-
-@dataclass(frozen=True)
-class RefinedCamera:
-    """What became of one camera's masks; medians over frames."""
-
-    camera: str
-    masks: int
-    """how many were written"""
-    known: float
-    """share of the model's outline's inside, before the wrist, of which the mask says something"""
-    agreement: float
-    """overlap (IoU) of mask and model, where the mask says something"""
-    off_px: float
-    """how far the outline is off, as far as the other cameras' new masks contradict it [px]"""
 
 
 class MaskRefinement:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +26,11 @@ from handtrack.model.size import hand_length_mm, is_unmeasured, unmeasured_size,
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate
-from handtrack.session.first_pose.image_first_pose import pose_in_space, poses_from_images
+from handtrack.session.first_pose.first_pose_candidate import (
+    FirstPoseCandidate,
+    pose_in_space,
+    poses_from_images,
+)
 from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.session import Session
 from handtrack.session.sources.joint_errors import joint_sigma_px
@@ -537,10 +540,8 @@ def _forearm(
     return unseen if found is None else found
 
 
-class Tell(Protocol):
-    """Is given the share that is done, 0 to 1, what is done in words, and a frame that was just tracked for it, if one was."""
-
-    def __call__(self, share: float, words: str, tracked: FrameResult | None = None, /) -> None: ...
+Tell = Callable[..., None]
+"""is given the share that is done, 0 to 1, what is done in words, and a frame that was just tracked for it, if one was"""
 
 
 MOST_FRAMES = 8

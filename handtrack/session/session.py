@@ -23,6 +23,7 @@ from handtrack.model.model_file import MODELS, load_model, read_scale
 from handtrack.observation.agreement import weighed
 from handtrack.observation.observation import ImageView, Observation
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
+from handtrack.session.formats.timestamps import FrameTimes
 from handtrack.session.formats.truth import Truth, read_truth
 from handtrack.session.layout import (
     CALIBRATION_FILE,
@@ -40,7 +41,7 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
-from handtrack.session.sources.camera_times import SessionTimes, recording_of, session_times
+from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.lru_cache import LRUCache, most_clouds, most_observations
 from handtrack.session.sources.session_pins import SessionPins
@@ -65,7 +66,7 @@ class Session:
         """the session's cameras, in the order of session.toml."""
         self.settings = self._read_settings()
         """of the tracker: the usual ones, and what [tracking] sets."""
-        self._times = self._read_times()
+        self._line, self._camera_times = self._read_times()
         self.views = self._views()
         self.cloud_files = self._find_clouds()
         """point cloud files by frame."""
@@ -115,7 +116,7 @@ class Session:
     @property
     def fps(self) -> float:
         """Frames a second, from session.toml or the median of its timestamps."""
-        return self._times.line.fps
+        return self._line.fps
 
     @cached_property
     def frame_count(self) -> int:
@@ -191,7 +192,7 @@ class Session:
 
     def time_s(self, frame: int) -> float:
         """Return the time of a frame [s]: frame / fps, or the time stamp of the first camera that has any."""
-        return self._times.line.time_of(frame)
+        return self._line.time_of(frame)
 
     def image(self, camera: str, frame: int) -> Array[H, W, D3] | None:
         """Return an image uint8 BGR as it was taken, None where missing."""
@@ -291,7 +292,7 @@ class Session:
         self._measured.clear()
 
     def _views(self) -> tuple[View, ...]:
-        by_time = self._times.cameras
+        by_time = self._camera_times
         return tuple(
             View(self.folder, c, self.rig[c.name], by_time.get(c.name)) for c in self.file.cameras
         )
@@ -379,7 +380,7 @@ class Session:
         except HandtrackError as error:
             raise HandtrackError(f"{self.folder / SESSION_FILE}, [tracking]: {error}") from None
 
-    def _read_times(self) -> SessionTimes:
+    def _read_times(self) -> tuple[FrameTimes, Mapping[str, CameraTimes]]:
         return session_times(self.folder, self.file.session, self.file.cameras)
 
     def _read_init(self, path: Path) -> FirstPose:

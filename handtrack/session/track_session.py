@@ -178,16 +178,19 @@ def request_for(
         without a first pose
     """
     frames = run.session.known_frames if frames is None else frames
-    first, posed = run.initial()[0], posed_frames(run)
-    start = posed.fixed.get(first)
-    pose = posed.guides.get(first) if start is None else start.parameters
-    if start is None or start.status == Status.KEYFRAME:
-        posed = posed.without(first)  # where tracking starts, it is solved
-    fixed = {f: result for f, result in posed.fixed.items() if f in frames}
-    guides = {f: pose for f, pose in posed.guides.items() if f in frames}
-    start, is_sized = pose if from_init else None, posed.run.scale is not run.scale
+    first, (posed_run, fixed, guides) = run.initial()[0], posed_frames(run)
+    start = fixed.get(first)
+    pose = guides.get(first) if start is None else start.parameters
+    is_solved = start is None or start.status == Status.KEYFRAME  # where tracking starts
+    kept = [frame for frame in frames if frame != first or not is_solved]
     return TrackingRequest(
-        frames, first, start, fixed, guides, fit_size=not is_sized, run=posed.run
+        frames,
+        first,
+        pose if from_init else None,
+        {f: fixed[f] for f in kept if f in fixed},
+        {f: guides[f] for f in kept if f in guides},
+        fit_size=posed_run.scale is run.scale,
+        run=posed_run,
     )
 
 

@@ -19,8 +19,8 @@ from handtrack.session.doctor import check_hand
 from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
+from handtrack.session.doctor.check_views import SEVERITIES
 from handtrack.session.doctor.examine import examine
-from handtrack.session.doctor.finding import SEVERITIES
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.run import TrackingRun

@@ -59,8 +59,8 @@ def test_a_keyframe_of_the_workbench_stays_and_its_neighbours_are_tracked_from_i
         history = store.history()
         action = history.next("", [Change("pose/2", None, {"parameters": values})])
         store.write(action)
-    found = posed_frames(run)
-    assert list(found.fixed) == [2]
+    _, fixed, _ = posed_frames(run)
+    assert list(fixed) == [2]
     segments = tracking_segments(run, request_for(run))
     assert 2 not in [frame for one in segments for frame in one.frames]
     assert segments[-1].first == 3

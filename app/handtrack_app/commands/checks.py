@@ -22,8 +22,8 @@ from handtrack.files.atomic import replace_text, replacing
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition
 from handtrack.session.doctor.check_joints import joint_lines
+from handtrack.session.doctor.check_views import SEVERITIES, Finding
 from handtrack.session.doctor.examine import examine
-from handtrack.session.doctor.finding import SEVERITIES, Finding
 from handtrack.session.formats.given_truth import read_given_truth
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session

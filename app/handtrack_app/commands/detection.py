@@ -30,7 +30,7 @@ from handtrack.session.detection import (
 )
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import KEYPOINTS_FOLDER, MASKS_FOLDER, POSES_FILE, SESSION_FILE
-from handtrack.session.refined_masks import MaskRefinement, RefinedCamera
+from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
 from handtrack_app.commands.terminal.output import answer, progress_bar, say, stoppable
 from handtrack_app.commands.terminal.track_options import parse_frames
@@ -151,7 +151,7 @@ def segment_again(args: argparse.Namespace) -> int:
     track = read_npz(args.poses or session.folder / POSES_FILE)
     refinement = MaskRefinement(session, track, args.camera)
     frames = list(refinement.rows)
-    told: dict[str, tuple[int, float, float]] = {}
+    found: dict[str, dict[str, Any]] = {}
     with stoppable() as stop, progress_bar(len(frames) * len(refinement.views), "masks") as bar:
         for view in refinement.views:
             masks, rows = refinement.learn(view), []
@@ -162,22 +162,23 @@ def segment_again(args: argparse.Namespace) -> int:
                 rows += [] if row is None else [row]
                 bar.update()
             known, agreement = np.median(rows, axis=0) if rows else (0.0, 0.0)
-            told[view.name] = len(rows), float(known), float(agreement)
+            found[view.name] = {"camera": view.name, "masks": len(rows), "known": float(known), "agreement": float(agreement)}  # fmt: skip
     off = refinement.outlines_off(frames[:: max(len(frames) // _COMPARED, 1)])
-    found = [RefinedCamera(name, *row, off[name]) for name, row in told.items()]
+    for name, row in found.items():
+        row["off_px"] = off[name]
     changes, said = refinement.changes(), ""
     if args.write and not stop.asked:
         said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
     for text in dict.fromkeys(session.warnings):
         say(f"note: {text}")
     if args.json:
-        print(json.dumps({"cameras": {row.camera: asdict(row) for row in found}, "session_file": changes,
+        print(json.dumps({"cameras": found, "session_file": changes,
                           "written": args.write, "interrupted": stop.asked}))  # fmt: skip
         return _INTERRUPTED if stop.asked else 0
-    for row in found:
+    for row in found.values():
         print(
-            f"{row.camera}: {row.masks} masks; {row.known:.0%} of the hand is known (median), and agrees with the model by "
-            f"{row.agreement:.2f} (IoU). The other cameras contradict {row.off_px:.1f} px of its outline."
+            "{camera}: {masks} masks; {known:.0%} of the hand is known (median), and agrees with the model by {agreement:.2f} (IoU). "
+            "The other cameras contradict {off_px:.1f} px of its outline.".format(**row)
         )
     print(f"Masks are in {session.folder / MASKS_FOLDER}.")
     if args.write and not stop.asked:

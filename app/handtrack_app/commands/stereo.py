@@ -12,7 +12,7 @@ from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
-from handtrack.session.doctor.check_synchrony import check_synchrony
+from handtrack.session.doctor.check_views import check_synchrony
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
 from handtrack.session.sources.clouds import StereoClouds

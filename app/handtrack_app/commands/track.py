@@ -21,7 +21,7 @@ from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import count_beside
-from handtrack.session.takes.take_recorder import TakeOptions, TakeRecorder
+from handtrack.session.takes.take_recorder import TakeRecorder
 from handtrack.session.track_session import (
     Ended,
     Event,
@@ -96,13 +96,19 @@ def run(args: argparse.Namespace) -> int:
         ask_for_other_side(session, first or session.init, args.yes)
     for text in examine_start(session) if args.init is None else ():
         say(f"note: {text}")
-    options = TakeOptions(
-        _PROGRAM, args.restart, args.take_over, args.explain, lambda text: say(f"note: {text}")
+    take_recorder = TakeRecorder(
+        out,
+        session.folder,
+        _PROGRAM,
+        restart=args.restart,
+        take_over=args.take_over,
+        resume_before=args.explain,
+        on_note=lambda text: say(f"note: {text}"),
     )
     with (
         stoppable() as stop,
         saying_compiling(),
-        TakeRecorder(out, session.folder, options) as take,
+        take_recorder as take,
     ):
         if args.init == "auto":
             first = found_first_pose(session, overrides, frames, stop, args.yes)

@@ -12,8 +12,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import beside
 from handtrack.files.atomic import replace_text
-from handtrack.session.formats.anatomy import AXES, anatomy_arrays
-from handtrack.session.formats.tables import is_length
+from handtrack.session.formats.tables import AXES, anatomy_arrays, is_length
 from handtrack.tracking.frame.result import Status
 
 

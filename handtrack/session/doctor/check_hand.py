@@ -14,7 +14,7 @@ from handtrack.capture.images.frame_notes import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.observation.observation import Keypoints
-from handtrack.session.doctor.finding import Finding, error, note, ok, warning
+from handtrack.session.doctor.check_views import Finding, error, note, ok, warning
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.side import doubt_of_side

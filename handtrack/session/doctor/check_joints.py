@@ -15,7 +15,7 @@ from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.doctor.check_hand import PALM_M, check_palm, check_side_of
 from handtrack.session.doctor.check_outlines import MOST_EXCHANGED, inverse
-from handtrack.session.doctor.finding import Finding, ok, warning
+from handtrack.session.doctor.check_views import Finding, ok, warning
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session

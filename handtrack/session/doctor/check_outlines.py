@@ -16,8 +16,7 @@ import numpy as np
 from handtrack.arrays import D2, Array, Bytes, Floats, N
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
-from handtrack.session.doctor.check_views import spread
-from handtrack.session.doctor.finding import Finding, warning
+from handtrack.session.doctor.check_views import Finding, spread, warning
 from handtrack.session.sources.views import View
 
 if TYPE_CHECKING:

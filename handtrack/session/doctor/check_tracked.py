@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.model.model_file import scale_from
-from handtrack.session.doctor.finding import Finding, warning
+from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun

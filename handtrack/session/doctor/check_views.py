@@ -1,8 +1,10 @@
-"""The doctor's look at each camera's files and masks."""
+"""The doctor's look at what was recorded: files and masks of each camera, the rig, clouds, and whether frames belong together."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
+from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -11,13 +13,29 @@ import numpy as np
 from handtrack.arrays import Array, H, W
 from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.frames import FrameSource
+from handtrack.capture.images.synchrony import Motion, TimeOffset, time_offsets
 from handtrack.capture.images.video import VideoFile
-from handtrack.session.doctor.finding import Finding, error, note, ok, warning
+from handtrack.geometry.camera import Camera
 from handtrack.session.sources.camera_times import recording_of
 from handtrack.session.sources.views import View
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session
+
+SEVERITIES = ("ok", "note", "warning", "error")
+
+
+class Finding(NamedTuple):
+    """What was found, in one plain sentence or two."""
+
+    severity: str
+    """ok: as it should be; note: worth knowing; warning: probably wrong; error: tracking cannot
+    use it."""
+    text: str
+
+
+ok, note, warning, error = (partial(Finding, severity) for severity in SEVERITIES)
+
 
 _MOST_FILES = 2000  # files looked at per camera; beyond that evenly spaced ones
 _MOST_COMPUTED = 60
@@ -241,3 +259,222 @@ def spread(count: int, most: int) -> list[int]:
     if count <= most:
         return list(range(count))
     return [int(frame) for frame in np.unique(np.linspace(0, count - 1, most).round())]
+
+
+# ---- The doctor's look at the rig: distances, units, lenses
+
+
+_SAME_PLACE_M = 0.005
+_ROUNDING = 1e-6  # a pose written with six digits and more
+_FAR_APART_M = 20.0
+_UNBALANCED = 0.03  # of a corner's distance from the middle
+_USUAL_FIELD = (0.2, 5.0)  # image width / focal length: 11° to 136°
+
+
+def check_cameras(session: Session) -> Iterator[Finding]:
+    """Yield findings about the cameras' mutual distances and each one's lens."""
+    yield from _check_distances(session)
+    for camera in session.rig:
+        yield from check_lens(camera)
+
+
+def _check_distances(session: Session) -> Iterator[Finding]:
+    unit = session.file.session.world_unit_m
+    pairs = list(combinations(session.rig, 2))
+    if not pairs:
+        return
+    apart = np.array([np.linalg.norm(a.centre - b.centre) for a, b in pairs])
+    span = (
+        f"cameras are {apart.min():.3g} to {apart.max():.3g} m apart"
+        if len(pairs) > 1
+        else f"the cameras are {apart[0]:.3g} m apart"
+    )
+    if apart.max() > _FAR_APART_M:
+        yield warning(
+            f"{span}, with world_unit_m = {unit:g}. Is calibration.toml in millimetres? Then "
+            "world_unit_m = 0.001."
+        )
+    elif copied := [(a.name, b.name) for a, b in pairs if _have_one_pose(a, b)]:
+        yield warning(
+            f"cameras {' and '.join(map(repr, copied[0]))} have one pose. Was it copied? (The colour and the infrared "
+            "camera of one housing differ by a little.)"
+        )
+    elif apart.max() < _SAME_PLACE_M:
+        yield warning(f"{span}, with world_unit_m = {unit:g}. Is the unit wrong?")
+    else:
+        yield ok(f"{span}.")
+
+
+def _have_one_pose(a: Camera, b: Camera) -> bool:
+    """Return whether two poses are the same but for rounding; two cameras of one housing differ by 0.01 mm or more."""
+    return bool(
+        np.abs(a.centre - b.centre).max() < _ROUNDING
+        and np.abs(a.rotation - b.rotation).max() < _ROUNDING
+    )
+
+
+def check_lens(camera: Camera) -> Iterator[Finding]:
+    """Yield findings about one camera's matrix and lens."""
+    width, height = camera.size
+    field = width / camera.matrix[0, 0]
+    if not _USUAL_FIELD[0] < field < _USUAL_FIELD[1]:
+        yield warning(
+            f"camera '{camera.name}': a focal length of {camera.matrix[0, 0]:.4g} px is unusual "
+            f"for an image {width} px wide. Does the matrix belong to another image size?"
+        )
+    cx, cy = camera.matrix[:2, 2]
+    if not (0.2 * width < cx < 0.8 * width and 0.2 * height < cy < 0.8 * height):
+        yield warning(
+            f"camera '{camera.name}': the principal point ({cx:.0f}, {cy:.0f}) is far from the "
+            f"middle of {width} x {height}. Is the image cropped or scaled, or are cx and cy "
+            "exchanged?"
+        )
+    yield from _check_series(camera)
+    corners = np.array(
+        [[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], dtype=float
+    )
+    if np.isnan(camera.undistort_points(corners)).any():
+        yield note(
+            f"camera '{camera.name}': the distortion folds back before the image's corners; what "
+            "lies there is not used. Too many coefficients for the calibration's images? "
+            "Calibrate with fewer."
+        )
+
+
+def _check_series(camera: Camera) -> Iterator[Finding]:
+    """Yield that a lens's series 1 + k1 r² + k2 r⁴ (+ k3 r⁶) looks cut off: its last term bends most, with nothing against it.
+
+    Where k3 was fitted, k2 and k3 are large and of opposite signs; a file without room for k3 keeps k2 as it was.
+    """
+    k = np.zeros(5)
+    given = np.asarray(camera.distortions, dtype=float)[:5]
+    k[: len(given)] = given
+    corner = np.array(camera.size) / 2 / np.diag(camera.matrix)[:2]
+    r2 = float(corner @ corner)
+    if k[4] == 0 and abs(k[1]) * r2 * r2 > max(abs(k[0]) * r2, _UNBALANCED):
+        yield warning(
+            f"camera '{camera.name}': the coefficient k2 = {k[1]:.3g} moves the corners by "
+            f"{abs(k[1]) * r2 * r2:.0%}, and no k3 balances it. Was k3 lost in a conversion (some formats hold only four coefficients)? "
+            "Compare with the calibration's own file."
+        )
+
+
+# ---- The doctor's look at point clouds: whether there are any, and what the filters leave of them
+
+
+_OF_PAIRS, _OF_OTHERS = 4, 12  # frames looked at: matching a pair takes its time
+_LEAST_POINTS = 300  # below that, a hand's pose cannot be told from its cloud
+
+
+def check_clouds(session: Session) -> Iterator[Finding]:
+    """Yield findings about a few clouds of a session: points measured and left by the filters."""
+    if not session.has_clouds:
+        return
+    measured, left, poor = [], [], []
+    settings = session.file.clouds
+    few = settings is not None and settings.stereo
+    for frame in spread(session.frame_count, _OF_PAIRS if few else _OF_OTHERS):
+        cloud, _ = session.cloud(frame)
+        whole = session.measured_cloud(frame)
+        if cloud is None or whole is None:
+            continue
+        measured.append(len(whole))
+        left.append(len(cloud))
+        if len(cloud) < _LEAST_POINTS:
+            poor.append(frame)
+    if not measured:
+        yield error("clouds: none of the frames looked at has a cloud.")
+        return
+    text = (
+        f"clouds: {np.median(measured):.0f} points measured, {np.median(left):.0f} left by the "
+        f"filters (median of {len(measured)} frames)"
+    )
+    if poor:
+        yield warning(
+            f"{text}; fewer than {_LEAST_POINTS} are left in frames {listed(poor)}. Look at the "
+            "settings in [clouds]: near_m, far_m, component, outlier_neighbours."
+        )
+    else:
+        yield ok(f"{text}.")
+
+
+# ---- The doctor's look at whether frames of equal number show the same moment in every camera
+
+
+_STRETCH = 60  # consecutive frames; two stretches are looked at, and must agree
+_FEWEST = 40  # frames of a session that can tell
+
+
+def check_synchrony(session: Session) -> Iterator[Finding]:
+    """Yield a finding about each camera whose frames come late or early against the others', and about what cannot be told."""
+    seen = [(v, source) for v in session.views if (source := _moving(v)) is not None]
+    if len(seen) < 2 or session.frame_count < _FEWEST:
+        return
+    offsets = time_offsets([_motions(view, source, session.frame_count) for view, source in seen])
+    found = {view.name: offsets.get(i) for i, (view, _) in enumerate(seen)}
+    told = {name: offset for name, offset in found.items() if offset and offset.agrees}
+    late = sorted((n for n in told if told[n].is_sure), key=lambda n: -abs(told[n].frames))
+    for name in late:
+        yield warning(_late(session, name, told[name]))
+    untold = [name for name in found if name not in told]
+    if untold:
+        yield note(
+            f"the synchronisation of {_listed(untold)} cannot be checked: the motion there matches no "
+            "other camera's at any time offset searched."
+        )
+    if told and not late:
+        most = max(abs(offset.frames) for offset in told.values())
+        std = max(offset.std for offset in told.values())
+        yield ok(
+            f"{_listed(list(told))} run together, by what moves: at most {most:.1f} frames apart, ± {std:.1f}."
+        )
+
+
+def _late(session: Session, name: str, offset: TimeOffset) -> str:
+    """Return that a camera is late or early, and what to do."""
+    which = f"camera '{name}' comes"
+    way = "late" if offset.frames > 0 else "early"
+    numbers = (
+        f"(what moves agrees by {offset.alike:.2f} then, by {offset.as_numbered:.2f} as numbered)"
+    )
+    if offset.at_edge:
+        return (
+            f"Do frames of equal number show the same moment? {which} at least {abs(offset.frames):.0f} frames {way} against the "
+            f"others {numbers}; no more was searched. Cut the recordings so that they start together, and look again."
+        )
+    before = session.view(name).settings.lag_s or 0.0
+    lag_s = before + offset.frames / session.fps
+    rest = abs(lag_s * session.fps - round(lag_s * session.fps))
+    whole = (
+        f" Tracking takes whole frames, so that {rest:.1f} of one remains: synchronise the cameras where you can."
+        if rest >= offset.std
+        else ""
+    )
+    return (
+        f"Do frames of equal number show the same moment? {which} {abs(offset.frames):.1f} ± {offset.std:.1f} frames {way} against the "
+        f'others {numbers}. Write `lag_s = {lag_s:.4g}` under [[camera]] name = "{name}" in session.toml, and look again; or cut the '
+        f"recordings so that they start together.{whole}"
+    )
+
+
+def _listed(names: list[str]) -> str:
+    return f"{'cameras' if len(names) > 1 else 'camera'} {', '.join(map(repr, names))}"
+
+
+def _moving(view: View) -> FrameSource | None:
+    return view.mask_files if view.mask_files is not None else view.images
+
+
+def _motions(view: View, source: FrameSource, count: int) -> tuple[Motion, Motion]:
+    """Return what moved in two stretches of a recording."""
+    long = min(_STRETCH, count // 2)
+    starts = (
+        (0, count - long)
+        if count <= 2 * _STRETCH
+        else (count // 3 - long // 2, 2 * count // 3 - long // 2)
+    )
+    first, second = (
+        Motion(view.camera, (source.read(frame) for frame in range(start, start + long)))
+        for start in starts
+    )
+    return first, second

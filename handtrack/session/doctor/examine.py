@@ -6,20 +6,23 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from handtrack.errors import HandtrackError
-from handtrack.session.doctor.check_cameras import check_cameras
-from handtrack.session.doctor.check_clouds import check_clouds
 from handtrack.session.doctor.check_hand import check_init, check_model, check_side, check_truth
 from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
-from handtrack.session.doctor.check_synchrony import check_synchrony
 from handtrack.session.doctor.check_tracked import check_tracked_cameras, check_tracked_from
 from handtrack.session.doctor.check_views import (
+    Finding,
+    check_cameras,
+    check_clouds,
     check_files,
     check_lengths,
     check_rate,
+    check_synchrony,
     check_view,
+    error,
+    ok,
+    warning,
 )
-from handtrack.session.doctor.finding import Finding, error, ok, warning
 
 if TYPE_CHECKING:
     from handtrack.session.session import Session

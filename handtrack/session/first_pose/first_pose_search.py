@@ -13,8 +13,12 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.observation.observation import Observation
 from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
-from handtrack.session.first_pose.first_pose_candidate import FirstPoseCandidate, differs
-from handtrack.session.first_pose.image_first_pose import pose_in_space, poses_by_joints
+from handtrack.session.first_pose.first_pose_candidate import (
+    FirstPoseCandidate,
+    differs,
+    pose_in_space,
+    poses_by_joints,
+)
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.seen_keypoints import NO_JOINTS, of_model

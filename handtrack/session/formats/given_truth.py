@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import math
+import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, N
+from handtrack.arrays import D3, F, Floats, Ints, N
 from handtrack.capture.joints.given_joints import named_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import first_bytes
-from handtrack.session.formats.markers import Markers, read_markers
+from handtrack.files.given_files import check_given, first_bytes
+from handtrack.files.text_files import read_text
 from handtrack.session.formats.truth import Truth, read_truth
 
 _HAND_M = (
@@ -20,7 +25,7 @@ _HAND_M = (
 )  # between the two points furthest apart: a small child's fist to a large man's flat hand
 _BODY_M = (0.5, 3.0)  # likewise: of a crouching child to a tall man with raised arms
 _BODY = tuple(BODY_LAYOUTS[NAMED].points)
-_UNITS_M = (
+_LIKELY_M = (
     1.0,
     0.01,
     0.001,
@@ -84,7 +89,7 @@ def _unit(
     fullest = positions[count == count.max()]  # frames with gaps span less
     span = np.nanmax(fullest, axis=1) - np.nanmin(fullest, axis=1)
     size = float(np.median(np.linalg.norm(span, axis=1)))
-    fits = [unit for unit in _UNITS_M if spans[0] <= size * unit <= spans[1]]
+    fits = [unit for unit in _LIKELY_M if spans[0] <= size * unit <= spans[1]]
     if len(fits) != 1:
         raise HandtrackError(
             f"{path}: its points span {size:.3g}, which is no hand or body in metres, centimetres or millimetres. Write the unit in the "
@@ -108,3 +113,188 @@ def write_truth(path: Path, truth: Truth) -> None:
             "joint_positions": truth.joint_positions,
         }
     np.savez(path, **arrays)  # pyright: ignore[reportArgumentType]
+
+
+# ---- Points in space by name as motion capture writes them: TRC, C3D (by the optional c3d), CSV
+
+
+_WHAT = "points in space"
+_LARGEST = 1 << 29
+_MOST_MARKERS = 2000
+_UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "meters": 1.0, "metres": 1.0, "millimeters": 0.001}
+_COLUMN = re.compile(r"(.+?)[_. ]?([xyz])(?:[_. ]?(m|mm|cm))?", re.IGNORECASE)
+ACCEPTED = "truth.npz, TRC, C3D, or a CSV with the columns frame and <point>_x, _y, _z (or frame, joint, x, y, z)"
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Points by frame, in the file's unit."""
+
+    names: tuple[str, ...]
+    frames: Ints[F]
+    """from 0."""
+    times_s: Floats[F] | None
+    positions: Floats[F, N, D3]
+    """NaN where a point is missing."""
+    unit_m: float | None
+    """metres in one unit, where the file says it."""
+
+
+def read_markers(path: Path) -> Markers:
+    """Return the points of a file, told by its content. Raises HandtrackError naming what is accepted."""
+    check_given(path, _WHAT, _LARGEST)
+    start = first_bytes(path)
+    if start[1:2] == b"\x50" and start[:1] != b"P":  # the block of parameters, and C3D's mark
+        return _c3d(path)
+    if b"\0" in start or not start.strip():
+        raise _unknown(path)
+    text = read_text(path, _WHAT, _LARGEST)
+    separator = "\t" if text.startswith("PathFileType") else max(",;\t", key=text[:4096].count)
+    try:
+        rows = list(csv.reader(io.StringIO(text), delimiter=separator))
+    except csv.Error as error:
+        raise HandtrackError(f"{path}: no readable table ({error}).") from None
+    if text.startswith("PathFileType"):
+        return _trc(rows, path)
+    rows = [row for row in rows if any(row)]
+    if not rows:
+        raise _unknown(path)
+    head = [name.strip().lower() for name in rows[0]]
+    return _long(rows, head, path) if {"x", "y", "z"} <= set(head) else _wide(rows, head, path)
+
+
+def _trc(rows: list[list[str]], path: Path) -> Markers:
+    if len(rows) < 6:
+        raise HandtrackError(f"{path}: a TRC file without rows of points.")
+    about = {
+        key.strip().lower(): value.strip() for key, value in zip(rows[1], rows[2], strict=False)
+    }
+    unit = about.get("units", "").lower()
+    if unit not in _UNITS_M:
+        raise HandtrackError(f"{path}: Units '{unit}'; expected one of {', '.join(_UNITS_M)}.")
+    names = tuple(name.strip() for name in rows[3][2:] if name.strip())
+    body = [row for row in rows[5:] if any(cell.strip() for cell in row)]
+    places = [[2 + 3 * i + k for k in range(3)] for i in range(len(names))]
+    return _markers(names, [row[0] for row in body], [row[1] if len(row) > 1 else "" for row in body],
+                    _numbers(body, places, path), _UNITS_M[unit], path)  # fmt: skip
+
+
+def _wide(rows: list[list[str]], head: list[str], path: Path) -> Markers:
+    places: dict[str, dict[str, int]] = {}
+    units = set[str]()
+    for i, name in enumerate(rows[0]):
+        match = _COLUMN.fullmatch(name.strip())
+        if match:
+            places.setdefault(match[1], {})[match[2].lower()] = i
+            units |= {match[3].lower()} if match[3] else set()
+    names = tuple(name for name, axes in places.items() if len(axes) == 3)
+    if not names or len(units) > 1:
+        raise _unknown(path)
+    at_frame = next((head.index(n) for n in ("frame", "frame#") if n in head), None)
+    at_time = next((head.index(n) for n in ("time_s", "time", "t") if n in head), None)
+    body = rows[1:]
+    frames = [str(i) if at_frame is None else _cell(row, at_frame) for i, row in enumerate(body)]
+    times = [] if at_time is None else [_cell(row, at_time) for row in body]
+    numbers = _numbers(body, [[places[n][axis] for axis in "xyz"] for n in names], path)
+    unit = _UNITS_M[next(iter(units))] if units else None
+    return _markers(names, frames, times, numbers, unit, path, counted=True)
+
+
+def _long(rows: list[list[str]], head: list[str], path: Path) -> Markers:
+    at_name = next(
+        (head.index(n) for n in ("joint", "point", "marker", "name", "landmark") if n in head), None
+    )
+    if at_name is None or "frame" not in head:
+        raise _unknown(path)
+    at_frame, axes = head.index("frame"), [head.index(axis) for axis in "xyz"]
+    body = rows[1:]
+    names = tuple(dict.fromkeys(_cell(row, at_name) for row in body))
+    frames = list(dict.fromkeys(_cell(row, at_frame) for row in body))
+    if len(names) > _MOST_MARKERS:
+        raise HandtrackError(f"{path}: {len(names)} different points; expected those of a hand.")
+    values = _numbers(body, [axes], path)[:, 0]
+    positions = np.full((len(frames), len(names), 3), np.nan)
+    by_frame, by_name = ({key: i for i, key in enumerate(keys)} for keys in (frames, names))
+    for row, value in zip(body, values, strict=True):
+        positions[by_frame[_cell(row, at_frame)], by_name[_cell(row, at_name)]] = value
+    return _markers(names, frames, [], positions, None, path, counted=True)
+
+
+def _c3d(path: Path) -> Markers:
+    try:
+        import c3d  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise HandtrackError(
+            f"{path} is C3D, which needs c3d: pip install handtrack3d[c3d], or export TRC or CSV."
+        ) from None
+    try:
+        with path.open("rb") as file:
+            reader = c3d.Reader(file)
+            count = reader.last_frame - reader.first_frame + 1
+            if (
+                count * reader.point_used * 16 > 40 * path.stat().st_size
+            ):  # a point takes 8 or 16 bytes
+                raise HandtrackError(
+                    f"{path}: announces {count} frames of {reader.point_used} points, more than it can hold."
+                )
+            names = tuple(label.strip() for label in reader.point_labels[: reader.point_used])
+            units = reader.get("POINT:UNITS")
+            unit = str(units.string_value).strip().lower() if units is not None else "mm"
+            read = [(number, points) for number, points, _ in reader.read_frames(copy=True)]
+            rate = float(reader.point_rate)
+    except HandtrackError:
+        raise
+    except Exception as error:  # the library fails in many ways on damaged bytes
+        raise HandtrackError(
+            f"{path}: not readable as C3D ({str(error)[:80] or type(error).__name__})."
+        ) from None
+    if unit not in _UNITS_M or not read:
+        raise HandtrackError(
+            f"{path}: {len(read)} frames in '{unit}'; expected frames in one of {', '.join(_UNITS_M)}."
+        )
+    frames = np.array([number - 1 for number, _ in read])  # C3D counts from 1
+    points = np.array([rows[: len(names), :5] for _, rows in read], dtype=float)
+    positions = np.where((points[..., 3] < 0)[..., None], np.nan, points[..., :3])
+    return Markers(names, frames, frames / rate if rate > 0 else None, positions, _UNITS_M[unit])
+
+
+def _markers(
+    names: tuple[str, ...], frames: list[str], times: list[str], positions: Floats[F, N, D3],
+    unit_m: float | None, path: Path, counted: bool = False,
+) -> Markers:  # fmt: skip
+    """counted: frames are counted from 0; else from 1, unless there is a 0."""
+    numbers = [_number(text, path) for text in frames]
+    if (
+        not numbers
+        or not all(0 <= n < 1e7 and n == int(n) for n in numbers)
+        or len(set(numbers)) < len(numbers)
+    ):
+        raise HandtrackError(
+            f"{path}: expected frames with whole numbers, each once, and at least one."
+        )
+    first = 0 if counted or 0 in numbers else 1
+    said = [_number(text, path) for text in times]
+    times_s = np.array(said) if said and np.isfinite(said).all() else None
+    return Markers(names, np.array(numbers, dtype=int) - first, times_s, positions, unit_m)
+
+
+def _numbers(rows: list[list[str]], places: list[list[int]], path: Path) -> Floats[F, N, D3]:
+    if len(places) > _MOST_MARKERS:
+        raise HandtrackError(f"{path}: {len(places)} points; expected those of a hand.")
+    values = [[[_number(_cell(row, at), path) for at in three] for three in places] for row in rows]
+    return np.array(values, dtype=float).reshape(len(rows), len(places), 3)
+
+
+def _cell(row: list[str], at: int) -> str:
+    return row[at] if at < len(row) else ""
+
+
+def _number(text: str, path: Path) -> float:
+    try:
+        return float(text) if text.strip() else math.nan
+    except ValueError:
+        raise HandtrackError(f"{path}: '{text[:40]}'; expected a number.") from None
+
+
+def _unknown(path: Path) -> HandtrackError:
+    return HandtrackError(f"{path}: no points in space that are known here. Accepted: {ACCEPTED}.")

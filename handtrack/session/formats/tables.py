@@ -15,7 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.versions import keep_version
-from handtrack.session.formats.anatomy import anatomy_arrays
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.reason import KINDS
 from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult
 from handtrack.tracking.frame.result_fields import result_fields
@@ -169,3 +169,36 @@ def _check_rows(path: Path, track: TrackResult) -> None:
 def is_length(parameter: str) -> bool:
     """Return whether a joint parameter is a translation [m]; the others are angles [rad]."""
     return parameter.endswith(("_tx", "_ty", "_tz"))
+
+
+# ---- How the model of a result is built: hierarchy, rest pose, hinges, limits. For readers who have the file alone
+
+
+AXES = (
+    "world: right-handed, as the camera calibration has it; bone: origin at its proximal end, +y along it, +z dorsal; "
+    "T_a_b maps b to a"
+)
+
+
+def anatomy_arrays(model: ArticulatedModel) -> dict[str, Array[*Axes]]:
+    """Return what poses.npz says of a model, by key.
+
+    `parents` (B,), −1 for the root; `rest_T_bone` (B, 4, 4) bone → root in the zero pose [m]; `bone_length` (B,) [m];
+    `hinge_bone` (S − 6,) the bone that each parameter after the root's six turns, `hinge_axis` (S − 6, 3) about which axis of
+    its rest frame, in this order; `parameter_limits` (S, 2) [m, rad]; `joint_bone` (J,) and `joint_point` (J, 3) [m], where
+    each named joint is in its bone's frame; `axes`, `unit`.
+    """
+    skeleton = model.skeleton
+    rest = model.bones(model.params_from({})).T_world_bone
+    return {
+        "parents": np.asarray(skeleton.parent, np.int64),
+        "rest_T_bone": rest,
+        "bone_length": skeleton.length,
+        "hinge_bone": np.asarray(skeleton.hinge_bone, np.int64),
+        "hinge_axis": skeleton.hinge_axis,
+        "parameter_limits": model.limits.interval,
+        "joint_bone": np.asarray(model.joint_bone, np.int64),
+        "joint_point": model.joint_point,
+        "axes": np.array(AXES),
+        "unit": np.array("m"),
+    }

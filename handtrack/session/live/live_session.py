@@ -25,7 +25,7 @@ from handtrack.session.session_file import (
     SessionFile,
     read_session_file,
 )
-from handtrack.session.sources.camera_times import SessionTimes
+from handtrack.session.sources.camera_times import CameraTimes
 from handtrack.session.sources.views import View
 
 LIVE_SETTINGS: dict[str, object] = {"model.fit_size": False}
@@ -102,8 +102,8 @@ class LiveSession(Session):
         cameras = self.file.cameras
         return tuple(View(self.folder, c, self.rig[c.name], live=live[c.name]) for c in cameras)
 
-    def _read_times(self) -> SessionTimes:
-        return SessionTimes(FrameTimes(self.file.session.fps or _USUAL_FPS))
+    def _read_times(self) -> tuple[FrameTimes, Mapping[str, CameraTimes]]:
+        return FrameTimes(self.file.session.fps or _USUAL_FPS), {}
 
 
 def open_live(

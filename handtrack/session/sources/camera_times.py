@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -68,15 +68,6 @@ class CameraTimes:
         return range(self.line.nearest(self.own.time_of(own.stop - 1)) + 1) if own else own
 
 
-@dataclass(frozen=True, eq=False)
-class SessionTimes:
-    """When a session's frames were taken, and which of each camera's frames belongs to them."""
-
-    line: FrameTimes
-    cameras: Mapping[str, CameraTimes] = field(default_factory=dict)
-    """of those whose frames are not simply numbered like the session's"""
-
-
 class JoinedByTime(DerivedFrames):
     """A camera's images by the session's frames."""
 
@@ -109,8 +100,9 @@ def recording_of(source: FrameSource) -> FrameSource:
 
 def session_times(
     folder: Path, recording: RecordingSettings, cameras: Sequence[CameraSettings]
-) -> SessionTimes:
-    """Return the times that session.toml and the file it names say.
+) -> tuple[FrameTimes, dict[str, CameraTimes]]:
+    """Return the times of a session's frames that session.toml and the file it names say, and how those of cameras whose frames are
+    not simply numbered like them belong to them.
 
     The session's frames are those of the first camera with time stamps; without any, they come `fps` times a second. A
     camera without time stamps begins with the session. Raises HandtrackError.
@@ -133,4 +125,4 @@ def session_times(
             own = FrameTimes(camera.fps).later(line.time_of(0))
         if camera is not first and (own is not None or lag_s):
             joined[camera.name] = CameraTimes(line, (own or line).later(-lag_s))
-    return SessionTimes(line, joined)
+    return line, joined

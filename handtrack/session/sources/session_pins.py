@@ -6,13 +6,12 @@ import json
 import math
 import threading
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Floats, Ints, K
+from handtrack.arrays import D2, Floats
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
@@ -23,20 +22,6 @@ from handtrack.session.layout import PINS_FILE, inside
 
 _FORMAT = 1
 _DIGITS = 3  # of a pixel: a thousandth of one
-
-
-@dataclass(frozen=True, eq=False)
-class PinTable:
-    """Pins as arrays, one row each, by frames ascending."""
-
-    frame: Ints[K]
-    camera: tuple[str, ...]
-    place: tuple[str, ...]
-    """a joint, or the bone of which a point is pinned"""
-    point: Floats[K, D3]
-    """in that bone's frame [m]; NaN for a joint"""
-    pixel: Floats[K, D2]
-    """column and row [px], in the image as it was taken"""
 
 
 class SessionPins:
@@ -61,19 +46,6 @@ class SessionPins:
         """The frames that have pins."""
         with self._lock:
             return sorted(self._pins)
-
-    def table(self) -> PinTable:
-        """Return all pins as arrays."""
-        with self._lock:
-            rows = [(frame, pin) for frame in sorted(self._pins) for pin in self._pins[frame]]
-        points = [(math.nan,) * 3 if pin.joint else pin.point for _, pin in rows]
-        return PinTable(
-            np.array([frame for frame, _ in rows], int),
-            tuple(pin.camera for _, pin in rows),
-            tuple(pin.joint or pin.bone for _, pin in rows),
-            np.array(points, float).reshape(-1, 3),
-            np.array([self._taken(pin) for _, pin in rows], float).reshape(-1, 2),
-        )
 
     def observed(self, frame: int) -> tuple[ImagePins, ...]:
         """Return a frame's pins as they are observed, by camera."""

@@ -4,40 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Bytes, H, N, W
+from handtrack.arrays import D3, Bytes, N
 from handtrack.errors import HandtrackError
-from handtrack.session.session_file import CameraSettings
-from handtrack.session.sources.corrected_masks import CorrectedMasks
+from handtrack.session.session import Session
 
 _HAND = 255
 
 
-class _View(Protocol):
-    @property
-    def settings(self) -> CameraSettings: ...
-    @property
-    def corrections(self) -> CorrectedMasks: ...
-    def own_frame(self, frame: int) -> int | None: ...
-    def image(self, frame: int) -> Array[H, W, D3] | None: ...
-
-
-class Recording(Protocol):
-    """Cameras and frames; see session.session.Session."""
-
-    @property
-    def folder(self) -> Path: ...
-    @property
-    def views(self) -> Sequence[_View]: ...
-    @property
-    def frame_range(self) -> range: ...
-
-
-def painted_skin(session: Recording) -> list[Bytes[N, D3]]:
+def painted_skin(session: Session) -> list[Bytes[N, D3]]:
     """Return, image by image, the colours uint8 RGB below what was painted as hand in a recording's masks.
 
     Raises HandtrackError where nothing is painted.

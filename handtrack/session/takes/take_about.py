@@ -3,39 +3,30 @@
 from __future__ import annotations
 
 import json
+import platform
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from datetime import UTC, datetime
 from hashlib import blake2b
+from importlib.metadata import PackageNotFoundError, version
 from math import isclose
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from handtrack.arrays import Floats, P
 from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import CameraRig
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, matching_files, place_of
 from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
 from handtrack.session.session_file import SessionFile
-from handtrack.session.takes.versions import versions_in_use
 from handtrack.store.store import Store
 from handtrack.store.take import TakeAbout
 from handtrack.tracking.frame.result import TrackLabels, TrackResult
+from handtrack.version import VERSION
 
 REFINED = "refined"
-
-
-class TrackedSession(Protocol):
-    """What is asked of a session here; see session.session.Session."""
-
-    @property
-    def folder(self) -> Path: ...
-    @property
-    def file(self) -> SessionFile: ...
-    @property
-    def rig(self) -> CameraRig: ...
 
 
 def about_take(
@@ -79,7 +70,7 @@ def about_refined(about: TakeAbout, labels: TrackLabels | None = None) -> TakeAb
     return replace(about, by=by, begun=_now(), inputs=inputs, labels=labels or about.labels)
 
 
-def files_read(session: TrackedSession) -> dict[str, str]:
+def files_read(session: Session) -> dict[str, str]:
     """Return a digest of everything that is read of a session, by what it is; in two words where only the first must stay for
     tracked poses to be this recording's.
 
@@ -109,7 +100,7 @@ def files_read(session: TrackedSession) -> dict[str, str]:
 
 
 def foreign_takes(
-    store: Store, session: TrackedSession, now: Mapping[str, str] | None = None
+    store: Store, session: Session, now: Mapping[str, str] | None = None
 ) -> list[str]:
     """Return a sentence for those takes of the current track that were not made from what the session holds now.
 
@@ -128,14 +119,14 @@ def foreign_takes(
     ]  # fmt: skip
 
 
-def foreign_result(track: TrackResult, what: str, session: TrackedSession) -> list[str]:
+def foreign_result(track: TrackResult, what: str, session: Session) -> list[str]:
     """Return a sentence where a result was made with other cameras than the session has now. what: the result's place."""
     changed = _changed({}, track.cameras, session, {})
     return [_foreign_words(what, changed)] if changed else []
 
 
 def _changed(
-    inputs: Mapping[str, str], cameras: str | None, session: TrackedSession, now: Mapping[str, str]
+    inputs: Mapping[str, str], cameras: str | None, session: Session, now: Mapping[str, str]
 ) -> tuple[str, ...]:
     changed = []
     if cameras is not None and not _same_cameras(cameras, session):
@@ -148,7 +139,7 @@ def _changed(
     return tuple(dict.fromkeys(changed))
 
 
-def _same_cameras(text: str, session: TrackedSession) -> bool:
+def _same_cameras(text: str, session: Session) -> bool:
     try:
         return _alike(json.loads(text), json.loads(rig_json(session.rig)))
     except ValueError:
@@ -214,3 +205,20 @@ def _digest(*parts: str | bytes) -> str:
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+# ---- Which versions of the programs are in use
+
+
+def versions_in_use() -> dict[str, str]:
+    """Return the versions of the programs that make a take."""
+    versions = {name: version_of(name) for name in ("numpy", "numba")}
+    return {"handtrack": VERSION} | versions | {"python": platform.python_version()}
+
+
+def version_of(name: str) -> str:
+    """Return a package's version; `unknown` where it is not installed."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"

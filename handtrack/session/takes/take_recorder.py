@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain, takewhile
 from pathlib import Path
 
@@ -25,26 +25,6 @@ _STARTS = ("first pose", "hand")
 _UNFINISHED = ".unfinished"
 
 
-def _unnoted(text: str) -> None:
-    """Nobody reads it."""
-
-
-@dataclass(frozen=True)
-class TakeOptions:
-    """How a tracking is kept."""
-
-    program: str = "handtrack track"
-    """named in the take, and to other programs that want to write"""
-    restart: bool = False
-    """an interrupted run of the same is not resumed"""
-    take_over: bool = False
-    """take over the write lock of another program"""
-    resume_before: int | None = None
-    """a frame that is to be tracked, and those after it, even if an interrupted run has it"""
-    on_note: Callable[[str], None] = _unnoted
-    """called with what a person should know"""
-
-
 class TakeRecorder:
     """Where a tracking is kept; a context, in which no other program writes there.
 
@@ -52,8 +32,34 @@ class TakeRecorder:
     beside it until it is complete: several may be made of one session at a time.
     """
 
-    def __init__(self, out: Path, session: Path, options: TakeOptions = TakeOptions()) -> None:
-        self.out, self._session, self._options = out, session, options
+    def __init__(
+        self,
+        out: Path,
+        session: Path,
+        program: str = "handtrack track",
+        restart: bool = False,
+        take_over: bool = False,
+        resume_before: int | None = None,
+        on_note: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        """
+        Parameters
+        ----------
+        out, session
+            the result's file, and the session's folder
+        program
+            named in the take, and to other programs that want to write
+        restart
+            an interrupted run of the same is not resumed
+        take_over
+            take over the write lock of another program
+        resume_before
+            a frame that is to be tracked, and those after it, even if an interrupted run has it
+        on_note
+            called with what a person should know
+        """
+        self.out, self._session, self._program, self._restart = out, session, program, restart
+        self._take_over, self._resume_before, self._note = take_over, resume_before, on_note
         self._own = out.resolve() != (session / POSES_FILE).resolve()
         self._folder = session / TRACKS_FOLDER
         if self._own:
@@ -69,8 +75,7 @@ class TakeRecorder:
         return self
 
     def _open(self) -> None:
-        options = self._options
-        self._store = WritableStore(self._folder, options.program, options.take_over)
+        self._store = WritableStore(self._folder, self._program, self._take_over)
         for folder in (self._folder, *(() if self._own else (self._session,))):
             remove_abandoned(folder)  # the lease is ours: nobody else writes there
 
@@ -91,23 +96,22 @@ class TakeRecorder:
         posed
             digests of the poses it is tracked by, by their names: another pose is another pass
         """
-        note = self._options.on_note
         if self._store is None and (self.out.is_file() or not self.out.exists()):
             self._open()
         if self._store is None:
             return []  # a device keeps nothing
         if not self._own and (text := import_track(self._store, run.session.folder)):
-            note(text)
+            self._note(text)
         self._labels = None
-        about = about_take(run, self._options.program, frames, *run.initial())
+        about = about_take(run, self._program, frames, *run.initial())
         about = replace(about, inputs={**about.inputs, **posed})
-        left = None if self._options.restart else self._store.unfinished(about.inputs)
+        left = None if self._restart else self._store.unfinished(about.inputs)
         if left is None:
             self._passes.append([self._store.begin(about)])
             return []
         for text in left.damage:
-            note(text)
-        end = self._options.resume_before
+            self._note(text)
+        end = self._resume_before
         done = [*takewhile(lambda step: step.result.frame != end, left.steps())]
         self._passes.append([self._store.go_on(left)])
         return done
@@ -185,7 +189,7 @@ class TakeRecorder:
             return
         if not self._own:
             self._store.know_file(file_digest(self.out))
-            words = f"{self._options.program} of frames {track.frame[0]} to {track.frame[-1]}"
+            words = f"{self._program} of frames {track.frame[0]} to {track.frame[-1]}"
             self._store.make_current(self._spans(track, finished), words)
         if finished:
             for writer in chain(*self._passes):  # not before: the later follow from the earlier

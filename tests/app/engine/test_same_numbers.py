@@ -132,7 +132,7 @@ def corrected(folder: Path) -> None:
     engine.set_pin(4, camera.name, (column + 3.0, row), 2, joint="middle_tip")
     eventually(lambda: document.run.session.pins.of(4), "pinned")
     worker.stop()
-    assert posed_frames(TrackingRun.open(Session.open(folder))).guides.keys() == {4}
+    assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {4}
 
 
 def opened(folder: Path) -> tuple[Worker, list]:

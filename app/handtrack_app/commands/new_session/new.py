@@ -19,8 +19,7 @@ from handtrack.geometry.camera import CameraRig
 from handtrack.session.bundled import TWO_VIDEOS, sample_names, write_sample
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.formats.given_truth import read_given_truth, write_truth
-from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, TRUTH_FILE
-from handtrack.session.links import allow_links
+from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, TRUTH_FILE, allow_links
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
