@@ -4,17 +4,9 @@ import dataclasses
 
 import pytest
 
-from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.engine.review_service import LiveScore
-from handtrack_app.page.panels.pose import pose_card
 from handtrack_app.protocol.snapshots import ScoreSnapshot
-from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed, tracked
-
-
-@pytest.fixture
-def pose(tmp_path):
-    return dataclasses.replace(pose_snapshot(fake_document(tmp_path)), energy=float("nan"))
 
 
 def _score(pose, **changes) -> ScoreSnapshot:
@@ -22,10 +14,22 @@ def _score(pose, **changes) -> ScoreSnapshot:
     return dataclasses.replace(known, **changes)
 
 
-@pytest.mark.parametrize("other", ["frame", "values"])
-def test_the_score_of_another_pose_is_not_shown(pose, other):
-    changes = {"frame": pose.frame + 1} if other == "frame" else {"values": (0.0,)}
-    assert "overlap" not in pose_card(pose, _score(pose, **changes))
+@pytest.mark.parametrize("changes", [{}, {"frame": 7}, {"values": (0.0,)}])
+def test_the_card_has_the_score_of_its_own_pose_alone(bench, changes):
+    panel = bench.layout.pose
+    panel.show_score(_score(panel.pose, **changes))
+    assert ("overlap" in panel.card.content) == (not changes)
+
+
+def test_while_it_plays_nothing_in_the_card_moves_what_is_below(bench):
+    panel = bench.layout.pose
+    doubted = dataclasses.replace(panel.pose, note="The index finger may be wrong.")
+    panel.show(doubted)
+    assert "index finger" in panel.card.content
+    bench.state.playing = True
+    panel.show(doubted)
+    panel.show_score(_score(doubted))
+    assert "index finger" not in panel.card.content and "overlap" not in panel.card.content
 
 
 def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):

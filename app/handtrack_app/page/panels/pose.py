@@ -254,22 +254,23 @@ class PosePanel:
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
                 slider.value = shown
         self.pose = self.copies.pose = pose
-        if self.page.state.playing:
-            pose = replace(pose, note="")  # what comes and goes would move all below it
-        self.card.content = pose_card(pose, self.score)
-        self._show_pins(pose)
+        self._say(pose)
 
     def show_score(self, score: ScoreSnapshot) -> None:
         """Take a pose's score: it shows beside that pose alone."""
         self.score = score
         if self.pose is not None:
-            put(self.card, content=pose_card(self.pose, score))
-            self._show_pins(self.pose)
+            self._say(self.pose)
 
-    def _show_pins(self, pose: PoseSnapshot) -> None:
+    def _say(self, pose: PoseSnapshot) -> None:
         score = self.score
-        known = score is not None and score.is_of(pose.frame, pose.values)
-        self.pins.show(pose, score if known else None)
+        if score is not None and not score.is_of(pose.frame, pose.values):
+            score = None
+        if self.page.state.playing:  # what comes and goes would move all below it
+            put(self.card, content=pose_card(replace(pose, note="")))
+        else:
+            put(self.card, content=pose_card(pose, score))
+        self.pins.show(pose, score)
 
 
 def _rows(groups: list[str]) -> list[tuple[str, ...]]:
@@ -323,17 +324,14 @@ def status_of(pose: PoseSnapshot) -> tuple[str, str]:
 
 
 def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
-    """Return the lines above the sliders: frame, where the pose comes from, error against the truth, its score.
-
-    score: of this pose, or of another, which is passed over.
-    """
+    """Return the lines above the sliders: frame, where the pose comes from, error against the truth, its score."""
     word, colour = status_of(pose)
     facts = []
     if math.isfinite(pose.error_mm):
         facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))
     if math.isfinite(pose.energy):
         facts.append(("energy", f"{pose.energy:.1f}"))
-    if score is not None and score.is_of(pose.frame, pose.values):
+    if score is not None:
         facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
     rows = "".join(
         f"<div class='handtrack-row'><span class='handtrack-faint'>{html.escape(k)}</span><b>{html.escape(v)}</b></div>"
