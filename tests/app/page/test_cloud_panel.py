@@ -13,7 +13,7 @@ def test_saving_is_offered_where_something_is_not_saved(cloudy):
     save, back = panel.saved.save, panel.saved.back
     assert not save.visible
     with WireClient(cloudy.url) as client:
-        client.set_value(panel.filters.known["voxel_m"].widget, 8.0)
+        client.set_value(panel.known["voxel_m"].widget, 8.0)
         eventually(lambda: bool(save.visible and back.visible), "offered")
         client.set_value(save, True)
         eventually(lambda: not save.visible and not back.visible, "saved")

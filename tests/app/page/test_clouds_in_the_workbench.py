@@ -92,11 +92,11 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(cloudy):
     before = len(view.points.points)
     assert len(view.points.colors) == before
     with WireClient(cloudy.url) as client:
-        client.set_value(panel.filters.known["voxel_m"].widget, 8.0)
+        client.set_value(panel.known["voxel_m"].widget, 8.0)
         eventually(lambda: len(view.points.points) < before, "fewer points")
         eventually(lambda: "cells" in panel.counts.content, "counted")
         eventually(lambda: "voxel_m" in panel.saved.words.content, "told as not saved")
-        client.set_value(panel.filters.known["voxel_m"].widget, math.nan)
+        client.set_value(panel.known["voxel_m"].widget, math.nan)
         client.set_value(panel.colour, "plain")
         eventually(lambda: len(np.unique(view.points.colors, axis=0)) == 1, "plain")
         client.set_value(panel.on, False)

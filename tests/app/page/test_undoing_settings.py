@@ -73,7 +73,7 @@ def cloudy(tmp_path):
 
 
 def test_a_filter_is_undone_and_made_again(cloudy):
-    slider: Any = cloudy.layout.cloud.filters.known["voxel_m"].widget
+    slider: Any = cloudy.layout.cloud.known["voxel_m"].widget
     undo = cloudy.layout.pose.edit_buttons
     assert slider.value == 3.0
     with WireClient(cloudy.url) as client:

@@ -27,6 +27,15 @@ _FILTER_WORDS = {
 }  # fmt: skip
 
 
+CROP = ("near_m", "far_m", "crop_m", "component", "front_m")
+THIN = ("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
+STEREO = (
+    "stereo_method", "stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px",
+)  # fmt: skip
+_LABELS = {"component": "Part"}
+"""where the page has a shorter one"""
+
+
 @dataclass
 class CloudPanel:
     """Handles of the cloud tab, and of the large picture above the scene."""
@@ -38,22 +47,27 @@ class CloudPanel:
     card: CloudCard | None = None
     cloud: CloudSnapshot | None = None
     large: viser.PanelHandle | None = None
-    built: bool = False
     large_image: viser.GuiImageHandle | None = None
+    known: dict[str, SettingWidget] = field(default_factory=dict)
+    """settings of [clouds]; 0 switches a filter off"""
+    skin: SkinControls | None = None
 
     def fit(self, card: CloudCard) -> None:
         """Build the tab once, then show the settings in force."""
-        self.card = card
-        if not self.built:
-            self.built = True
+        if self.card is None:
             with self.tab:
                 self._build(card)
-        else:
-            for controls in (self.filters, self.skin, self.stereo):
-                controls.fit(card)
-        for folder in (self.scene, *self.filters.folders, self.skin.folder):
-            if folder is not None and folder.visible != bool(card.source):
-                folder.visible = bool(card.source)
+        self.card = card
+        for name, one in self.known.items():
+            one.show(card.values.get(name))
+        self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
+        for folder in self.folders:
+            put(folder, visible=bool(card.source))
+        if self.skin is not None:
+            self.skin.fit(card)
+            put(self.skin.folder, visible=bool(card.source))
+        if card.pairs:
+            self._offer_pair()
         if not card.source:
             self.counts.content = ""
         self._offer_pictures(card)
@@ -84,16 +98,51 @@ class CloudPanel:
             page.bind(size, partial(self._show, "cloud_size_mm"))
             self._option("Dropped", "cloud_dropped", "Grey: what the filters dropped.")
             self.legend = gui.add_html(ramp_legend())
-        self.filters = FilterControls(page, self.set)
-        self.skin = SkinControls(page, self.set, self._mark)
-        self.stereo = StereoControls(page, self.set)
-        for controls in (self.filters, self.skin, self.stereo):
-            controls.fit(card)
+        with gui.add_folder("Crop") as crop:
+            self._add(*CROP)
+        with gui.add_folder("Thin, and drop outliers", expand_by_default=False) as thin:
+            self._add(*THIN)
+        self.folders = (self.scene, crop, thin)
+        if card.image_cameras:  # else there is no colour
+            self.skin = SkinControls(page, card, self.set, self._mark)
+        if card.pairs:
+            with gui.add_folder("Stereo", expand_by_default=not card.source):
+                pairs = {" – ".join(pair): pair for pair in card.pairs}
+                first = " – ".join(card.pair or card.pairs[0])
+                page.choice("Pair", pairs, self._choose_pair, now=first)
+                self._add(*STEREO)
+                self.take_pair = page.button(
+                    "Clouds from this pair", lambda: self.set(stereo=(self.pair,)), "arrow-merge",
+                    "The session's clouds come from this pair from now on.", visible=False,
+                )  # fmt: skip
         self.saved = SavedSettings(
             page, page.engine.save_clouds, page.engine.restore_clouds, "Back to session.toml",
             "Only the table [clouds] changes; the file before is kept in versions/.",
             "Forget what was changed here since.",
         )  # fmt: skip
+
+    def _add(self, *names: str) -> None:
+        """Add settings where the page builds now."""
+        for name in names:
+            setting = CLOUD_SETTINGS[name]
+            setting = replace(setting, label=_LABELS.get(name, setting.label))
+            act: Callable[[object], None] = lambda value, name=name: self.set(**{name: value})  # noqa: E731
+            self.known[name] = SettingWidget(self.page, setting, act)
+
+    @property
+    def pair(self) -> tuple[str, str] | None:
+        """The pair that is looked at."""
+        chosen = self.page.state.display.stereo_pair
+        return chosen if chosen is not None or self.card is None else self.card.pair
+
+    def _choose_pair(self, pair: tuple[str, str]) -> None:
+        self.page.draw("stereo_pair", pair)
+        self._offer_pair()
+
+    def _offer_pair(self) -> None:
+        card = self.card
+        used = card is not None and card.source == "stereo" and self.pair == card.pair
+        put(self.take_pair, visible=not used)
 
     def _option(self, label: str, name: str, hint: str = "") -> viser.GuiCheckboxHandle:
         """Add a check box of what is drawn."""
@@ -129,13 +178,13 @@ class CloudPanel:
     def show(self, cloud: CloudSnapshot) -> None:
         """Say what the filters did to a frame's cloud."""
         self.cloud = cloud
-        if self.built:
+        if self.card is not None:
             self.counts.content = counts_table(cloud)
             self.legend.content = ramp_legend(cloud)
 
     def show_picture(self, picture: CloudPicture) -> None:
         """Show the pictures of a frame's cloud."""
-        if not self.built:
+        if self.card is None:
             return
         if picture.wide:
             self._large().image = picture.image
@@ -244,114 +293,6 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
     )
 
 
-# ---- Sliders of the clouds' filters and of stereo matching; 0 switches a filter off
-
-
-CROP = ("near_m", "far_m", "crop_m", "component", "front_m")
-THIN = ("voxel_m", "per_voxel", "outlier_neighbours", "outlier_ratio", "max_points")
-STEREO = (
-    "stereo_method", "stereo_window_px", "stereo_left_right_px", "stereo_contrast", "stereo_speckle_px",
-)  # fmt: skip
-_LABELS = {"component": "Part"}
-"""where the page has a shorter one"""
-Set = Callable[..., None]
-"""set(name=value, ...): change settings of [clouds]"""
-
-
-@dataclass
-class CloudControls:
-    """Widgets of settings of [clouds]."""
-
-    page: Page
-    set: Set
-    known: dict[str, SettingWidget] = field(default_factory=dict)
-
-    def add(self, *names: str) -> None:
-        """Add them where the page builds now."""
-        for name in names:
-            setting = CLOUD_SETTINGS[name]
-            setting = replace(setting, label=_LABELS.get(name, setting.label))
-            self.known[name] = SettingWidget(
-                self.page, setting, lambda value, name=name: self.set(**{name: value})
-            )
-
-    def fit(self, card: CloudCard) -> None:
-        """Show the settings in force."""
-        for name, one in self.known.items():
-            one.show(card.values.get(name))
-
-
-@dataclass
-class FilterControls(CloudControls):
-    """Crop and part in one folder, thinning and outliers in another."""
-
-    def __post_init__(self) -> None:
-        gui = self.page.gui
-        crop = gui.add_folder("Crop")
-        thin = gui.add_folder("Thin, and drop outliers", expand_by_default=False)
-        self.folders = (crop, thin)
-        with crop:
-            self.add(*CROP)
-        with thin:
-            self.add(*THIN)
-
-    def fit(self, card: CloudCard) -> None:
-        """Show the settings in force."""
-        super().fit(card)
-        self.known["front_m"].widget.disabled = card.values.get("component") != "nearest"
-
-
-@dataclass
-class StereoControls(CloudControls):
-    """The pair that is looked at, and how it is matched."""
-
-    card: CloudCard | None = None
-    folder: viser.GuiFolderHandle | None = None
-
-    def _build(self, card: CloudCard) -> None:
-        page = self.page
-        self.folder = page.gui.add_folder("Stereo", expand_by_default=not card.source)
-        with self.folder:
-            pairs = {" – ".join(pair): pair for pair in card.pairs}
-            first = " – ".join(card.pair or card.pairs[0])
-            page.choice("Pair", pairs, self._choose, now=first)
-            self.add(*STEREO)
-            self.take = page.button(
-                "Clouds from this pair", self._take, "arrow-merge",
-                "The session's clouds come from this pair from now on.", visible=False,
-            )  # fmt: skip
-
-    def chosen(self) -> tuple[str, str] | None:
-        """Return the pair that is looked at."""
-        chosen = self.page.state.display.stereo_pair
-        return chosen if chosen is not None or self.card is None else self.card.pair
-
-    def _choose(self, pair: tuple[str, str]) -> None:
-        self.page.state.display.stereo_pair = pair
-        self._offer()
-        self.page.redraw()
-
-    def _take(self) -> None:
-        pair = self.chosen()
-        if pair is not None:
-            self.set(stereo=(pair,))
-
-    def _offer(self) -> None:
-        card = self.card
-        used = card is not None and card.source == "stereo" and self.chosen() == card.pair
-        self.take.visible = not used
-
-    def fit(self, card: CloudCard) -> None:
-        """Show the settings in force; without two cameras there is nothing to match."""
-        self.card = card
-        if not card.pairs:
-            return
-        if self.folder is None:
-            self._build(card)
-        super().fit(card)
-        self._offer()
-
-
 # ---- Skin colour: an ellipse in (r, g) fitted to a box on an image, with its size as the threshold
 
 
@@ -363,17 +304,13 @@ class SkinControls:
     """Where the colour is taken from, and how far from it counts."""
 
     def __init__(
-        self,
-        page: Page,
-        set_: Callable[..., None],
-        mark: Callable[..., None],
+        self, page: Page, card: CloudCard, set_: Callable[..., None], mark: Callable[..., None]
     ) -> None:
-        self.page, self.set, self.mark = page, set_, mark
-        self.card: CloudCard | None = None
-        self.folder: viser.GuiFolderHandle | None = None
-
-    def _build(self, card: CloudCard) -> None:
-        page, gui = self.page, self.page.gui
+        """set_(name=value, …) changes settings of [clouds]; mark as of the panel."""
+        self.page, self.card, self.set, self.mark = page, card, set_, mark
+        self.kept: SkinEllipse | None = None
+        """what was in force before it was switched off"""
+        gui = page.gui
         self.folder = gui.add_folder("Skin colour", expand_by_default=False)
         with self.folder:
             self.words = gui.add_html("")
@@ -412,19 +349,18 @@ class SkinControls:
     @property
     def ellipse(self) -> SkinEllipse | None:
         """The ellipse in force."""
-        skin = None if self.card is None else self.card.values.get("skin")
+        skin = self.card.values.get("skin")
         return skin if isinstance(skin, SkinEllipse) else None
 
     def _camera_chosen(self, camera: str) -> None:
-        assert self.card is not None
         self.box.resize(self.card.sizes[camera])
         self._show_box(self.box.value)
 
     def _switch(self, on: bool) -> None:
         if not on:
-            self.kept = self.ellipse or getattr(self, "kept", None)
+            self.kept = self.ellipse or self.kept
             self.set(skin=None)
-        elif getattr(self, "kept", None) is not None:
+        elif self.kept is not None:
             self.set(skin=self.kept)
         else:
             self._take(self.box.value)
@@ -463,12 +399,8 @@ class SkinControls:
         self.page.engine.sample_skin(self.page.state.frame, str(self.camera.value), box, size)
 
     def fit(self, card: CloudCard) -> None:
-        """Show the ellipse in force; without images there is no colour."""
+        """Show the ellipse in force."""
         self.card = card
-        if not card.image_cameras:
-            return
-        if self.folder is None:
-            self._build(card)
         skin = self.ellipse
         put(self.on, value=skin is not None)
         if skin is not None and abs(self.size.value - skin.size) > 1e-9:

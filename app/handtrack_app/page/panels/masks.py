@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
-from typing import Any
 
 import numpy as np
 import viser
 
+from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
 from handtrack_app.page.page import Page, UserEvent, number, put
-from handtrack_app.page.panels.settings import BoxSliders, SavedSettings
+from handtrack_app.page.panels.settings import BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
 from handtrack_app.protocol.snapshots import MaskCameraCard, MaskCard, MaskPicture
@@ -33,7 +33,10 @@ class MaskPanel:
     stage: Stage
     card: MaskCard | None = None
     built: bool = False
-    methods: dict[str, MethodWidgets] = field(default_factory=dict)
+    methods: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
+    """a folder for each method, of which the one in force shows"""
+    settings: dict[str, dict[str, SettingWidget]] = field(default_factory=dict)
+    """by method and name"""
 
     def fit(self, card: MaskCard) -> None:
         """Build the tab once, then show what is in force."""
@@ -63,15 +66,16 @@ class MaskPanel:
         self.camera = page.choice("Camera", choices, lambda _: self._show_chosen())
         methods = {METHOD_WORDS[n]: n for n in possible}
         self.method = page.choice("Masks from", methods, lambda name: self._set("method", name))
-        self.methods = {
-            name: MethodWidgets(page, name, self._set)
-            for name in possible
-            if name not in ("files", "none")
-        }
-        if "skin_adaptive" in self.methods:
-            with self.methods["skin_adaptive"].folder:
-                sample = page.button("Drag a box over skin", None, "marquee-2")
-            page.on(sample, lambda event: self._drag(event, "sample"))
+        for method in (name for name in possible if name in _SETTINGS):
+            with gui.add_folder(METHOD_WORDS[method], visible=False) as folder:
+                self.methods[method] = folder
+                self.settings[method] = {
+                    name: SettingWidget(page, known, partial(self._set, name))
+                    for name, known in _SETTINGS[method].items()
+                }
+                if method == "skin_adaptive":
+                    sample = page.button("Drag a box over skin", None, "marquee-2")
+                    page.on(sample, lambda event: self._drag(event, "sample"))
         self._build_box(card)
         self.saved = SavedSettings(
             page, page.engine.save_masks, page.engine.restore_masks, "Back to what is saved",
@@ -116,10 +120,11 @@ class MaskPanel:
     def _show_chosen(self) -> None:
         camera = self._shown_camera()
         put(self.method, value=METHOD_WORDS[camera.method])
-        for name, widgets in self.methods.items():
-            put(widgets.folder, visible=name == camera.method)
-            if name == camera.method:
-                widgets.fit(camera.values)
+        for method, folder in self.methods.items():
+            put(folder, visible=method == camera.method)
+        for name, one in self.settings.get(camera.method, {}).items():
+            if name in camera.values:
+                one.show(camera.values[name])
         (width, height), roi = camera.size, camera.roi
         x, y, w, h = box = roi or (0, 0, width, height)
         self.box.resize(camera.size)
@@ -177,7 +182,7 @@ class MaskPanel:
         self.correcting.say(picture.corrected)
 
 
-# ---- Widgets of the mask methods' settings: a folder for each method, of which the one in force shows
+# ---- The mask methods and their settings
 
 
 METHOD_WORDS = {
@@ -190,108 +195,50 @@ METHOD_WORDS = {
     "files": "files of the session",
     "none": "none",
 }
-_Widget = viser.GuiCheckboxHandle | viser.GuiSliderHandle[float] | viser.GuiMultiSliderHandle[float]
-Set = Callable[[str, object], None]
-"""set(name, value): change a setting of the method"""
-
-
-@dataclass(frozen=True)
-class Field:
-    """How a setting of a method is drawn: a slider; of two numbers where `pair`; a checkbox where `high` is 0."""
-
-    label: str
-    hint: str
-    low: float = 0
-    high: float = 0
-    step: float = 1
-    pair: bool = False
-
-
-_OPEN = Field("Opening px", "Side of the square whose opening removes specks; 0: none.", 0, 25)
-_LARGEST = Field("Largest piece", "Other pieces are background.")
-_BRIGHT = Field("Brighter than", "Darker pixels are background.", 0, 255)
-_SAMPLES = Field("Learned from", "So many frames, evenly spaced over the recording.", 3, 100)
-FIELDS: dict[str, dict[str, Field]] = {
+_OPEN = Setting(
+    "Side of the square whose opening removes specks; 0: none.",
+    "Opening px",
+    slider=(0, 25, 1),
+    kind=int,
+)
+_LARGEST = Setting("Other pieces are background.", "Largest piece", kind=bool)
+_BRIGHT = Setting("Darker pixels are background.", "Brighter than", slider=(0, 255, 1), kind=int)
+_SAMPLES = Setting(
+    "So many frames, evenly spaced over the recording.",
+    "Learned from",
+    slider=(3, 100, 1),
+    kind=int,
+)
+_SETTINGS: dict[str, dict[str, Setting]] = {
     "seeded": {
-        "sure": Field("How sure", "Probability below which a pixel is unknown.", 0.55, 0.99, 0.01),
+        "sure": Setting("Probability below which a pixel is unknown.", "How sure", slider=(0.55, 0.99, 0.01), kind=float),
         "samples": _SAMPLES,
     },
     "skin_ycrcb": {
-        "cr": Field("Cr (red)", "Range of skin's red difference.", 0, 255, 1, True),
-        "cb": Field("Cb (blue)", "Range of skin's blue difference.", 0, 255, 1, True),
+        "cr": Setting("Range of skin's red difference.", "Cr (red)", slider=(0, 255, 1), kind=int, many=True),
+        "cb": Setting("Range of skin's blue difference.", "Cb (blue)", slider=(0, 255, 1), kind=int, many=True),
         "y_min": _BRIGHT, "open_px": _OPEN, "largest": _LARGEST,
     },
     "skin_adaptive": {
-        "size": Field("Ellipse's size", "In standard deviations of the box's colours.", 0.5, 8, 0.1),
+        "size": Setting("In standard deviations of the box's colours.", "Ellipse's size", slider=(0.5, 8, 0.1), kind=float),
         "y_min": _BRIGHT, "open_px": _OPEN, "largest": _LARGEST,
     },
     "background_median": {
-        "threshold": Field("Difference", "In the pixel's own standard deviations.", 1, 40, 0.5),
+        "threshold": Setting("In the pixel's own standard deviations.", "Difference", slider=(1, 40, 0.5), kind=float),
         "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
     },
     "background_mog2": {
-        "threshold": Field("Difference", "Squared, in variances.", 1, 100, 1),
-        "shadows": Field("No shadows", "Darkened background counts as such."),
+        "threshold": Setting("Squared, in variances.", "Difference", slider=(1, 100, 1), kind=float),
+        "shadows": Setting("Darkened background counts as such.", "No shadows", kind=bool),
         "samples": _SAMPLES, "open_px": _OPEN, "largest": _LARGEST,
     },
     "depth_range": {
-        "near_m": Field("Nearest m", "Nearer is background.", 0.05, 3, 0.01),
-        "far_m": Field("Farthest m", "Farther is background.", 0.05, 3, 0.01),
+        "near_m": Setting("Nearer is background.", "Nearest m", slider=(0.05, 3, 0.01), kind=float),
+        "far_m": Setting("Farther is background.", "Farthest m", slider=(0.05, 3, 0.01), kind=float),
         "open_px": _OPEN, "largest": _LARGEST,
     },
 }  # fmt: skip
 """by method and setting"""
-
-
-class MethodWidgets:
-    """The settings of one method."""
-
-    def __init__(self, page: Page, method: str, set_: Set) -> None:
-        gui = page.gui
-        self.folder: viser.GuiFolderHandle = gui.add_folder(METHOD_WORDS[method], visible=False)
-        self._widgets: dict[str, _Widget] = {}
-        with self.folder:
-            for name, drawn in FIELDS[method].items():
-                self._widgets[name] = page.bind(
-                    _widget(gui, drawn), partial(_send, set_, name, drawn)
-                )
-        self._fields = FIELDS[method]
-
-    def fit(self, values: Mapping[str, object]) -> None:
-        """Show the settings in force."""
-        for name, widget in self._widgets.items():
-            if name in values:
-                put(widget, value=_shown(self._fields[name], values[name]))
-
-
-def _widget(gui: viser.GuiApi, drawn: Field) -> _Widget:
-    if not drawn.high:
-        return gui.add_checkbox(drawn.label, False, hint=drawn.hint)
-    span = drawn.low, drawn.high, drawn.step
-    if drawn.pair:
-        ends = drawn.low, drawn.high
-        return gui.add_multi_slider(
-            drawn.label, *span, initial_value=ends, min_range=drawn.step, hint=drawn.hint
-        )
-    return gui.add_slider(drawn.label, *span, drawn.low, hint=drawn.hint)
-
-
-def _shown(drawn: Field, value: object) -> bool | float | tuple[float, ...]:
-    if not drawn.high:
-        return bool(value)
-    if isinstance(value, list | tuple):
-        return tuple(int(part) for part in value)
-    inside = number(value, drawn.low, drawn.high)
-    assert inside is not None, "settings in force are numbers"
-    return round(inside) if isinstance(drawn.step, int) else inside
-
-
-def _send(set_: Set, name: str, drawn: Field, value: Any) -> None:
-    if drawn.high:
-        whole = isinstance(drawn.step, int)
-        parts = [round(n) if whole else round(n, 4) for n in (value if drawn.pair else (value,))]
-        value = tuple(parts) if drawn.pair else float(parts[0]) if name == "threshold" else parts[0]
-    set_(name, value)
 
 
 # ---- Correcting a frame's mask: a brush on the camera's image, and what was painted carried to the frames beside

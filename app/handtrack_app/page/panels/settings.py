@@ -41,7 +41,9 @@ _FAINT = ";opacity:.55"
 
 @dataclass
 class SettingWidget:
-    """A setting where the page builds now: a choice of words, a check box, or a slider, at 0 of which it is off, if it can be."""
+    """A setting where the page builds now: a choice of words, a check box, a range of two numbers, or a slider, at 0 of which it is off,
+    if it can be.
+    """
 
     page: Page
     known: Setting
@@ -55,6 +57,14 @@ class SettingWidget:
             self.widget: Any = page.choice(known.label, values, act, known.help)
         elif known.slider is None:
             self.widget = page.check(known.label, False, act, known.help)
+        elif known.many:
+            low, high, step = known.slider
+            ranges = page.gui.add_multi_slider(
+                known.label, low, high, step, initial_value=(low, high), min_range=step, hint=known.help
+            )  # fmt: skip
+            self.widget = page.bind(
+                ranges, lambda pair: act(tuple(in_file(known, n) for n in pair))
+            )
         else:
             hint = f"{known.help} 0: off." if known.optional and not known.slider[0] else known.help
             low, high, step = known.slider
@@ -76,6 +86,8 @@ def on_page(known: Setting, value: Any) -> Any:
         return known.words.get(str(value))
     if known.kind is bool:
         return value if isinstance(value, bool) else None
+    if known.many:
+        return tuple(round(part) for part in value)
     if isinstance(value, bool) or not isinstance(value, int | float):
         return known.slider[0] if known.slider and known.optional else None
     shown = value / known.page_unit
