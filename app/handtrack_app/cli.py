@@ -350,7 +350,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--write", action="store_true", help="also use these masks in session.toml"),
         _JSON,
     )),
-    "detector": _Command("detection:install", "Install the hand detector's weights for all sessions.", (
+    "detector": _Command("detector:install", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",
                 help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"), _JSON,
@@ -375,12 +375,12 @@ COMMANDS: dict[str, _Command] = {
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
         _JSON,
     )),
-    "board": _Command("calibration:save_board", "Write a calibration board to print, in its true size.", (
+    "board": _Command("board:save_board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
         _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
     )),
-    "doctor": _Command("checks:check_session", "Check a session folder and report problems.", (
+    "doctor": _Command("doctor:check_session", "Check a session folder and report problems.", (
         _SESSION,
         _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"), _JSON,
     )),

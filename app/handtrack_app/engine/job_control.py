@@ -32,6 +32,7 @@ from handtrack.tracking.frame.assessment import OutlineFit, hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack_app.engine import jobs
+from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
@@ -42,7 +43,6 @@ from handtrack_app.engine.document_snapshots import (
 from handtrack_app.engine.jobs import (
     BackgroundJob,
     Carried,
-    CompileWatch,
     Found,
     JobEnded,
     JobEvent,

@@ -6,7 +6,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 from handtrack.detector.weights import DOWNLOAD_MB, fetch_weights
@@ -270,52 +269,3 @@ def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -
     found = find_first_poses(run, frame, job.should_stop, job.show_progress)
     if not job.should_stop():
         job.report(Found(found))
-
-
-# ---- What is compiled for this machine, so that the user can be told what the first frame waits for
-
-
-_EVENT = "numba:compile"  # sent for what is not in numba's cache, and for nothing else
-ABOUT = 61  # kernels that tracking silhouettes compiles, as counted in a fresh clone
-
-
-class CompileWatch:
-    """Number of our own kernels compiled since it was made; always 0 where numba does not tell."""
-
-    def __init__(self, on_kernel: Callable[[str], None] | None = None) -> None:
-        """on_kernel: is given the words at each kernel, on the thread that compiles."""
-        self.count = 0
-        self.close: Callable[[], None] = lambda: None
-        """end the counting"""
-        try:
-            from numba.core import event as events
-        except ImportError:  # not a promised part of numba
-            return
-        watch = self
-
-        class Counter(events.Listener):
-            def on_start(self, event: events.Event) -> None:
-                function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
-                if getattr(function, "__module__", "").startswith("handtrack"):
-                    watch.count += 1
-                    if on_kernel is not None:
-                        on_kernel(watch.words)
-
-            def on_end(self, event: events.Event) -> None:
-                pass
-
-        counter = Counter()
-        events.register(_EVENT, counter)
-
-        def close() -> None:
-            with suppress(KeyError, ValueError):
-                events.unregister(_EVENT, counter)
-
-        self.close = close
-
-    @property
-    def words(self) -> str:
-        """What is going on, in words; empty while nothing was compiled."""
-        if not self.count:
-            return ""
-        return f"Compiling for this machine, only this once: part {self.count} of about {max(ABOUT, self.count)}"

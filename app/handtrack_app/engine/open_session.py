@@ -10,6 +10,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.session_state import NOTHING, Edit
 from handtrack.session.track_session import FramesRefined
 from handtrack.store.history import NOTE, Action
+from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
     pose_snapshot,
@@ -20,7 +21,7 @@ from handtrack_app.engine.document_snapshots import (
     work_snapshot,
 )
 from handtrack_app.engine.job_control import JobControl, looks_elsewhere
-from handtrack_app.engine.jobs import BackgroundJob, CompileWatch, JobEvent
+from handtrack_app.engine.jobs import BackgroundJob, JobEvent
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen

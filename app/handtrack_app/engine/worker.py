@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any, cast
 
 from handtrack.errors import HandtrackError
+from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.engine.jobs import CompileWatch
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession

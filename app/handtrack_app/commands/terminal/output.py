@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import filling
-from handtrack_app.engine.jobs import CompileWatch
+from handtrack_app.engine.compile_watch import CompileWatch
 
 if TYPE_CHECKING:
     from handtrack.session.run import Tell
