@@ -136,23 +136,13 @@ class ManoModel:
         return np.stack([points[name] for name in keypoint_names()], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class ManoFit:
-    """MANO's parameters of a tracked sequence."""
-
-    betas: Floats[K]
-    pose: Floats[F, D16, D3]
-    """rotation vectors [rad]: global_orient, then hand_pose without a mean (`flat_hand_mean=True`)"""
-    place: Floats[F, D3]
-    """transl [m], world"""
-    keypoint_error_m: Floats[F]
-    """how far its keypoints are from ours on average"""
-
-
 def fit_mano(
     model: ManoModel, table: ResultsTable, progress: Callable[[], None] = lambda: None
-) -> ManoFit:
+) -> dict[str, Array[*Axes]]:
     """Return MANO's shape and poses that are nearest to a hand's keypoints, the shape also to its surface.
+
+    By MANO's names, without a mean pose (`flat_hand_mean=True`) [rad, m]: `betas`, `global_orient`, `hand_pose` (F, 45), `transl`;
+    and `keypoint_error_m` (F,), how far its keypoints are from ours on average.
 
     Each frame is a small least-squares problem of 51 numbers, from the frame before. The shape is found from up to twelve
     frames, by keypoints and by how far MANO's skin is from the tracked surface there, in turns with their poses. progress:
@@ -172,7 +162,13 @@ def fit_mano(
         betas = _shape(model, betas, poses, wanted[chosen], surface, table, chosen)
     pose, place = _poses(model, betas, wanted, progress)
     error = np.linalg.norm(model.keypoints21(betas, pose, place) - wanted, axis=2).mean(axis=1)
-    return ManoFit(betas, pose, place, error)
+    return {
+        "betas": betas,
+        "global_orient": pose[:, 0],
+        "hand_pose": pose[:, 1:].reshape(len(pose), -1),
+        "transl": place,
+        "keypoint_error_m": error,
+    }
 
 
 def write(path: Path, table: ResultsTable) -> list[Path]:
@@ -189,15 +185,10 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         raise HandtrackError(
             f"--mano {table.mano}: a {side} hand's model; a {table.track.side} hand was tracked."
         )
-    fit = fit_mano(ManoModel.read(table.mano), table)
     arrays: dict[str, Array] = {
         "frame": table.track.frame,
         "time_s": table.track.time_s,
-        "betas": fit.betas,
-        "global_orient": fit.pose[:, 0],
-        "hand_pose": fit.pose[:, 1:].reshape(len(fit.pose), -1),
-        "transl": fit.place,
-        "keypoint_error_m": fit.keypoint_error_m,
+        **fit_mano(ManoModel.read(table.mano), table),
         "flat_hand_mean": np.array(True),
         "side": np.array(table.track.side),
     }
@@ -242,7 +233,7 @@ def _rigid(points: Floats[D21, D3], wanted: Floats[D21, D3]) -> tuple[Floats[D3]
 def _fitted(
     model: ManoModel, betas: Floats[K], state: Floats[N], wanted: Floats[D21, D3]
 ) -> Floats[N]:
-    """Return the pose and place of one frame by Levenberg and Marquardt's steps, derivatives by differences."""
+    """Return the pose and place of one frame."""
 
     def residuals(states: Floats[N, K]) -> Floats[N, K]:
         points = model.keypoints21(
@@ -257,22 +248,22 @@ def _fitted(
 def _least_squares(
     residuals: Callable[[Floats[N, K]], Floats[N, K]], state: Floats[K]
 ) -> Floats[K]:
-    damping = 1e-3
-    now = residuals(state[None])[0]
-    for _ in range(_STEPS):
-        steps = state + _DIFFERENCE * np.eye(len(state))
-        jacobian = (residuals(steps) - now).T / _DIFFERENCE
-        hessian, gradient = jacobian.T @ jacobian, jacobian.T @ now
-        step = np.linalg.solve(hessian + damping * np.diag(np.diag(hessian) + 1e-9), -gradient)
-        new = residuals((state + step)[None])[0]
-        if new @ new < now @ now:
-            done = now @ now - new @ new < 1e-6 * (now @ now)
-            state, now, damping = state + step, new, 0.3 * damping
-            if done:
-                break
-        else:
-            damping *= 10
-    return state
+    """Return where the squares of residuals, a row a state, are least: by Levenberg and Marquardt's steps, derivatives by differences."""
+    from scipy.optimize import least_squares
+
+    def jacobian(at: Floats[K]) -> Floats[N, K]:
+        steps = at + _DIFFERENCE * np.eye(len(at))
+        return (residuals(steps) - residuals(at[None])).T / _DIFFERENCE
+
+    found: Any = least_squares(
+        lambda at: residuals(at[None])[0],
+        state,
+        jacobian,  # pyright: ignore[reportArgumentType]
+        method="lm",
+        ftol=1e-6,
+        max_nfev=_STEPS,
+    )
+    return found.x
 
 
 def _shape(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -86,77 +87,46 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
             )
         )
         begun = round(track.time_s[0] * _NS)
-        writer.add_message(description, begun, _text(urdf_text(table.model)), begun)
+        writer.add_message(description, begun, _cdr(urdf_text(table.model)), begun)
         base = table.model.skeleton.bone_names[0]
         for i in np.flatnonzero(~table.is_lost):
             stamp = round(track.time_s[i] * _NS)
-            place = track.T_world_bone[i, 0, :3, 3]
+            header, placed = (
+                _header(stamp, "world"),
+                _pose(track.T_world_bone[i, 0, :3, 3], turns[i]),
+            )
             for channel, message in (
                 (state, _joint_state(stamp, names, track.parameters[i, 6:])),
-                (pose, _pose(stamp, place, turns[i])),
-                (tf, _transform(stamp, base, place, turns[i])),
+                (pose, _cdr(*header, placed)),
+                (tf, _cdr(("I", 1), *header, base, placed)),
             ):
                 writer.add_message(channel, stamp, message, stamp, sequence=int(track.frame[i]))
         writer.finish()
     return [path]
 
 
-class _Message:
-    """CDR, little-endian (OMG DDS-XTypes, plain CDR): each number stands at a multiple of its own size."""
+def _cdr(*parts: str | tuple[Any, ...]) -> bytes:
+    """Return texts, and numbers after their kind, as CDR, little-endian (OMG DDS-XTypes, plain CDR): each number stands at a multiple
+    of its own size.
+    """
+    body = bytearray()
+    for part in parts:
+        data = part.encode() + b"\0" if isinstance(part, str) else b""
+        kind, *values = ("I", len(data)) if isinstance(part, str) else part
+        body += bytes(-len(body) % struct.calcsize(kind))
+        body += struct.pack(f"<{len(values)}{kind}", *values) + data
+    return b"\0\1\0\0" + bytes(body)
 
-    def __init__(self) -> None:
-        self._body = bytearray()
 
-    def header(self, stamp: int, frame: str) -> None:
-        self.pack("i", stamp // _NS)
-        self.pack("I", stamp % _NS)
-        self.text(frame)
-
-    def pack(self, kind: str, *values: float | np.floating) -> None:
-        self._body += bytes(-len(self._body) % struct.calcsize(kind))
-        self._body += struct.pack(f"<{len(values)}{kind}", *values)
-
-    def text(self, value: str) -> None:
-        data = value.encode() + b"\0"
-        self.pack("I", len(data))
-        self._body += data
-
-    @property
-    def bytes(self) -> bytes:
-        return b"\0\1\0\0" + bytes(self._body)
+def _header(stamp: int, frame: str) -> tuple[Any, ...]:
+    return ("i", stamp // _NS), ("I", stamp % _NS), frame
 
 
 def _joint_state(stamp: int, names: tuple[str, ...], position: Floats[N]) -> bytes:
-    message = _Message()
-    message.header(stamp, "")
-    message.pack("I", len(names))
-    for name in names:
-        message.text(name)
-    message.pack("I", len(position))
-    if len(position):
-        message.pack("d", *position)
-    message.pack("I", 0)
-    message.pack("I", 0)
-    return message.bytes
+    turns = [("d", *position)] if len(position) else []
+    counts = ("I", len(names)), ("I", len(position)), ("I", 0)
+    return _cdr(*_header(stamp, ""), counts[0], *names, counts[1], *turns, counts[2], counts[2])
 
 
-def _pose(stamp: int, place: Floats[D3], wxyz: Floats[D4]) -> bytes:
-    message = _Message()
-    message.header(stamp, "world")
-    message.pack("d", *place, *np.roll(wxyz, -1))
-    return message.bytes
-
-
-def _transform(stamp: int, child: str, place: Floats[D3], wxyz: Floats[D4]) -> bytes:
-    message = _Message()
-    message.pack("I", 1)
-    message.header(stamp, "world")
-    message.text(child)
-    message.pack("d", *place, *np.roll(wxyz, -1))
-    return message.bytes
-
-
-def _text(value: str) -> bytes:
-    message = _Message()
-    message.text(value)
-    return message.bytes
+def _pose(place: Floats[D3], wxyz: Floats[D4]) -> tuple[Any, ...]:
+    return ("d", *place, *np.roll(wxyz, -1))

@@ -1,4 +1,4 @@
-"""OSIM: the model itself for OpenSim 4: bodies, joints with limits, markers, and ellipsoids to look at."""
+"""OSIM: the model itself for OpenSim 4: bodies, joints with limits, markers, and ellipsoids to look at; MOT: how it moves."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, K
-from handtrack.export.motion.masses import Masses, bone_masses
+from handtrack.arrays import D3, F, Floats, K
+from handtrack.export.motion.bodies import bone_masses, document, element, numbers
 from handtrack.export.motion.trc import marker_name
-from handtrack.export.motion.xml_tree import document, element, numbers
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import beside
 from handtrack.files.atomic import replace_text
 from handtrack.geometry.rotation import euler_angles
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.session.formats.tables import is_length
 
 ROOT_TURNS = ("root_turn_x", "root_turn_y", "root_turn_z")
 """coordinates in place of the root's rotation vector"""
@@ -69,9 +69,11 @@ def osim_text(model: ArticulatedModel) -> str:
     element(top, "force_units", "N")
     bodies = element(element(top, "BodySet", name="bodyset"), "objects")
     joints = element(element(top, "JointSet", name="jointset"), "objects")
-    masses = bone_masses(model)
-    for bone in range(model.skeleton.bone_count):
-        _body(bodies, model, masses, bone)
+    for bone, (mass, centre, inertia) in enumerate(zip(*bone_masses(model), strict=True)):
+        body = _body(bodies, model, bone)
+        element(body, "mass", f"{mass:.6g}")
+        element(body, "mass_center", numbers(centre))
+        element(body, "inertia", numbers(np.concatenate([np.diag(inertia), np.zeros(3)])))
         _joint(joints, model, bone)
     markers = element(element(top, "MarkerSet", name="markerset"), "objects")
     for name, bone, point in zip(model.joint_names, model.joint_bone, model.joint_point):
@@ -81,7 +83,7 @@ def osim_text(model: ArticulatedModel) -> str:
     return document(root)
 
 
-def _body(bodies: Element, model: ArticulatedModel, masses: Masses, bone: int) -> None:
+def _body(bodies: Element, model: ArticulatedModel, bone: int) -> Element:
     name, flesh = model.skeleton.bone_names[bone], model.flesh["fine"]
     body = element(bodies, "Body", name=name)
     own = np.flatnonzero(flesh.bone == bone)
@@ -95,10 +97,7 @@ def _body(bodies: Element, model: ArticulatedModel, masses: Masses, bone: int) -
         element(frame, "socket_parent", "..")
         element(frame, "translation", numbers(flesh.centre[k]))
         element(frame, "orientation", numbers(euler_angles(flesh.rotation[k], "XYZ")))
-    element(body, "mass", f"{masses.mass[bone]:.6g}")
-    element(body, "mass_center", numbers(masses.centre[bone]))
-    inertia = np.diag(masses.inertia[bone])
-    element(body, "inertia", numbers(np.concatenate([inertia, np.zeros(3)])))
+    return body
 
 
 def _joint(joints: Element, model: ArticulatedModel, bone: int) -> None:
@@ -155,3 +154,40 @@ def _three_axes(axes: Floats[K, D3]) -> Floats[D3, D3]:
         basis = np.linalg.svd(np.array(found))[2]  # its last rows are square to all that there are
         found.append(basis[len(found)])
     return np.array(found)
+
+
+# ---- MOT: the coordinates of the OpenSim model that osim.py writes, frame by frame [m, °]
+
+
+def write_mot(path: Path, table: ResultsTable) -> list[Path]:
+    """Write all joint parameters by their names; the root's turn as three angles about x, y, z, each carried along by those
+    before it, in place of the rotation vector. Lost frames hold the last estimate.
+    """
+    table = table.without_gaps
+    track = table.track
+    values = track.parameters.copy()
+    values[:, 3:6] = root_angles(track.T_world_bone[:, 0, :3, :3])
+    names = [*track.parameter_names[:3], *ROOT_TURNS, *track.parameter_names[6:]]
+    shown = np.where([is_length(name) for name in names], values, np.rad2deg(values))
+    lines = [
+        "Coordinates",
+        "version=1",
+        f"nRows={len(track)}",
+        f"nColumns={len(names) + 1}",
+        "inDegrees=yes",
+        "",
+        f"Joint angles of '{table.model.name}' by handtrack; lengths in metres, angles in degrees.",
+        "endheader",
+        "\t".join(["time", *names]),
+    ]
+    lines += [
+        "\t".join([f"{time_s:.9g}", *(f"{x:.8f}" for x in row)])
+        for time_s, row in zip(track.time_s, shown, strict=True)
+    ]
+    replace_text(path, "\n".join(lines) + "\n")
+    return [path]
+
+
+def root_angles(rotation: Floats[F, D3, D3]) -> Floats[F, D3]:
+    """Return the angles [rad] of R = Rx Ry Rz, without jumps of a whole turn."""
+    return np.unwrap(euler_angles(rotation, "XYZ"), axis=0)

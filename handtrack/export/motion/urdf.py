@@ -8,8 +8,14 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from handtrack.arrays import D3, Floats
-from handtrack.export.motion.masses import LEAST_INERTIA, LEAST_MASS_KG, bone_masses
-from handtrack.export.motion.xml_tree import document, element, numbers
+from handtrack.export.motion.bodies import (
+    LEAST_INERTIA,
+    LEAST_MASS_KG,
+    bone_masses,
+    document,
+    element,
+    numbers,
+)
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import beside, number, write_rows
 from handtrack.files.atomic import replace_text
@@ -53,12 +59,12 @@ def urdf_text(model: ArticulatedModel) -> str:
     # of a URDF's links MuJoCo else keeps those that collide and move: nothing would be seen, and no fingertip have a name
     keep = {"discardvisual": "false", "fusestatic": "false"}
     element(element(robot, "mujoco"), "compiler", **keep)
-    masses = bone_masses(model)
-    for bone, parent in enumerate(skeleton.parent):
+    weighed = zip(*bone_masses(model), strict=True)
+    for (bone, parent), own in zip(enumerate(skeleton.parent), weighed, strict=True):
         if parent >= 0:
             _joints(robot, model, bone, names[parent])
         link = _link(robot, model, bone)
-        _weigh(link, masses.mass[bone], masses.centre[bone], masses.inertia[bone])
+        _weigh(link, float(own[0]), *own[1:])
     taken = set(names)
     for joint, bone, point in zip(model.joint_names, model.joint_bone, model.joint_point):
         place = joint if joint not in taken else f"{joint}_point"

@@ -1,4 +1,4 @@
-"""The skin of a model as one mesh, each vertex on one bone: what is drawn, animated and embedded."""
+"""The skin of a model as one mesh, each vertex on one bone, and its joints as lines: what is drawn, animated and embedded."""
 
 from __future__ import annotations
 
@@ -40,3 +40,33 @@ def model_skin(model: ArticulatedModel) -> Skin:
         return Skin(mesh.bone, mesh.local, np.einsum("vij,vj->vi", turned, normals), mesh.faces)
     parts = model_mesh(model)
     return Skin(parts.bone, parts.local, parts.normal, parts.faces)
+
+
+# ---- Which named joints are connected by bones: the lines of a stick figure
+
+
+def joint_links(model: ArticulatedModel) -> list[tuple[int, int]]:
+    """Return pairs of joints (nearer to the root, farther): each hangs on the closest one before it along the bones."""
+    links = []
+    for joint, (bone, point) in enumerate(zip(model.joint_bone, model.joint_point)):
+        before = [
+            k
+            for k in _on(model, int(bone))
+            if np.linalg.norm(model.joint_point[k]) < np.linalg.norm(point)
+        ]
+        above, place = int(bone), point
+        while not before and above >= 0:
+            place = model.skeleton.offset[above]  # where this bone begins, in the one above it
+            above = int(model.skeleton.parent[above])
+            before = _on(model, above)
+        if before:
+            links.append((_closest(model, before, place), joint))
+    return links
+
+
+def _on(model: ArticulatedModel, bone: int) -> list[int]:
+    return np.flatnonzero(model.joint_bone == bone).tolist()
+
+
+def _closest(model: ArticulatedModel, joints: list[int], place: Floats[D3]) -> int:
+    return min(joints, key=lambda k: float(np.linalg.norm(model.joint_point[k] - place)))

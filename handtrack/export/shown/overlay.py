@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import numpy as np
 from handtrack.arrays import D3, Array, F, Floats, H, Ints, J, W
 from handtrack.diagnostics.residual_image import outline_polygons
 from handtrack.errors import HandtrackError
-from handtrack.export.shown.links import joint_links
+from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.model.flesh import PosedEllipsoids
@@ -53,7 +52,7 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
         for row, frame in enumerate(track.frame):
             poses = track.T_world_bone[row]
             bones = BonePoses(poses[0, :3, 3], poses[:, :3, :3], poses[:, :3, 3])
-            drawn = Drawn(flesh.posed(bones), track.joint_positions[row], links)
+            drawn = flesh.posed(bones), track.joint_positions[row], links
             status = Status(int(track.status[row]))
             pictures = [
                 _picture(session, name, int(frame), drawn, status, table.is_lost[row])
@@ -74,14 +73,8 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
     return [path]
 
 
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """What is drawn over an image."""
-
-    flesh: PosedEllipsoids
-    joints: Floats[J, D3]
-    """world [m]"""
-    links: list[tuple[int, int]]
+_Drawn = tuple[PosedEllipsoids, Floats[J, D3], list[tuple[int, int]]]
+"""flesh, joints in the world [m] and links between them: what is drawn over an image"""
 
 
 def _has_images(session: Session, name: str, frames: Ints[F]) -> bool:
@@ -103,7 +96,7 @@ def _seen(session: Session, name: str, frame: int) -> Array | None:
 
 
 def _picture(
-    session: Session, name: str, frame: int, drawn: Drawn, status: Status, lost: bool
+    session: Session, name: str, frame: int, drawn: _Drawn, status: Status, lost: bool
 ) -> Array[H, W, D3]:
     """Return an image as it was taken, made smaller, with the model over it; dark where there is none. A lost pose is not drawn."""
     import cv2
@@ -117,15 +110,16 @@ def _picture(
     small = camera.scaled((across, _HEIGHT_PX))
     ink = _COLOURS.get(status, _COLOURS[Status.TRACKED])
     if not lost:
-        lines = outline_polygons(small.without_distortion(), drawn.flesh)
+        flesh, joints, links = drawn
+        lines = outline_polygons(small.without_distortion(), flesh)
         lines = [small.distort_points(line) for line in lines]
         whole = [np.rint(line).astype(np.int32) for line in lines if np.isfinite(line).all()]
         tinted = cv2.fillPoly(shown.copy(), whole, _FLESH)
         shown = cv2.addWeighted(tinted, _TINT, shown, 1.0 - _TINT, 0.0)
         cv2.polylines(shown, whole, True, ink, 1, cv2.LINE_AA)
-        places = small.project(drawn.joints)
+        places = small.project(joints)
         places[~(np.abs(places) < _FAR_PX).all(axis=1)] = np.nan
-        for a, b in drawn.links:
+        for a, b in links:
             if np.isfinite(places[[a, b]]).all():
                 ends = np.rint(places[[a, b]]).astype(int).tolist()
                 cv2.line(shown, ends[0], ends[1], (255, 255, 255), 1, cv2.LINE_AA)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.export.shown.links import joint_links
-from handtrack.export.shown.mesh import model_skin
+from handtrack.export.shown.mesh import joint_links, model_skin
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
 from handtrack.geometry.rotation import quaternion_wxyz

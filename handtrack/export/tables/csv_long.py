@@ -10,8 +10,7 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
-from handtrack.export.tables.cells import beside, number, write_rows
-from handtrack.export.tables.sidecar import write_sidecar
+from handtrack.export.tables.cells import beside, number, write_rows, write_sidecar
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.session.formats.tables import is_length
 

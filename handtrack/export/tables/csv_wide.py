@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.export.table import ResultsTable
-from handtrack.export.tables.cells import number, write_rows
-from handtrack.export.tables.sidecar import write_sidecar
+from handtrack.export.tables.cells import number, write_rows, write_sidecar
 from handtrack.session.formats.tables import is_length
 from handtrack.tracking.frame.result import TrackResult
 

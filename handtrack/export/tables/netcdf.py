@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.arrays import Array, Axes
 from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
-from handtrack.export.tables.sidecar import about
+from handtrack.export.tables.cells import about
 from handtrack.files.atomic import replacing
 from handtrack.tracking.frame.tables.labelled import labelled
 

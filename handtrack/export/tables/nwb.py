@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D2, Bytes, N
-from handtrack.export.shown.links import joint_links
+from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.session.formats.tables import AXES, is_length

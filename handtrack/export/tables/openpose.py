@@ -1,4 +1,4 @@
-"""OpenPose's JSON with keypoints in space: hands of 21, bodies as BODY_25; all frames in one file."""
+"""Keypoints in space in the orders of OpenPose (hands 21, bodies BODY_25) and MediaPipe (21, 33), all frames in one file; and `.pose` of pose-format."""
 
 from __future__ import annotations
 
@@ -99,3 +99,88 @@ def _layout(table: ResultsTable) -> tuple[str, tuple[str, ...]]:
     if is_body(table):
         return "pose_keypoints_3d", BODY_25
     return f"hand_{table.track.side}_keypoints_3d", keypoint_names()
+
+
+# ---- MediaPipe's landmarks in space as JSON: hands of 21, bodies of 33; all frames in one file
+
+
+POSE_33 = (
+    "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer",
+    "left_ear", "right_ear", "mouth_left", "mouth_right", "left_shoulder", "right_shoulder", "left_elbow",
+    "right_elbow", "left_wrist", "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index",
+    "left_thumb", "right_thumb", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
+    "left_heel", "right_heel", "left_toe", "right_toe",
+)  # fmt: skip
+"""MediaPipe's points of a body in its order (`left_toe` is its left_foot_index); those that a model lacks have visibility 0"""
+
+
+def write_mediapipe(path: Path, table: ResultsTable) -> list[Path]:
+    """Write `{"frames": [{"frame", "time_s", "hand_world_landmarks": [[{x, y, z, visibility} …]], "handedness": [[…]]}]}`, of a
+    body `pose_world_landmarks`; in metres of the world, where MediaPipe has them from the hand's middle. Lists of lost frames
+    are empty. Raises HandtrackError for a skeleton of the user's own.
+    """
+    body = is_body(table)
+    names = POSE_33 if body else keypoint_names()
+    key = "pose_world_landmarks" if body else "hand_world_landmarks"
+    points, sure = ordered_points(table, names)
+    track, side = table.track, table.track.side.capitalize()
+    frames: list[dict[str, Any]] = []
+    for row, lost in enumerate(table.is_lost):
+        marks = [
+            {**dict(zip("xyz", (round(float(x), 6) for x in point))), "visibility": float(seen)}
+            for point, seen in zip(points[row], sure[row], strict=True)
+        ]
+        frame: dict[str, Any] = {"frame": int(track.frame[row]), "time_s": float(track.time_s[row])}
+        frame[key] = [] if lost else [marks]
+        if not body:
+            frame["handedness"] = [] if lost else [[{"category_name": side, "score": 1.0}]]
+        frames.append(frame)
+    told: dict[str, Any] = {"unit": "m", "names": list(names)}
+    told |= {"keypoint_definition": table.keypoint_definition, "frames": frames}
+    replace_text(path, json.dumps(told) + "\n")
+    return [path]
+
+
+# ---- `.pose` of pose-format, in which sign language research keeps skeletons: MediaPipe's points in space
+
+
+_MM = 1e3
+_HAND = [(0, 1), *((i, i + 1) for i in range(1, 20) if i % 4), *((0, i) for i in (5, 9, 13, 17))]
+_BODY = [(11, 12), (11, 13), (13, 15), (12, 14), (14, 16), (11, 23), (12, 24), (23, 24), (23, 25), (25, 27), (24, 26), (26, 28)]  # fmt: skip
+_MEDIAPIPE = {"index": "index_finger", "middle": "middle_finger", "ring": "ring_finger", "little": "pinky"}  # fmt: skip
+
+
+def write_pose(path: Path, table: ResultsTable) -> list[Path]:
+    """Write one component, RIGHT_HAND_LANDMARKS, LEFT_HAND_LANDMARKS or POSE_WORLD_LANDMARKS, with confidence; in millimetres of
+    the world. Lost frames are masked. Raises HandtrackError for a skeleton of the user's own.
+    """
+    from pose_format import Pose  # type: ignore[import]
+    from pose_format.numpy import NumPyPoseBody  # type: ignore[import]
+    from pose_format.pose_header import (  # type: ignore[import]
+        PoseHeader,
+        PoseHeaderComponent,
+        PoseHeaderDimensions,
+    )
+
+    body = is_body(table)
+    names = POSE_33 if body else keypoint_names()
+    points, sure = ordered_points(table, names)
+    sure = np.where(table.is_lost[:, None], 0.0, sure)
+    said = [name.upper() for name in names]
+    if not body:
+        parts = [name.partition("_") for name in names]
+        said = [f"{_MEDIAPIPE.get(a, a)}{b}{c}".upper() for a, b, c in parts]
+    kind = "POSE_WORLD" if body else f"{table.track.side.upper()}_HAND"
+    limbs = _BODY if body else _HAND
+    component = PoseHeaderComponent(f"{kind}_LANDMARKS", said, limbs, [(0, 110, 180)], "XYZC")
+    extent = _MM * np.ptp(points[sure > 0], axis=0) if (sure > 0).any() else np.ones(3)
+    header = PoseHeader(
+        0.2, PoseHeaderDimensions(*np.ceil(extent).astype(int).tolist()), [component]
+    )
+    time_s = table.track.time_s
+    fps = 1.0 / float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    data = (_MM * points)[:, None].astype(np.float32)
+    pose = Pose(header, NumPyPoseBody(fps, data, sure[:, None].astype(np.float32)))
+    with replacing(path) as draft, draft.open("wb") as file:
+        pose.write(file)
+    return [path]

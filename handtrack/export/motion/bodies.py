@@ -1,12 +1,12 @@
-"""Mass and inertia of bones, by their ellipsoids: for programs that refuse bodies without."""
+"""What robot and OpenSim files are made of: XML with numbers in one form, and masses and inertia of bones, by their ellipsoids."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from xml.etree import ElementTree
 
 import numpy as np
 
-from handtrack.arrays import D3, B, Floats, N
+from handtrack.arrays import D3, Axes, B, Floats, N
 from handtrack.model.articulated import ArticulatedModel
 
 _DENSITY = 1080.0  # kg/m³ of a hand or forearm: Clauser et al. 1969 have 1,080 to 1,110 for limbs
@@ -16,20 +16,13 @@ LEAST_INERTIA = 1e-9
 """kg m²"""
 
 
-@dataclass(frozen=True, eq=False)
-class Masses:
-    """Of each bone, in its own frame. Overlaps of ellipsoids count twice: for looking and inverse kinematics, not for forces."""
+def bone_masses(
+    model: ArticulatedModel,
+) -> tuple[Floats[B], Floats[B, D3], Floats[B, D3, D3]]:
+    """Return each bone's mass [kg], and in its own frame the centre [m] and the inertia about that [kg m²].
 
-    mass: Floats[B]
-    """[kg]"""
-    centre: Floats[B, D3]
-    """[m]"""
-    inertia: Floats[B, D3, D3]
-    """about the centre [kg m²]"""
-
-
-def bone_masses(model: ArticulatedModel) -> Masses:
-    """Return what the bones of a model weigh."""
+    Overlaps of ellipsoids count twice: for looking and inverse kinematics, not for forces.
+    """
     flesh, count = model.flesh["fine"], model.skeleton.bone_count
     mass, centre = np.full(count, LEAST_MASS_KG), np.zeros((count, 3))
     inertia = np.tile(LEAST_INERTIA * np.eye(3), (count, 1, 1))
@@ -41,7 +34,7 @@ def bone_masses(model: ArticulatedModel) -> Masses:
             centre[bone] = weights[own] @ flesh.centre[own] / mass[bone]
             places = flesh.centre[own] - centre[bone]
             inertia[bone] += _inertia(weights[own], places, flesh.radii[own])
-    return Masses(mass, centre, inertia)
+    return mass, centre, inertia
 
 
 def _inertia(masses: Floats[N], centres: Floats[N, D3], radii: Floats[N, D3]) -> Floats[D3, D3]:
@@ -51,3 +44,27 @@ def _inertia(masses: Floats[N], centres: Floats[N, D3], radii: Floats[N, D3]) ->
         ball = 0.4 * float((radius**2).mean()) + centre @ centre
         total += mass * (ball * np.eye(3) - np.outer(centre, centre))
     return total
+
+
+# ---- XML as text, with numbers in one form: what URDF and OpenSim files are made of
+
+
+Element = ElementTree.Element
+
+
+def element(parent: Element, tag: str, text: str = "", **attributes: str) -> Element:
+    """Return a new child of an element."""
+    child = ElementTree.SubElement(parent, tag, attributes)
+    child.text = text or None
+    return child
+
+
+def numbers(values: Floats[*Axes]) -> str:
+    """Return numbers as text, nine digits each; zeros without a sign."""
+    return " ".join(f"{x + 0.0:.9g}" for x in np.ravel(np.where(np.abs(values) < 1e-15, 0, values)))
+
+
+def document(root: Element) -> str:
+    """Return an indented document."""
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, "unicode") + "\n"
