@@ -29,7 +29,7 @@ from handtrack.session.sources.views import MaskChoice, View
 from handtrack_app.engine.document import Document, source_of, usual_values
 from handtrack_app.engine.jobs import BackgroundJob, Carried
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
-from handtrack_app.engine.pictures.preview_service import PreviewService
+from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import (
@@ -38,7 +38,6 @@ from handtrack_app.protocol.snapshots import (
     MaskCameraCard,
     MaskCard,
     MaskPicture,
-    Notice,
 )
 
 _SMALL_PX = 240  # height, as of the other small pictures
@@ -315,7 +314,7 @@ class MaskService(PreviewService):
 
     @cached_property
     def _maker(self) -> CameraPictures:
-        return CameraPictures(self._document.run.session)
+        return CameraPictures(self.document.run.session)
 
     # ---- showing
 
@@ -327,7 +326,7 @@ class MaskService(PreviewService):
 
     def want_screens(self, screens: tuple[tuple[str, str], ...]) -> None:
         """Show the masks of these cameras whose large pictures are looked at."""
-        names = self._document.run.session.rig.names
+        names = self.document.run.session.rig.names
         wanted = (name for name, paint in screens if paint == "mask")
         self._screens = tuple(name for name in wanted if name in names)
         self.show()
@@ -337,24 +336,24 @@ class MaskService(PreviewService):
         return self._on_all or bool(self._screens)
 
     def _show(self, hurried: bool) -> None:
-        self._render_thread.ask("masks", self._make())
+        self.desk.render_thread.ask("masks", self._make())
 
     def picture(self) -> MaskPicture | None:
         """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
         if not self._is_wanted:
             return None
-        made = self._render_thread.wait_for("masks", self._make())
+        made = self.desk.render_thread.wait_for("masks", self._make())
         return made if isinstance(made, MaskPicture) else None
 
     def _make(self) -> Callable[[], MaskPicture]:
-        document = self._document
+        document = self.document
         return partial(
             masks_picture, self._maker, document.run.session, document.frame, self._on_all, self._screens
         )  # fmt: skip
 
     def card(self) -> MaskCard:
         """Return where masks come from, with the settings in force."""
-        document = self._document
+        document = self.document
         views = document.run.session.views
         cards = []
         for view in views:
@@ -382,39 +381,27 @@ class MaskService(PreviewService):
         empty for all that have what it takes.
         """
         names, slid = ", ".join(values), edits.is_slid(*values.values())
-
-        def change() -> None:
-            changed = masks_changed(self._document, camera, values)
-            self._store.do(f"Masks: {names}", changed, tag=f"{camera} {names}", is_stroke=slid)
-
-        self._change(change)
+        self._do(
+            f"Masks: {names}", lambda: masks_changed(self.document, camera, values), f"{camera} {names}", slid
+        )  # fmt: skip
 
     @command(edits=True, words="a box for masks")
     def mark_mask_box(
         self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
     ) -> None:
         """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
-        self._change(
-            lambda: self._store.do(
-                "Masks: box", marked_box(self._document, camera, what, box, frame)
-            )
-        )
+        self._do("Masks: box", lambda: marked_box(self.document, camera, what, box, frame))
 
     @command(edits=True, words="settings of masks")
     def restore_masks(self) -> None:
         """Go back to the masks as session.toml has them."""
-        back = dict.fromkeys(self._document.unsaved_masks)
-        self._change(lambda: self._store.do("Masks of session.toml", decide(masks=back)))
+        back = dict.fromkeys(self.document.unsaved_masks)
+        self._do("Masks of session.toml", lambda: decide(masks=back))
 
     @command(edits=True, files=True, words="saving settings of masks")
     def save_masks(self) -> None:
         """Write where masks come from into session.toml."""
-
-        def change() -> None:
-            said = saving.save_masks(self._store)
-            self._publish(Notice("done", "Masks' settings saved", said))
-
-        self._change(change)
+        self._save(saving.save_masks, "Masks' settings saved")
 
     @command(edits=True, files=True, words="the mask of {camera}, frame {frame}")
     def paint_mask(
@@ -434,9 +421,9 @@ class MaskService(PreviewService):
         words = f"Mask of {camera}, frame {frame}"
 
         def change() -> None:
-            self._store.check()  # what is painted becomes a file
-            values = painting(self._document, frame, camera, brush, points, radius_px)
-            self._store.do(words, values, f"{words} {tag}", waits=True, is_stroke=True)
+            self.store.check()  # what is painted becomes a file
+            values = painting(self.document, frame, camera, brush, points, radius_px)
+            self.store.do(words, values, f"{words} {tag}", waits=True, is_stroke=True)
 
         self._change(change)
 
@@ -445,16 +432,16 @@ class MaskService(PreviewService):
         """Forget what was painted over a camera's mask in a frame."""
 
         def change() -> None:
-            self._store.check()
-            values = correction_dropped(self._document, camera, frame)
-            self._store.do(f"Correction of {camera} dropped, frame {frame}", values)
+            self.store.check()
+            values = correction_dropped(self.document, camera, frame)
+            self.store.do(f"Correction of {camera} dropped, frame {frame}", values)
 
         self._change(change)
 
     @command(job=True, files=True, words="carrying masks on")
     def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
         """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
-        document, store = self._document, self._store
+        document, store = self.document, self.store
 
         def change() -> None:
             store.check()
@@ -466,6 +453,6 @@ class MaskService(PreviewService):
             work = partial(
                 carry, views=views, frame=at, reach=frames, is_painted=partial(is_painted, document)
             )
-            self._jobs.begin("carrying", work)
+            self.jobs.begin("carrying", work)
 
         self._change(change)

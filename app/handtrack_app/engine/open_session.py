@@ -27,7 +27,7 @@ from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.preview_service import Painter, RenderThread
-from handtrack_app.engine.posing_service import PinService, PoseService
+from handtrack_app.engine.posing_service import PosingService
 from handtrack_app.engine.review_service import LiveScore, ReviewService
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence, export_beside
@@ -78,31 +78,17 @@ class OpenSession:
         known, self._page = self.store.history.said, page
         self._served = self._written = known[1] if page and known and known[0] == page else 0
         self._live = LiveControl.of(document, publish)
-        self._publish = publish
+        self.publish = publish
         self.painter = Painter(document, publish, waiting)
         self.jobs = JobControl(
             document, self.store, self._announce,
             lambda job, event: post(partial(self._take, job, event)),
             recorder.show, compiles, self._live,
         )  # fmt: skip
-        self._clouds = CloudService(
-            document, self.store, self.jobs, render_thread, publish, self._see_otherwise
-        )
-        self._masks = MaskService(
-            document, self.store, self.jobs, render_thread, publish, self._see_otherwise
-        )
-        self._poses = PoseService(
-            document, lambda: self.store.history, self._edit, publish, self._show_pose
-        )
-        self._tuning = TuningService(
-            document, self.store, self.jobs, self._edit, publish, self._show_all,
-            lambda done: post(partial(self._tuning.refitted, done)),
-        )  # fmt: skip
-        self._review = ReviewService(document, self.store, publish)
-        parts = (
-            self, self._poses, PinService(document, self._edit), self._tuning, self._review, self._clouds,
-            self._masks,
-        )  # fmt: skip
+        self.render_thread, self.post = render_thread, post
+        self._clouds, self._masks = CloudService(self), MaskService(self)
+        self._tuning, self._review = TuningService(self), ReviewService(self)
+        parts = (self, PosingService(self), self._tuning, self._review, self._clouds, self._masks)
         self._commands = {
             name: getattr(part, name) for part in parts for name in rules_of(type(part))
         }
@@ -120,7 +106,7 @@ class OpenSession:
         document.show(document.first_frame)
         for view in views:
             self.serve(view)
-        self._show_all()
+        self.show_all()
         if self._restored:
             say("info", "Welcome back", self._restored)
         blind = nothing_seen(document.run)
@@ -165,7 +151,7 @@ class OpenSession:
         if self.store.write_what_rests(at_once=True):
             self._announce(timeline_snapshot(self.document))
         self.document.show(frame)
-        self._show_pose(is_played)
+        self.show_pose(is_played)
 
     @command(edits=True, words="an undo", at_once=looks_elsewhere)
     def undo(self, version: int) -> None:
@@ -185,7 +171,7 @@ class OpenSession:
         if self.store.restore_take(number, frames):
             self._show_session()  # it may be of another model
             self.document.show(self.document.frame)
-            self._show_all()
+            self.show_all()
             self._say("done", f"Take {number} is the track again", "")
 
     @command(edits=True, words="take {number}")
@@ -195,7 +181,7 @@ class OpenSession:
         if self.store.show_take(number):
             self._show_session()
             self.document.show(self.document.frame)
-            self._show_all()
+            self.show_all()
 
     @command(view=True, latest=())
     def want_pictures(
@@ -310,7 +296,7 @@ class OpenSession:
         """Send a file to one client: in a format of `handtrack export --to`, or `init`, the pose that is shown. up: which of the world's
         axes points up, for formats whose readers take one for it; empty: nothing is turned.
         """
-        export_beside(self.document, kind, client_id, up, self._publish)
+        export_beside(self.document, kind, client_id, up, self.publish)
 
     @command(job=True, words="detecting the first pose")
     def find_hand(self, frame: int | None, fetch: bool = False) -> None:
@@ -325,10 +311,10 @@ class OpenSession:
         """Set the pose of a frame to one of the list."""
         taken = self.jobs.guesses.take(frame, index)
         model = self.document.model
-        self._edit(frame, taken, "Detected pose")
+        self.edit(frame, taken, "Detected pose")
         if self.document.model is not model:
             self._show_session()
-            self._show_all()
+            self.show_all()
 
     def _doubt_of_pose(self) -> str:
         """Return why the pose shown should not be a first pose, and that saving it once more takes it; empty where nothing speaks
@@ -352,10 +338,10 @@ class OpenSession:
         try:
             action = travel(self.jobs.busy)
         except HandtrackError:
-            self._show_pose()  # of this version: the page's widgets wait for it
+            self.show_pose()  # of this version: the page's widgets wait for it
             raise
         if action is None:
-            self._show_pose()
+            self.show_pose()
             self._say("info", end, "The history of edits ends here.")
             return
         changed = self.document.state.changed(before)
@@ -367,9 +353,9 @@ class OpenSession:
             self._clouds.tell()
             self._masks.tell()
             self._tuning.say_notes(known)
-        self._show_all()
+        self.show_all()
 
-    def _see_otherwise(self, change: Callable[[], None]) -> None:
+    def see_otherwise(self, change: Callable[[], None]) -> None:
         """Change clouds or masks; the page learns where there are some for the first time, or none any more."""
         known = seen_kinds(self.document.run.session)
         self._tuning.followed(change)
@@ -387,11 +373,11 @@ class OpenSession:
         arm = NOTHING if self.jobs.busy else edits.seen_arm(self.document)
         if self.store.do("Forearm in view", arm, kind=NOTE):
             self._show_session()
-            self._show_all()
+            self.show_all()
 
     # ---- edits
 
-    def _edit(
+    def edit(
         self,
         frame: int,
         edit: Edit,
@@ -406,7 +392,7 @@ class OpenSession:
             self.store.do(done, edit, tag, waits=True, is_stroke=is_stroke)
         finally:
             self.document.show(frame)
-            self._show_pose()
+            self.show_pose()
 
     def write_what_rests(self) -> None:
         """Write edits once none came for a while; what fails is told, and tried again with the next."""
@@ -425,16 +411,16 @@ class OpenSession:
         now = replace(now, past=past, undone=undone)
         if now != self._told_work:
             self._told_work = now
-            self._publish(now)
+            self.publish(now)
 
     # ---- showing
 
     def _say(self, level: str, title: str, text: str) -> None:
-        self._publish(Notice(level, title, text))
+        self.publish(Notice(level, title, text))
 
     def _announce(self, snapshot: Snapshot) -> None:
         """Publish; a pose shown makes the pictures stale."""
-        self._publish(snapshot)
+        self.publish(snapshot)
         self._review.seen(snapshot)
         if isinstance(snapshot, PoseSnapshot):
             whole = snapshot.beside is not None
@@ -442,15 +428,15 @@ class OpenSession:
             self._score.shown()
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
-                self._publish(guesses)
+                self.publish(guesses)
             self._clouds.show(hurried=self.jobs.busy)
             if not whole:
                 self._masks.show(hurried=self.jobs.busy)
 
     def _show_session(self) -> None:
-        self._publish(session_snapshot(self.document))
+        self.publish(session_snapshot(self.document))
 
-    def _show_pose(self, is_played: bool = False) -> None:
+    def show_pose(self, is_played: bool = False) -> None:
         """Publish the pose; of a frame that is played, with its pictures."""
         pose = pose_snapshot(self.document)
         if is_played:
@@ -458,8 +444,8 @@ class OpenSession:
             pose = replace(pose, beside=tuple(one for one in made if one is not None))
         self._announce(pose)
 
-    def _show_all(self) -> None:
-        self._show_pose()
+    def show_all(self) -> None:
+        self.show_pose()
         self._announce(timeline_snapshot(self.document))
 
     @property
@@ -503,7 +489,7 @@ class OpenSession:
             self._announce(timeline_snapshot(self.document))
         follow = self.jobs.follow
         if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
-            self._show_pose()
+            self.show_pose()
 
     def _take_count(self) -> None:
         """Go by the videos' true frames, now that they are counted, and say what is odd about them."""
@@ -511,7 +497,7 @@ class OpenSession:
         if document.see_frames():
             document.show(document.frame)
             self._show_session()
-            self._show_all()
+            self.show_all()
         self._say_warnings()
         if document.first_frame not in document.frames:
             raise HandtrackError(

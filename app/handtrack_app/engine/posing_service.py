@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,13 +27,12 @@ from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, pinning
 from handtrack_app.engine.document_snapshots import pose_picture, pose_titles, words_of
 from handtrack_app.engine.job_control import drags, looks_elsewhere
+from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.edits import set_pose
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice, Snapshot
+from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice
 
-MakeEdit = Callable[[int, Edit, str, str, bool], None]
-"""changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
 _SOURCES = {
     "shown": "Keyframe",
     "previous": "Pose of the frame before",
@@ -42,16 +41,10 @@ _SOURCES = {
 _NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
 
 
-@dataclass
-class PoseService:
-    """Lives on the worker's thread."""
+class PosingService(Service):
+    """Poses by hand, and by pins."""
 
-    document: Document
-    history: Callable[[], History]
-    edit: MakeEdit
-    publish: Callable[[Snapshot], None]
-    show: Callable[[], None]
-    """shows the pose again"""
+    _pull: Pull | None = None
 
     @command(edits=True, latest=("frame", "tag"), words="the pose of frame {frame}", at_once=drags)
     def set_pose(
@@ -70,7 +63,7 @@ class PoseService:
         however long it takes. words: what is done, for undo.
         """
         if version >= self.document.version:
-            self.edit(frame, edits.pose(self.document, frame, values), words, tag, is_stroke)
+            self.desk.edit(frame, edits.pose(self.document, frame, values), words, tag, is_stroke)
 
     @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
     def take_pose(self, frame: int, source: str, version: int) -> None:
@@ -78,7 +71,7 @@ class PoseService:
         (the frame before), or a pose of the library, for the fingers.
         """
         taken = edits.taken_pose(self.document, frame, source)
-        self.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"), "", False)
+        self.desk.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"))
 
     @command(
         edits=True,
@@ -100,14 +93,14 @@ class PoseService:
         pulled = edits.pulled_place(
             self.document, frame, target, Pin("", (0.0, 0.0), joint, bone, point)
         )
-        self.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
+        self.desk.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
 
     @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         known = self.document.clamped(frame) in self.document.by_hand
         forgotten = edits.forgotten_pose(frame) if known else NOTHING
-        self.edit(frame, forgotten, "Pose dropped", "", False)
+        self.desk.edit(frame, forgotten, "Pose dropped")
 
     @command(job=True, words="the pose library")
     def want_library(self, client_id: int) -> None:
@@ -120,11 +113,63 @@ class PoseService:
     def look_before(self, on: bool) -> None:
         """Show the frame's pose as it was before the last step that changed it, or as it is; a look, no edit."""
         document = self.document
-        before = pose_before(document, self.history()) if on else None
+        before = pose_before(document, self.store.history) if on else None
         if on and before is None:
             self.publish(Notice("info", "Nothing before", _NOTHING_BEFORE))
         document.before = before
-        self.show()
+        self.desk.show_pose()
+
+    @command(
+        edits=True,
+        latest=("frame", "camera", "tag"),
+        words="pins of frame {frame}",
+        at_once=drags,
+    )
+    def set_pin(
+        self,
+        frame: int,
+        camera: str,
+        pixel: tuple[float, float],
+        version: int,
+        joint: str = "",
+        bone: str = "",
+        point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        by_images: bool = True,
+        tag: str = "",
+    ) -> None:
+        """Let a joint, or a point of a bone [m], lie at a pixel of a camera's undistorted image. by_images: the observations hold the
+        rest of the hand; else it changes least. tag: of the drag.
+        """
+        self._refuse_live()
+        pull = self._pull
+        if pull is None or (pull.tag, pull.frame) != (tag, frame):
+            pull = self._pull = begun_pull(self.document, frame, tag)
+        pin = Pin(camera, pixel, joint, bone, point)
+        placed = with_pin(self.document, pull, pin, by_images)
+        self.desk.edit(frame, placed, f"Pin of {words_of(joint or bone)} in {camera}", tag, True)
+
+    @command(edits=True, words="pins of frame {frame}", at_once=looks_elsewhere)
+    def drop_pins(
+        self, frame: int, which: int | None, version: int, by_images: bool = True
+    ) -> None:
+        """Drop one of a frame's pins by its place in the list, or all (None)."""
+        self._refuse_live()
+        pull = self._pull = begun_pull(self.document, frame, "")
+        left = pins_dropped(self.document, pull, which, by_images)
+        self.desk.edit(frame, left, "Pins dropped" if which is None else "Pin dropped")
+
+    @command(edits=True, words="pins of frame {frame}")
+    def copy_pins(self, frame: int, before: int, behind: int, version: int) -> None:
+        """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
+        self._refuse_live()
+        others = range(frame - before, frame + behind + 1)
+        self.desk.edit(frame, pins_copied(self.document, frame, others), "Pins copied")
+
+    def _refuse_live(self) -> None:
+        if self.document.run.session.live is not None:
+            raise HandtrackError(
+                "Running cameras go on: a pin would be of an image that is gone. Record a session, and correct that."
+            )
 
 
 _SAME = 1e-9
@@ -271,65 +316,3 @@ def _pixels(document: Document, values: Floats[S], pins: Sequence[Pin]) -> Float
     for n, pin in enumerate(pins):
         at[n] = flat[pin.camera].project(places[n : n + 1])[0]
     return at
-
-
-@dataclass
-class PinService:
-    """Lives on the worker's thread."""
-
-    document: Document
-    edit: Callable[[int, Edit, str, str, bool], None]
-    """changes a frame's pose, and shows it; at last what is done in words, the control's tag, and whether that is of one drag"""
-    _pull: Pull | None = None
-
-    @command(
-        edits=True,
-        latest=("frame", "camera", "tag"),
-        words="pins of frame {frame}",
-        at_once=drags,
-    )
-    def set_pin(
-        self,
-        frame: int,
-        camera: str,
-        pixel: tuple[float, float],
-        version: int,
-        joint: str = "",
-        bone: str = "",
-        point: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        by_images: bool = True,
-        tag: str = "",
-    ) -> None:
-        """Let a joint, or a point of a bone [m], lie at a pixel of a camera's undistorted image. by_images: the observations hold the
-        rest of the hand; else it changes least. tag: of the drag.
-        """
-        self._refuse_live()
-        pull = self._pull
-        if pull is None or (pull.tag, pull.frame) != (tag, frame):
-            pull = self._pull = begun_pull(self.document, frame, tag)
-        pin = Pin(camera, pixel, joint, bone, point)
-        placed = with_pin(self.document, pull, pin, by_images)
-        self.edit(frame, placed, f"Pin of {words_of(joint or bone)} in {camera}", tag, True)
-
-    @command(edits=True, words="pins of frame {frame}", at_once=looks_elsewhere)
-    def drop_pins(
-        self, frame: int, which: int | None, version: int, by_images: bool = True
-    ) -> None:
-        """Drop one of a frame's pins by its place in the list, or all (None)."""
-        self._refuse_live()
-        pull = self._pull = begun_pull(self.document, frame, "")
-        left = pins_dropped(self.document, pull, which, by_images)
-        self.edit(frame, left, "Pins dropped" if which is None else "Pin dropped", "", False)
-
-    @command(edits=True, words="pins of frame {frame}")
-    def copy_pins(self, frame: int, before: int, behind: int, version: int) -> None:
-        """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
-        self._refuse_live()
-        others = range(frame - before, frame + behind + 1)
-        self.edit(frame, pins_copied(self.document, frame, others), "Pins copied", "", False)
-
-    def _refuse_live(self) -> None:
-        if self.document.run.session.live is not None:
-            raise HandtrackError(
-                "Running cameras go on: a pin would be of an image that is gone. Record a session, and correct that."
-            )

@@ -17,8 +17,8 @@ from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import energy_parts, pose_snapshot, timeline_snapshot
+from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.palette import COMPARED
 from handtrack_app.protocol.snapshots import (
@@ -32,13 +32,9 @@ from handtrack_app.protocol.snapshots import (
 )
 
 
-@dataclass
-class ReviewService:
-    """Lives on the worker's thread."""
+class ReviewService(Service):
+    """Accepted frames, the take that is compared, and curves."""
 
-    document: Document
-    store: Persistence
-    publish: Callable[[Snapshot], None]
     number: int | None = None
     """of the take that is compared"""
     names: tuple[str, ...] = ()

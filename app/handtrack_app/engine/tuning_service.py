@@ -6,6 +6,8 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,13 +19,14 @@ from handtrack.session.session_state import Edit
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import session_snapshot
-from handtrack_app.engine.job_control import JobControl
-from handtrack_app.engine.posing_service import MakeEdit
+from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.edits import set_pose
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import Notice, Snapshot
+from handtrack_app.protocol.snapshots import Notice
+
+if TYPE_CHECKING:
+    from handtrack_app.engine.open_session import OpenSession
 
 log = logging.getLogger(__name__)
 
@@ -40,21 +43,13 @@ class _Order:
     """of the control that was moved"""
 
 
-@dataclass(frozen=True, eq=False)
-class Refitted:
-    """A frame is fitted anew, or why it could not be."""
-
-    order: _Order
-    params: Floats[P] | None
-    error: str = ""
-
-
 @dataclass
 class Refits:
     """Asked on the worker's thread; answers go to `post`, and from there to `take`."""
 
     document: Document
-    post: Callable[[Refitted], None]
+    post: Callable[[_Order, Floats[P] | None, str], None]
+    """takes an order, the solver parameters that fit, and why there are none"""
     on: bool = False
 
     def __post_init__(self) -> None:
@@ -90,21 +85,23 @@ class Refits:
             self._newest, self._closed = None, True
             self._waits.notify()
 
-    def take(self, done: Refitted) -> tuple[int, Edit, str] | None:
+    def take(
+        self, order: _Order, params: Floats[P] | None, error: str
+    ) -> tuple[int, Edit, str] | None:
         """Return the frame, what the fit changes, and its tag; None where it is not of what is shown and holds now. Raises
         HandtrackError where it could not be fitted.
         """
-        order, document = done.order, self.document
+        document = self.document
         if order is not self._newest:
             return None
         self._newest = None
-        if done.error:
-            raise HandtrackError(done.error)
+        if error:
+            raise HandtrackError(error)
         here = (order.run, order.frame) == (document.run, document.frame)
-        if done.params is None or not here or not np.array_equal(order.stood, document.shown):
+        if params is None or not here or not np.array_equal(order.stood, document.shown):
             return None
         pinned = bool(document.run.session.pins.of(order.frame))  # they were among what was fitted
-        values = document.model.joint_params(done.params)
+        values = document.model.joint_params(params)
         edit = set_pose(document, order.frame, values, refitted=True, pinned=pinned)
         return order.frame, edit, order.tag
 
@@ -119,40 +116,32 @@ class Refits:
                     return
                 order = done = self._newest
             if order is not None:
-                self.post(self._fitted(order))
+                self.post(order, *self._fitted(order))
 
-    def _fitted(self, order: _Order) -> Refitted:
+    def _fitted(self, order: _Order) -> tuple[Floats[P] | None, str]:
         run = order.run
         try:
             params = solver_params_of(run.model, order.stood)
             seen = run.observation(order.frame, run.model.bones(params))
             stop = lambda: self._newest is not order  # noqa: E731
-            return Refitted(order, fitted_again(run.model, run.settings, seen, params, stop))
+            return fitted_again(run.model, run.settings, seen, params, stop), ""
         except HandtrackError as error:
-            return Refitted(order, None, str(error))
+            return None, str(error)
         except MemoryError as error:
-            return Refitted(order, None, str(not_enough_memory("Refitting", error)))
+            return None, str(not_enough_memory("Refitting", error))
         except Exception as error:  # the page must go on, and the user must know
             log.exception("refitting failed")
-            return Refitted(order, None, f"Refitting failed ({type(error).__name__}: {error}).")
+            return None, f"Refitting failed ({type(error).__name__}: {error})."
 
 
-@dataclass
-class TuningService:
-    """Lives on the worker's thread."""
+class TuningService(Service):
+    """Settings and limits."""
 
-    document: Document
-    store: Persistence
-    jobs: JobControl
-    edit: MakeEdit
-    publish: Callable[[Snapshot], None]
-    show: Callable[[], None]
-    """shows all again"""
-    post: Callable[[Refitted], None]
-    """takes what another thread fitted to `serve`"""
-
-    def __post_init__(self) -> None:
-        self._refits = Refits(self.document, self.post)
+    def __init__(self, desk: OpenSession) -> None:
+        super().__init__(desk)
+        self._refits = Refits(
+            self.document, lambda *done: desk.post(partial(self._refitted, *done))
+        )
 
     @command(edits=True, files=True, words="saving settings")
     def save_settings(self) -> None:
@@ -205,16 +194,16 @@ class TuningService:
                 self.say_notes(known)
             finally:
                 self.publish(session_snapshot(document))  # the page shows what holds
-            self.show()
+            self.desk.show_all()
 
         self.followed(changed)
 
-    def refitted(self, done: Refitted) -> None:
+    def _refitted(self, order: _Order, params: Floats[P] | None, error: str) -> None:
         """Take a frame that was fitted anew."""
-        found = None if self.jobs.busy else self._refits.take(done)
+        found = None if self.jobs.busy else self._refits.take(order, params, error)
         if found is not None:
             frame, edit, tag = found
-            self.edit(frame, edit, "Fit", tag, True)
+            self.desk.edit(frame, edit, "Fit", tag, True)
 
     def followed(self, change: Callable[[], None]) -> None:
         """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted

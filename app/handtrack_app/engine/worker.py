@@ -19,7 +19,7 @@ from handtrack_app.engine.open_session import OpenSession
 from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.pictures.preview_service import Painter, RenderThread
-from handtrack_app.engine.posing_service import PinService, PoseService
+from handtrack_app.engine.posing_service import PosingService
 from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
@@ -67,7 +67,7 @@ class Preview:
 log = logging.getLogger(__name__)
 Opener = Callable[[Path, Mapping[str, object]], Document]
 RULES = rules_of(
-    OpenSession, PoseService, PinService, TuningService, ReviewService, CloudService, MaskService
+    OpenSession, PosingService, TuningService, ReviewService, CloudService, MaskService
 )
 """what the page can call"""
 _VIEWED_LATER = ("want_cloud", "want_surface", "want_masks")

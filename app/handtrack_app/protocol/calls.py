@@ -197,14 +197,13 @@ if TYPE_CHECKING:  # the page's process has no use for what the engine imports
     from handtrack_app.engine.mask_service import MaskService
     from handtrack_app.engine.open_session import OpenSession
     from handtrack_app.engine.pictures.cloud_service import CloudService
-    from handtrack_app.engine.posing_service import PinService, PoseService
+    from handtrack_app.engine.posing_service import PosingService
     from handtrack_app.engine.review_service import ReviewService
     from handtrack_app.engine.tuning_service import TuningService
 
     class Engine(  # type: ignore[misc]
         OpenSession,
-        PoseService,
-        PinService,
+        PosingService,
         TuningService,
         ReviewService,
         CloudService,

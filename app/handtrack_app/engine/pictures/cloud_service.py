@@ -42,7 +42,7 @@ from handtrack_app.engine.pictures.camera_pictures import (
     stereo_pictures,
     stereo_words,
 )
-from handtrack_app.engine.pictures.preview_service import PreviewService
+from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import (
@@ -300,18 +300,18 @@ class CloudService(PreviewService):
         cloud, stereo = self._wants_cloud, self._wanted.picture == "stereo"
         moment, maker = self._moment(), self._maker
         if self._surface and not hurried and "metaballs" in moment.model.flesh:
-            self._render_thread.ask("surface", lambda: maker.surface(moment))
+            self.desk.render_thread.ask("surface", lambda: maker.surface(moment))
         if cloud and self._wanted.points:
-            self._render_thread.ask("cloud", lambda: maker.cloud(moment))
+            self.desk.render_thread.ask("cloud", lambda: maker.cloud(moment))
         if cloud and self._wanted.picture == "images" and not hurried:
-            self._render_thread.ask("picture", lambda: maker.images(moment))
+            self.desk.render_thread.ask("picture", lambda: maker.images(moment))
         if stereo and not hurried:
             pair = self._wanted.pair or self.card().pair
             if pair is not None:
-                self._render_thread.ask("picture", lambda: maker.stereo(moment, pair))
+                self.desk.render_thread.ask("picture", lambda: maker.stereo(moment, pair))
 
     def _moment(self) -> RenderInput:
-        document = self._document
+        document = self.document
         model, session, frame = document.model, document.run.session, document.frame
         bones = model.bones(solver_params_of(model, document.seen))
         before = frame - 1
@@ -325,7 +325,7 @@ class CloudService(PreviewService):
 
     @property
     def _has_clouds(self) -> bool:
-        return self._document.run.session.has_clouds
+        return self.document.run.session.has_clouds
 
     # ---- settings
 
@@ -333,14 +333,7 @@ class CloudService(PreviewService):
     def set_clouds(self, values: dict[str, object]) -> None:
         """Change settings of [clouds] by name; None: as it is usual, False: off."""
         names, slid = ", ".join(values), edits.is_slid(*values.values())
-        self._change(
-            lambda: self._store.do(
-                f"Clouds: {names}",
-                edits.clouds(self.with_values(values)),
-                tag=names,
-                is_stroke=slid,
-            )
-        )
+        self._do(f"Clouds: {names}", lambda: edits.clouds(self.with_values(values)), names, slid)
 
     @command(edits=True, latest=(), words="the colour of skin")
     def sample_skin(
@@ -349,32 +342,26 @@ class CloudService(PreviewService):
         """Fit the skin's ellipse to a box x, y, w, h [px] of a camera's image of a frame; None: to all images in which hand is painted."""
 
         def change() -> None:
-            settings, words = skin_in_force(self._document, frame, camera, box, size)
-            self._store.do("Colour of skin", edits.clouds(settings), tag="skin")
-            self._publish(Notice("done", "The skin's colour is taken", words))
+            settings, words = skin_in_force(self.document, frame, camera, box, size)
+            self.store.do("Colour of skin", edits.clouds(settings), tag="skin")
+            self.publish(Notice("done", "The skin's colour is taken", words))
 
         self._change(change)
 
     @command(edits=True, words="settings of clouds")
     def restore_clouds(self) -> None:
         """Go back to the settings of [clouds] as session.toml has them."""
-        own = edits.clouds(self._document.saved_clouds)
-        self._change(lambda: self._store.do("Filters of session.toml", own))
+        self._do("Filters of session.toml", lambda: edits.clouds(self.document.saved_clouds))
 
     @command(edits=True, files=True, words="saving settings of clouds")
     def save_clouds(self) -> None:
         """Write the settings of [clouds] into session.toml."""
-
-        def change() -> None:
-            said = saving.save_clouds(self._store)
-            self._publish(Notice("done", "Clouds' settings saved", said))
-
-        self._change(change)
+        self._save(saving.save_clouds, "Clouds' settings saved")
 
     @property
     def settings(self) -> CloudSettings | None:
         """The settings of [clouds] in force."""
-        return self._document.clouds
+        return self.document.clouds
 
     def with_values(self, values: Mapping[str, object]) -> CloudSettings:
         """Return the settings with some replaced. Raises HandtrackError."""
@@ -382,7 +369,7 @@ class CloudService(PreviewService):
 
     def card(self) -> CloudCard:
         """Return where clouds come from and the settings in force."""
-        document, settings = self._document, self.settings
+        document, settings = self.document, self.settings
         session = document.run.session
         views = session.views
         with_images = tuple(view.name for view in views if view.settings.images is not None)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sized
 
 import numpy as np
@@ -16,9 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.session.posed_frames import solver_params_of
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.job_control import JobControl
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol.calls import Mailbox
 from handtrack_app.protocol.snapshots import Notice, PictureSnapshot, Snapshot
 
@@ -183,65 +180,3 @@ class Painter:
         places = model.joint_positions(bones)
         pairs = [joint_pairs(joints, model.joint_names, places) for joints in seen]
         return np.concatenate([np.zeros((0, 2, 2)), *pairs])
-
-
-# ---- What clouds and masks have in common on the page: pictures on request, and settings whose change the frame
-# shown follows
-
-
-_HURRIED_S = 0.6  # while tracking runs, previews are shown at most this often
-
-
-class PreviewService(ABC):
-    """Lives on the worker's thread; what takes time is made on the render thread or by a job."""
-
-    def __init__(
-        self,
-        document: Document,
-        store: Persistence,
-        jobs: JobControl,
-        render_thread: RenderThread,
-        publish: Callable[[Snapshot], None],
-        followed: Callable[[Callable[[], None]], None],
-    ) -> None:
-        """followed: makes a change of what is tracked by, and lets the frame shown follow."""
-        self._document, self._store, self._jobs = document, store, jobs
-        self._render_thread, self._publish, self._followed = render_thread, publish, followed
-        self._shown_at = 0.0
-
-    @property
-    @abstractmethod
-    def _is_wanted(self) -> bool:
-        """Whether the page wants anything."""
-
-    @abstractmethod
-    def _show(self, hurried: bool) -> None:
-        """Have made what the page wants of the frame shown."""
-
-    @abstractmethod
-    def card(self) -> Snapshot:
-        """Return the settings in force."""
-
-    def show(self, hurried: bool = False) -> None:
-        """Have made what the page wants of the frame shown. hurried: tracking runs, which comes first."""
-        now = time.monotonic()
-        if self._is_wanted and not (hurried and now - self._shown_at < _HURRIED_S):
-            self._shown_at = now
-            self._show(hurried)
-
-    def tell(self) -> None:
-        """Publish the settings in force."""
-        self._publish(self.card())
-
-    def _change(self, change: Callable[[], object]) -> None:
-        """Change, save or restore settings. Raises HandtrackError for what cannot be done."""
-
-        def changed() -> None:
-            try:
-                self._jobs.require_idle()
-                change()
-                self.show()
-            finally:
-                self.tell()  # the page shows what holds
-
-        self._followed(changed)
