@@ -46,3 +46,8 @@ def check_shape(array: Array[*Axes], shape: tuple[int | None, ...], name: str) -
     if not fits:
         expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
         raise HandtrackError(f"{name}: expected an array of shape {expected}, found {array.shape}")
+
+
+def evenly_spread(count: int, most: int) -> list[int]:
+    """Return all rows of `count`, or at most so many, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int)).tolist() if count else []

@@ -7,6 +7,7 @@ import shutil
 import time
 from pathlib import Path
 
+from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 
 VERSIONS_FOLDER = "versions"
@@ -45,3 +46,27 @@ def versions(path: Path) -> list[Path]:
     form = re.compile(re.escape(path.stem) + r"_\d{8}_\d{6}(_\d+)?" + re.escape(path.suffix))
     found = [file for file in folder.iterdir() if form.fullmatch(file.name)]
     return sorted(found, key=lambda file: file.stem)
+
+
+def write_over(path: Path, content: bytes | None, ours: bytes | None) -> bool:
+    """Write or (None) remove a file. One that is not as `ours`, what was written here last, is kept in versions/.
+
+    Return whether anything had to be done. Raises HandtrackError.
+    """
+    try:
+        stands = path.read_bytes() if path.is_file() else None
+        if stands == content:
+            return False
+        if stands is not None and stands != ours:
+            keep_version(path)
+        if content is None:
+            path.unlink(missing_ok=True)
+            return True
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as part:
+            part.write_bytes(content)
+        return True
+    except OSError as error:
+        raise HandtrackError(
+            f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
+        ) from None

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats
+from handtrack.arrays import D3, D21, Floats, evenly_spread
 from handtrack.capture.images.openpose import write_hand, written_by
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, log_odds, our_hands
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints
@@ -65,11 +65,11 @@ def seen_side(session: Session, detector: HandDetector) -> SeenSide:
 
     The mean of the networks' log-odds: what one image says wrongly, the next says again, so that they do not add up.
     """
-    frames = np.unique(np.linspace(0, session.frame_count - 1, _LOOKS).round().astype(int))
+    frames = evenly_spread(session.frame_count, _LOOKS)
     said, looks = list[float](), 0
     for view in session.views:
         for frame in frames:
-            image = view.image(int(frame))
+            image = view.image(frame)
             if image is None:
                 continue
             looks += 1
@@ -138,7 +138,7 @@ class JointDetection:
         """Look for hands in all images of a frame; return by camera those that were found, whose ever they are, by their numbers."""
         self._seen[frame] = {}
         for view in self.views:
-            own = frame if view.times is None else view.times.own_frame(frame)
+            own = view.own_frame(frame)
             image = None if own is None else view.image(frame)
             hands = self._followers[view.name].step(image)
             if image is not None and own is not None:
@@ -233,9 +233,7 @@ def other_joints(session: Session, camera: str) -> str | None:
 
 def _views(session: Session, cameras: Sequence[str]) -> list[View]:
     for name in cameras:
-        if name not in session.camera_names:
-            where = str(session.folder / SESSION_FILE)
-            raise unknown_name("camera", name, session.camera_names, where)
+        session.view(name)  # raises for one that there is none of
     chosen = [view for view in session.views if not cameras or view.name in cameras]
     without = [view.name for view in chosen if view.images is None]
     if without and (cameras or len(without) == len(chosen)):

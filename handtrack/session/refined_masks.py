@@ -15,7 +15,7 @@ import numpy as np
 from handtrack.arrays import Array, Bytes, Floats, H, W
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_outline
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text, replacing
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
@@ -55,9 +55,7 @@ class MaskRefinement:
         self._wrist = joints.index("wrist")
         self._knuckles = [joints.index(name) for name in _KNUCKLES]
         for name in cameras:
-            if name not in session.camera_names:
-                where = str(session.folder / SESSION_FILE)
-                raise unknown_name("camera", name, session.camera_names, where)
+            session.view(name)  # raises for one that there is none of
         chosen = [v for v in session.views if not cameras or v.name in cameras]
         self.views = [view for view in chosen if view.images is not None]
         if not self.views:

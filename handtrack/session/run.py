@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, P, S
+from handtrack.arrays import D3, Floats, P, S, evenly_spread
 from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.capture.clouds.cloud_filters import HandDistance
 from handtrack.errors import HandtrackError
@@ -179,7 +179,7 @@ class TrackingRun:
         done = [r for r in posed if r.status == Status.TRACKED] or posed
         if not self._leaves_forearm_open or not done or self.model.kind == "body":
             return self
-        spread = np.unique(np.linspace(0, len(done) - 1, _ARM_LOOKS).round().astype(int))
+        spread = evenly_spread(len(done), _ARM_LOOKS)
         solver = self.model.transform.solver_params
         posed = ((solver(done[i].parameters), self.seen_at(done[i])) for i in spread)
         arm_m, before = forearm_in_view(self.model, posed), self.arm_m if self.forearm else 0.0
@@ -620,7 +620,11 @@ def size_of_frames(
     results = [result for result in results if result.status != Status.LOST]
     for step in range(_ROUNDS):
         if step or any(not result.energies for result in results):
-            results = [_assessed(run, one) for one in _spread(results, 2 * most) if not stop()]
+            results = [
+                _assessed(run, one)
+                for one in (results[i] for i in evenly_spread(len(results), 2 * most))
+                if not stop()
+            ]
         chosen = _unlike(results, most)
         if stop() or not chosen or {result.frame for result in chosen} <= used:
             break
@@ -679,17 +683,11 @@ def _who(run: TrackingRun) -> OpenPerson:
     return OpenPerson(build, sizes, offsets, run.known_person)
 
 
-def _spread(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
-    """Return at most so many, evenly spread."""
-    if len(results) <= most:
-        return list(results)
-    return [results[round(i)] for i in np.linspace(0, len(results) - 1, most)]
-
-
 def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> float:
     """Return which share of the hand in view clouds measured, the median of frames; 1 where there are none."""
     shares = []
-    for result in _spread(sorted(results, key=lambda r: r.frame), most):
+    ascending = sorted(results, key=lambda r: r.frame)
+    for result in (ascending[i] for i in evenly_spread(len(ascending), most)):
         bones = run.model.bones(run.model.transform.solver_params(result.parameters))
         terms = frame_terms(run.model, run.settings, run.seen_at(result), bones, None)
         found = None if terms.cloud is None else agreement(terms.cloud, run.model, bones)

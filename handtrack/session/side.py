@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, P, S, evenly_spread
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import model_from_definition
 from handtrack.observation.observation import Observation
@@ -34,7 +32,7 @@ def doubt_of_side(
     if model.kind != "hand" or not model.has_keypoints21 or not tracked:
         return ""
     frames = sorted(tracked)
-    rows = np.unique(np.linspace(0, len(frames) - 1, _LOOKS).round().astype(int))
+    rows = evenly_spread(len(frames), _LOOKS)
     other_side = "left" if model.side == "right" else "right"
     other = model_from_definition(
         model.definition, other_side, model.scale, model.has_forearm, model.name

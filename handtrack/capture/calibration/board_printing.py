@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
+import io
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from handtrack.arrays import D4, Bytes, Floats, H, R, W
 from handtrack.capture.calibration.boards import Board, CharucoBoard
@@ -155,13 +155,6 @@ def _png(board: Board, dpi: float) -> bytes:
     cv2.putText(
         page, _caption(board), place, cv2.FONT_HERSHEY_SIMPLEX, size / 32, 100, 1, cv2.LINE_AA
     )
-    return _with_resolution(cv2.imencode(".png", page)[1].tobytes(), dpi)
-
-
-def _with_resolution(png: bytes, dpi: float) -> bytes:
-    """Return a PNG with the chunk that states pixels a metre, before its image data."""
-    per_metre = round(dpi / 0.0254)
-    body = b"pHYs" + struct.pack(">IIB", per_metre, per_metre, 1)
-    chunk = struct.pack(">I", 9) + body + struct.pack(">I", zlib.crc32(body))
-    at = 8 + 25  # signature and header
-    return png[:at] + chunk + png[at:]
+    file = io.BytesIO()
+    Image.fromarray(page).save(file, "PNG", dpi=(dpi, dpi))
+    return file.getvalue()

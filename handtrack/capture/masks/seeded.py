@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W
+from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W, evenly_spread
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.hand_seeds import HandSeeds
 from handtrack.capture.masks.mask_cleaning import Roi, inside_roi
@@ -194,10 +194,9 @@ class _Part:
 
 
 def _looks(source: FrameSource, seeds: Seeds, count: int) -> Iterator[_Look]:
-    frames = np.unique(np.linspace(0, max(len(source.frames) - 1, 0), count).round().astype(int))
-    for frame in frames:
-        found = seeds(int(frame))
-        image = source.read(int(frame)) if found is not None else None
+    for frame in evenly_spread(len(source.frames), count):
+        found = seeds(frame)
+        image = source.read(frame) if found is not None else None
         if found is not None and image is not None:
             yield image, found
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import D3, Array, Bytes, Floats, H, W
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W, evenly_spread
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.capture.masks.seeded import Seeded
@@ -196,10 +196,10 @@ def sampled_images(source: FrameSource, count: int) -> Iterator[Array[H, W, D3]]
 
     Raises HandtrackError with fewer than 3.
     """
-    wanted = np.unique(np.linspace(0, max(len(source.frames) - 1, 0), count).round().astype(int))
+    wanted = evenly_spread(len(source.frames), count)
     found = 0
     for frame in wanted:
-        image = source.read(int(frame))
+        image = source.read(frame)
         if image is not None:
             found += 1
             yield image

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats
+from handtrack.arrays import D3, D21, Floats, evenly_spread
 from handtrack.capture.images.frame_notes import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import load_model, read_scale
@@ -163,7 +163,7 @@ def check_truth(session: Session) -> Iterator[Finding]:
     yield from check_side_of("truth.npz", fullest, session)
     if not known.all():
         yield note(f"truth.npz: {int((~known).sum())} of {known.size} keypoints are not known.")
-    rows = np.unique(np.linspace(0, len(points) - 1, _TRUTH_FRAMES).round().astype(int))
+    rows = evenly_spread(len(points), _TRUTH_FRAMES)
     wrong = [
         f"frame {frame}: {text}"
         for row in rows

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, Array, Bytes, Floats, N
+from handtrack.arrays import D2, Array, Bytes, Floats, N, evenly_spread
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
-from handtrack.session.doctor.check_views import Finding, spread, warning
+from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.sources.views import View
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _MOST_OFF, _MOST_OFF_PX = 0.01, 5.0  # of the images' width; good recordings are
 def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Iterator[Finding]:
     """Yield a finding about pairs of cameras whose silhouettes do not fit together. frames: unless evenly spread ones."""
     views = [view for view in session.views if view.has_masks]
-    frames = spread(session.frame_count, _FRAMES) if frames is None else frames
+    frames = evenly_spread(session.frame_count, _FRAMES) if frames is None else frames
     seen = [_Seen(view.camera, _outlines(view, frames)) for view in views]
     pairs = list(combinations(seen, 2))
     apart = [_pixels_apart(a, b) for a, b in pairs]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from handtrack.arrays import evenly_spread
 from handtrack.model.model_file import scale_from
 from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.formats.tables import read_npz
@@ -61,7 +62,7 @@ def inconsistency_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -
     posed = sorted((r for r in results if r.status != Status.LOST), key=lambda r: r.frame)
     if len(posed) < _FEWEST or len(run.session.views) < 2:
         return ""
-    rows = np.unique(np.linspace(0, len(posed) - 1, _LOOKS).round().astype(int))
+    rows = evenly_spread(len(posed), _LOOKS)
     seen = [
         (run.seen_at(posed[row]), run.model.transform.solver_params(posed[row].parameters))
         for row in rows

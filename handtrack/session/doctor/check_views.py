@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, H, W
+from handtrack.arrays import Array, H, W, evenly_spread
 from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.synchrony import Motion, TimeOffset, time_offsets
@@ -156,7 +156,7 @@ def _check_source(view: View, kind: str, source: FrameSource) -> Iterator[Findin
         yield error(f"camera '{view.name}': none of its {kind} can be read.")
         return
     if not isinstance(source, VideoFile):
-        for frame in spread(len(frames), _MOST_FILES):
+        for frame in evenly_spread(len(frames), _MOST_FILES):
             source.read(frame)  # finds unreadable files and wrong sizes
     text = f"camera '{view.name}': {len(frames) - len(missing)} {kind} of {width} x {height}"
     if missing:
@@ -166,7 +166,7 @@ def _check_source(view: View, kind: str, source: FrameSource) -> Iterator[Findin
 
 
 def _check_depth(view: View) -> Iterator[Finding]:
-    frames = spread(view.frame_count, _FEW)
+    frames = evenly_spread(view.frame_count, _FEW)
     depths = [depth for frame in frames if (depth := view.depth_m(frame)) is not None]
     measured = np.concatenate([depth[depth > 0] for depth in depths] or [np.zeros(0)])
     if measured.size == 0:
@@ -227,7 +227,7 @@ def _check_masks(view: View) -> Iterator[Finding]:
 
 def _looks(view: View) -> Iterator[_MaskLook]:
     most = _MOST_FILES if view.mask_files is not None else _MOST_COMPUTED
-    for frame in spread(view.frame_count, most):
+    for frame in evenly_spread(view.frame_count, most):
         mask = view.mask(frame)
         if mask is not None:
             hand = (mask > 0) & (mask != (view.unknown_at(frame) or 0))
@@ -252,13 +252,6 @@ def _second_piece(hand: Array[H, W]) -> float:
 
 def _touches_border(mask: Array[H, W]) -> bool:
     return bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
-
-
-def spread(count: int, most: int) -> list[int]:
-    """Return all frames below `count`, or `most` evenly spaced ones."""
-    if count <= most:
-        return list(range(count))
-    return [int(frame) for frame in np.unique(np.linspace(0, count - 1, most).round())]
 
 
 # ---- The doctor's look at the rig: distances, units, lenses
@@ -373,7 +366,7 @@ def check_clouds(session: Session) -> Iterator[Finding]:
     measured, left, poor = [], [], []
     settings = session.file.clouds
     few = settings is not None and settings.stereo
-    for frame in spread(session.frame_count, _OF_PAIRS if few else _OF_OTHERS):
+    for frame in evenly_spread(session.frame_count, _OF_PAIRS if few else _OF_OTHERS):
         cloud, _ = session.cloud(frame)
         whole = session.measured_cloud(frame)
         if cloud is None or whole is None:

@@ -11,8 +11,7 @@ import numpy as np
 from handtrack.arrays import Array, Bytes, H, W
 from handtrack.capture.masks.mask_correction import AS_IT_IS, LEVELS, corrected
 from handtrack.errors import HandtrackError
-from handtrack.files.atomic import replacing
-from handtrack.files.versions import keep_version
+from handtrack.files.versions import write_over
 from handtrack.session.layout import CORRECTED_FOLDER, inside
 
 
@@ -57,27 +56,8 @@ class CorrectedMasks:
         return mask if layer is None else corrected(layer, mask, unknown)
 
     def write(self, frame: int, content: bytes | None, ours: bytes | None) -> bool:
-        """Write or (None) remove the file of a correction. One that is not as `ours`, what was written here last, is kept in
-        versions/. Return whether anything had to be done. Raises HandtrackError.
-        """
-        path = self.path(frame)
-        try:
-            stands = path.read_bytes() if path.is_file() else None
-            if stands == content:
-                return False
-            if stands is not None and stands != ours:
-                keep_version(path)
-            if content is None:
-                path.unlink(missing_ok=True)
-                return True
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with replacing(path) as part:
-                part.write_bytes(content)
-            return True
-        except OSError as error:
-            raise HandtrackError(
-                f"{path}: cannot be written ({error.strerror}). Is the folder read-only?"
-            ) from None
+        """Write or (None) remove the file of a correction; see `write_over`."""
+        return write_over(self.path(frame), content, ours)
 
     def path(self, frame: int) -> Path:
         """Return where the file of a frame lies, if there is one. Raises HandtrackError where that leaves the session."""

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from handtrack.arrays import evenly_spread
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.sources.views import View
@@ -29,10 +30,9 @@ def joint_sigma_px(views: tuple[View, ...]) -> float | None:
     better than a point of a hand is defined.
     """
     last = min((v.keypoint_files.frames.stop for v in views if v.keypoint_files), default=0)
-    chosen = np.unique(np.linspace(0, max(last - 1, 0), _FRAMES).round()).astype(int)
     found = [
         pair
-        for frame in chosen.tolist()
+        for frame in evenly_spread(last, _FRAMES)
         for pair in _squares([j for view in views for j in view.keypoints(frame, 1.0)])
     ]
     if len(found) < _FEWEST:

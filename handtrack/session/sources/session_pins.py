@@ -13,9 +13,8 @@ import numpy as np
 
 from handtrack.arrays import D2, Floats
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
-from handtrack.files.versions import keep_version
+from handtrack.files.versions import write_over
 from handtrack.geometry.camera import CameraRig
 from handtrack.observation.pins import ImagePins, Pin
 from handtrack.session.layout import PINS_FILE, inside
@@ -77,20 +76,7 @@ class SessionPins:
         kept: what was written here last: a file that is otherwise is kept in versions/. Raises HandtrackError.
         """
         text = self.text
-        try:
-            stands = self._path.read_text(encoding="utf-8") if self._path.is_file() else None
-            if stands == text:
-                return text
-            if stands is not None and stands != kept:
-                keep_version(self._path)
-            if text is None:
-                self._path.unlink(missing_ok=True)
-            else:
-                replace_text(self._path, text)
-        except OSError as error:
-            raise HandtrackError(
-                f"{self._path}: cannot be written ({error.strerror}). Is the folder read-only?"
-            ) from None
+        write_over(self._path, *(None if one is None else one.encode() for one in (text, kept)))
         return text
 
     @property
