@@ -35,6 +35,16 @@ class CameraViews:
     where: str = ""
     """files, for messages"""
 
+    @property
+    def views(self) -> tuple[BoardView, ...]:
+        """All of them, shared ones first."""
+        return *self.shared, *self.alone
+
+    def only(self, keep: Callable[[BoardView], bool]) -> CameraViews:
+        """Return the same camera with some of its views."""
+        kept = (tuple(filter(keep, views)) for views in (self.shared, self.alone))
+        return replace(self, **dict(zip(("shared", "alone"), kept)))
+
 
 Progress = Callable[[], object]
 """Called after each image; it may raise to stop."""
@@ -116,13 +126,10 @@ def choose_views(cameras: Sequence[CameraViews], most: int = 40) -> list[CameraV
 
 
 def _without_blurred(camera: CameraViews) -> CameraViews:
-    views = (*camera.shared, *camera.alone)
-    if len(views) < 12:
+    if len(camera.views) < 12:
         return camera  # too few to be choosy
-    limit = _BLURRED * float(np.median([view.blur_px for view in views]))
-    kept = tuple(view for view in camera.shared if view.blur_px <= limit)
-    alone = tuple(view for view in camera.alone if view.blur_px <= limit)
-    return replace(camera, shared=kept, alone=alone)
+    limit = _BLURRED * float(np.median([view.blur_px for view in camera.views]))
+    return camera.only(lambda view: view.blur_px <= limit)
 
 
 def _spread_frames(
@@ -199,7 +206,7 @@ def require_views(
     images: gives a few images in which a board of another size is looked for.
     """
     for camera in cameras:
-        views = (*camera.shared, *camera.alone)
+        views = camera.views
         larger = [view for view in views if view.goes_on]
         if len(larger) > 0.5 * len(views):
             other = _other_size(board, images()) if isinstance(board, Chessboard) else None
@@ -209,7 +216,7 @@ def require_views(
                 f"'{camera.name}' squares go on beyond its edge ({larger[0].source}){found}. Count all inner "
                 "corners, where four squares meet."
             )
-    without = [camera for camera in cameras if not camera.shared and not camera.alone]
+    without = [camera for camera in cameras if not camera.views]
     if not without:
         return
     tried = sum(camera.tried for camera in without)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import combinations
+from itertools import combinations, islice
 from typing import Any
 
 import cv2
@@ -145,7 +145,7 @@ def _fit_lens(
 ) -> tuple[CameraViews, _LensFit]:
     """Return one camera's lens from its own views, and the views without those that do not fit."""
     known = _known_lens(camera, settings)
-    views = (*camera.shared, *camera.alone)
+    views = camera.views
     least = 1 if known is not None else _LEAST_VIEWS
     if len(views) < least:
         raise HandtrackError(
@@ -161,7 +161,8 @@ def _fit_lens(
     good = errors <= limit
     if good.all() or good.sum() < _LEAST_VIEWS:
         return camera, fit
-    kept = _only(camera, good)
+    fitting = {id(view) for view, fine in zip(views, good, strict=True) if fine}
+    kept = camera.only(lambda view: id(view) in fitting)
     dropped = tuple(
         f"camera '{camera.name}': left out {view.source or f'frame {view.frame}'}, which misses the "
         f"board by {error:.1f} px (the others {np.median(errors[good]):.2f} px)."
@@ -171,15 +172,8 @@ def _fit_lens(
     return kept, replace(_cv2_fit(board, kept, settings), dropped=dropped)
 
 
-def _only(camera: CameraViews, good: Array) -> CameraViews:
-    count = len(camera.shared)
-    shared = tuple(view for view, fine in zip(camera.shared, good[:count]) if fine)
-    alone = tuple(view for view, fine in zip(camera.alone, good[count:]) if fine)
-    return replace(camera, shared=shared, alone=alone)
-
-
 def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -> _LensFit:
-    views = (*camera.shared, *camera.alone)
+    views = camera.views
     points = [board.points[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in views]
     flags = 0 if settings.k3 else cv2.CALIB_FIX_K3
@@ -225,7 +219,7 @@ def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensF
         )
     distortions = np.zeros(5)
     distortions[: min(5, len(known.distortions))] = known.distortions[:5]
-    views = (*camera.shared, *camera.alone)
+    views = camera.views
     poses = tuple(pose_of_view(view, board, known.matrix, distortions) for view in views)
     fit = _LensFit(np.array(known.matrix), distortions, poses, 0.0, ())
     return replace(fit, rms_px=float(np.sqrt(np.mean(_view_errors(board, camera, fit) ** 2))))
@@ -234,7 +228,7 @@ def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensF
 def _view_errors(board: Board, camera: CameraViews, fit: _LensFit) -> Floats:
     """Return the root mean square distance of each view's corners [px]."""
     found = []
-    for view, pose in zip((*camera.shared, *camera.alone), fit.poses):
+    for view, pose in zip(camera.views, fit.poses):
         turn, _ = cv2.Rodrigues(pose[:3, :3])
         pixels, _ = cv2.projectPoints(
             board.points[view.ids], turn, pose[:3, 3], fit.matrix, fit.distortions
@@ -284,13 +278,9 @@ def _assembled(
 
 
 def _per_view(cameras: Sequence[CameraViews], refined: Refined) -> tuple[tuple[Floats, ...], ...]:
-    lengths = [[len(view.ids) for view in (*camera.shared, *camera.alone)] for camera in cameras]
-    parts = np.split(refined.residuals, np.cumsum([n for own in lengths for n in own])[:-1])
-    found, at = [], 0
-    for own in lengths:
-        found.append(tuple(parts[at : at + len(own)]))
-        at += len(own)
-    return tuple(found)
+    lengths = [len(view.ids) for camera in cameras for view in camera.views]
+    parts = iter(np.split(refined.residuals, np.cumsum(lengths)[:-1]))
+    return tuple(tuple(islice(parts, len(camera.views))) for camera in cameras)
 
 
 def _rig(cameras: Sequence[CameraViews], state: RigState, T_new_world: Floats) -> CameraRig:
@@ -679,7 +669,7 @@ def camera_report(
     disagree. `coverage` is the share of the image's cells in which there is a corner. Of `lens_std`, 0 is held fixed; `skew_px` would
     fit, but is held at 0. A view that is `alone` is for the lens, not shared with other cameras.
     """
-    views = (*used.shared, *used.alone)
+    views = used.views
     pixels = np.concatenate([view.pixels for view in views])
     cell = np.floor(pixels / np.array(camera.size) * _GRID).astype(int)
     covered = {tuple(c) for c in cell if (c >= 0).all() and (c < _GRID).all()}
@@ -687,7 +677,7 @@ def camera_report(
     return {
         "name": camera.name,
         "images": given.tried,
-        "found": len(given.shared) + len(given.alone),
+        "found": len(given.views),
         "used": len(views),
         "rms_px": _rms(np.concatenate(left)),
         "rms_alone_px": rms_alone_px,

@@ -58,7 +58,11 @@ def write_cloud(path: Path, cloud: PointCloud, world_unit_m: float = 1.0) -> Non
     path = Path(path)
     points = cloud.points / world_unit_m
     if path.suffix.lower() == ".ply":
-        write_ply(path, points, cloud.colors)
+        import trimesh  # slow to import, and most only read
+        from trimesh.exchange.ply import export_ply
+
+        colors = cloud.colors if len(points) else np.zeros((0, 3), np.uint8)  # trimesh wants them
+        path.write_bytes(export_ply(trimesh.PointCloud(points, colors)))
     elif path.suffix.lower() == ".npz":
         single = points.astype(np.float32)
         if cloud.colors is None:
@@ -172,25 +176,6 @@ def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None,
     table = _ascii(path, header, picked) if not header.order else _binary(path, header, picked)
     points = np.column_stack([table[axis] for axis in "xyz"]).astype(float)
     return points, _colors(table, names), header.count
-
-
-def write_ply(path: Path, points: Floats[N, D3], colors: Array[N, D3] | None = None) -> None:
-    """Write points and colours uint8 RGB as binary little endian, single precision."""
-    fields = [(axis, "<f4") for axis in "xyz"]
-    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
-    lines += [f"property float {axis}" for axis in "xyz"]
-    if colors is not None:
-        fields += [(name, "u1") for name in _COLOURS[0]]
-        lines += [f"property uchar {name}" for name in _COLOURS[0]]
-    table = np.empty(len(points), fields)
-    for i, axis in enumerate("xyz"):
-        table[axis] = points[:, i]
-    if colors is not None:
-        for i, name in enumerate(_COLOURS[0]):
-            table[name] = colors[:, i]
-    with Path(path).open("wb") as file:
-        file.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
-        file.write(table.tobytes())
 
 
 def spread_part(count: int, most: int) -> Array[M]:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, K
+from handtrack.arrays import D3, Floats, K, evenly_spread
 from handtrack.capture.images.openpose import Layout
 from handtrack.geometry.camera import CameraRig
+from handtrack.geometry.triangulation import triangulated
 
 _MOST = 60  # frames that are asked
-_PARALLEL = 1e-3  # least eigenvalue of Σ(1 − a aᵀ): rays some 2° apart
+_LEAST_ANGLE = 0.045  # [rad] between rays
 
 
 @dataclass(frozen=True)
@@ -66,34 +67,13 @@ def subject_length(
     chain in two cameras.
     """
     every = sorted({frame for frames in joints.values() for frame in frames})
-    chosen = (
-        [every[i] for i in np.unique(np.linspace(0, len(every) - 1, _MOST).astype(int))]
-        if every
-        else []
-    )
     lengths = []
-    for frame in chosen:
+    for frame in (every[i] for i in evenly_spread(len(every), _MOST)):
         seen = {name: frames[frame] for name, frames in joints.items() if frame in frames}
         for chain in subject.chains:
-            points = [
-                _point(rig, {n: p[layouts[n].points[joint], :2] for n, p in seen.items()})
-                for joint in chain
-            ]
-            if all(point is not None for point in points):
-                lengths.append(
-                    float(np.linalg.norm(np.diff(np.array(points), axis=0), axis=1).sum())
-                )
+            rows = {name: [layouts[name].points[joint] for joint in chain] for name in seen}
+            pixels = np.array([points[rows[name], :2] for name, points in seen.items()])
+            placed = triangulated([rig[name] for name in seen], pixels, _LEAST_ANGLE)
+            if np.isfinite(placed).all():
+                lengths.append(float(np.linalg.norm(np.diff(placed, axis=0), axis=1).sum()))
     return float(np.median(lengths)) if lengths else None
-
-
-def _point(rig: CameraRig, pixels: Mapping[str, Floats[K]]) -> Floats[D3] | None:
-    """Return where viewing rays come nearest to each other."""
-    total, right = np.zeros((3, 3)), np.zeros(3)
-    for name, pixel in pixels.items():
-        ray = rig[name].rays(pixel)
-        if np.isfinite(ray).all():
-            across = np.eye(3) - np.outer(ray, ray)
-            total, right = total + across, right + across @ rig[name].centre
-    if np.linalg.eigvalsh(total)[0] < _PARALLEL:
-        return None
-    return np.linalg.solve(total, right)

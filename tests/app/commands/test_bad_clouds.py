@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.cloud_files import write_ply
+from handtrack.capture.clouds.cloud_files import write_cloud
+from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.session.formats.tables import read_npz
 from tests.app.cloud_session import FRAMES, STEP_M, cloud_file, cloud_recording, points_of
 from tests.app.command_line import Ended, refused
@@ -80,7 +81,7 @@ def test_a_damaged_or_missing_cloud_is_a_lost_frame(handtrack, clouds):
     whole = cloud_file(clouds, 1).read_bytes()
     cloud_file(clouds, 1).write_bytes(whole[: len(whole) // 2])
     cloud_file(clouds, 3).unlink()
-    write_ply(clouds / "clouds/003.ply", np.zeros((1000, 3)))
+    write_cloud(clouds / "clouds/003.ply", PointCloud(np.zeros((1000, 3))))
     part = (clouds / "clouds/003.ply").read_bytes()
     (clouds / "clouds/003.ply").write_bytes(part[:5000])
     ended = handtrack("track", clouds)
@@ -99,7 +100,7 @@ def test_ten_million_points_take_bounded_memory(handtrack, clouds, rng):
     hand = np.tile(points_of(clouds, 1), (100, 1))
     room[:: count // len(hand)][: len(hand)] = hand
     cloud_file(clouds, 1).unlink()
-    write_ply(clouds / "clouds/001.ply", room)
+    write_cloud(clouds / "clouds/001.ply", PointCloud(room))
     del room, hand
     tracemalloc.start()
     try:

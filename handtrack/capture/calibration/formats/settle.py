@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, C, Floats
+from handtrack.arrays import C, Floats
 from handtrack.capture.calibration.formats.given_rig import (
     GivenCamera,
     GivenRig,
@@ -23,6 +23,7 @@ from handtrack.capture.joints.subject import HAND, Subject
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.source_lens import FISHEYE_COUNT, PinholeView, SourceLens, pinhole_views
+from handtrack.geometry.triangulation import triangulated
 
 _WITH_JOINTS = (1.0, 0.01, 0.001)  # of which at most one fits somebody's size
 UNITS_M = {1.0: "metres", 0.001: "millimetres"}
@@ -232,11 +233,9 @@ def likely_units(rig: CameraRig, size_m: float) -> list[float]:
 
     size_m: of what is tracked.
     """
-    centres = np.array([camera.centre for camera in rig])
-    apart = [float(np.linalg.norm(a - b)) for a, b in combinations(centres, 2)]
+    apart, depths = _spacing(rig)
     if not apart or max(apart) == 0:
         return [1.0]
-    depths = _depths(centres, np.array([camera.rotation[2] for camera in rig]))
     if depths is None:
         low, high = (share * size_m for share in _SIDE_BY_SIDE)
         return [unit for unit in UNITS_M if low <= max(apart) * unit <= high]
@@ -247,9 +246,7 @@ def likely_units(rig: CameraRig, size_m: float) -> list[float]:
 
 def rig_in_words(rig: CameraRig) -> str:
     """Return how far cameras stand apart, and what they look at, in file units."""
-    centres = np.array([camera.centre for camera in rig])
-    apart = [float(np.linalg.norm(a - b)) for a, b in combinations(centres, 2)]
-    depths = _depths(centres, np.array([camera.rotation[2] for camera in rig]))
+    apart, depths = _spacing(rig)
     words = _range(apart, "apart")
     return (
         words
@@ -263,15 +260,13 @@ def _range(values: Sequence[float], word: str) -> str:
     return f"{low:.3g} {word}" if high < 1.01 * low else f"{low:.3g} to {high:.3g} {word}"
 
 
-def _depths(centres: Floats[C, D3], axes: Floats[C, D3]) -> Floats[C] | None:
-    """Return how far before each camera all axes come nearest; None where they meet nowhere in front."""
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    total = across.sum(axis=0)
-    if np.linalg.eigvalsh(total)[0] < _PARALLEL * len(axes):
-        return None
-    point = np.linalg.solve(total, np.einsum("cij,cj->i", across, centres))
-    depths = np.einsum("cj,cj->c", axes, point - centres)
-    return depths if (depths > 0).all() else None
+def _spacing(rig: CameraRig) -> tuple[list[float], Floats[C] | None]:
+    """Return how far cameras stand apart, and how far before each camera all axes come nearest; None where they meet nowhere in front."""
+    apart = [float(np.linalg.norm(a.centre - b.centre)) for a, b in combinations(rig, 2)]
+    middles = np.array([[camera.matrix[:2, 2]] for camera in rig])
+    (point,) = triangulated(tuple(rig), middles, float(np.arccos(1 - _PARALLEL * len(middles))))
+    depths = np.array([camera.to_camera(point)[2] for camera in rig])
+    return apart, depths if (depths > 0).all() else None
 
 
 def read_cameras(
