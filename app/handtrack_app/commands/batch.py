@@ -19,6 +19,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
+from functools import partial
 from hashlib import blake2b
 from html import escape
 from importlib import import_module
@@ -225,10 +226,10 @@ _LONGEST = 20
 
 
 def track_one(
-    recording: Recording,
     words: Sequence[str],
     out: Path,
     threads: int,
+    recording: Recording,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Return how `handtrack track FOLDER …` ended; its outcome and its log are files in the output folder.
@@ -308,20 +309,13 @@ _RETRIES = 2
 """of a recording whose dask worker was lost"""
 
 
-@dataclass(frozen=True)
-class Work:
-    """What every recording of a batch is tracked with."""
-
-    words: Sequence[str]
-    """options of `handtrack track`"""
-    out: Path
-    threads: int
-    """of each process"""
+Track = Callable[[Recording, Callable[[], bool]], Outcome]
+"""tracks a recording, until it is to stop"""
 
 
 def on_this_machine(
     todo: Sequence[Recording],
-    work: Work,
+    track_it: Track,
     jobs: int,
     should_stop: Callable[[], bool],
     tell: Callable[[Outcome], None],
@@ -339,7 +333,7 @@ def on_this_machine(
         if stopped():
             return None
         tell(Outcome(recording.name, str(recording.folder), recording.digest, STARTED))
-        return track_one(recording, work.words, work.out, work.threads, stopped)
+        return track_it(recording, stopped)
 
     with ThreadPoolExecutor(jobs, "batch") as pool:
         waiting: set[Future[Outcome | None]] = {pool.submit(track, one) for one in todo}
@@ -352,7 +346,7 @@ def on_this_machine(
 
 
 def on_dask(
-    address: str, todo: Sequence[Recording], work: Work, should_stop: Callable[[], bool]
+    address: str, todo: Sequence[Recording], track_it: Track, should_stop: Callable[[], bool]
 ) -> Iterator[Outcome]:
     """Yield outcomes as they come from a dask cluster, whose workers see the same folders and have handtrack installed.
 
@@ -364,7 +358,7 @@ def on_dask(
     stop = _Asked(f"handtrack-stop-{uuid4()}")
     try:
         left = {
-            client.submit(_tracked, one, work, stop, key=f"{one.name}-{one.digest}", pure=False, retries=_RETRIES): one
+            client.submit(_tracked, one, track_it, stop, key=f"{one.name}-{one.digest}", pure=False, retries=_RETRIES): one
             for one in todo
         }  # fmt: skip
         asked = False
@@ -380,11 +374,11 @@ def on_dask(
         client.close()
 
 
-def _tracked(one: Recording, work: Work, should_stop: Callable[[], bool]) -> Outcome | None:
+def _tracked(one: Recording, track_it: Track, should_stop: Callable[[], bool]) -> Outcome | None:
     """Return how a recording's tracking ended, of which a worker has its turn; None where nothing is to be begun any more."""
     if should_stop():
         return None
-    return track_one(one, work.words, work.out, work.threads, should_stop)
+    return track_it(one, should_stop)
 
 
 @dataclass(frozen=True)
@@ -569,12 +563,12 @@ def run(args: argparse.Namespace) -> int:
         say(
             f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version."
         )
-    work = Work(words, out, threads_each(args.jobs))
+    track_it = partial(track_one, words, out, threads_each(args.jobs))
     with stoppable() as stop:
         came = (
-            on_this_machine(todo, work, args.jobs, stop, lambda begun: append(ledger, begun))
+            on_this_machine(todo, track_it, args.jobs, stop, lambda begun: append(ledger, begun))
             if args.dask is None
-            else on_dask(args.dask, todo, work, stop)
+            else on_dask(args.dask, todo, track_it, stop)
         )
         _collect(came, ledger, len(todo))
         stopped = stop()

@@ -24,7 +24,7 @@ from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol.calls import Call, Caller, Engine, Mailbox, command, rules_of
-from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Shown, Snapshot
+from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Snapshot
 from handtrack_app.rerun.recorder import LiveRecorder
 
 
@@ -228,7 +228,7 @@ class Worker:
     def _set_shown(self) -> None:
         if not self._shown.is_set():
             self._shown.set()
-            self._publish(Shown(self._failure))
+            self._publish(Opened(self._failure, is_whole=False))
 
     def _begin(self, document: Document | Exception) -> None:
         """Show the session and serve what was asked for meanwhile."""
@@ -250,7 +250,7 @@ class Worker:
         finally:
             self._set_shown()
             self._opened.set()
-            self._publish(Opened(self._failure))
+            self._publish(Opened(self._failure, is_whole=True))
         for call in self._later:
             self._guarded(partial(session.serve, call))
         self._later, self._preview = [], None

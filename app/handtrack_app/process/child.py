@@ -16,7 +16,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -256,13 +256,13 @@ def serve(pipe: Connection, log: Path) -> None:
 def _serve(pipe: Connection) -> None:
     from handtrack_app.engine.worker import RULES, Worker  # seconds, if all is compiled
     from handtrack_app.protocol.calls import Call, portable
-    from handtrack_app.protocol.snapshots import Opened, Shown
+    from handtrack_app.protocol.snapshots import Opened
 
     sending, asked, waits = threading.Lock(), threading.Event(), [_ALONE_S]
 
     def publish(message: object) -> None:
-        if isinstance(message, Shown | Opened):
-            message = type(message)(_portable(message.failure))
+        if isinstance(message, Opened):
+            message = replace(message, failure=_portable(message.failure))
         try:
             with sending:
                 pipe.send(message)

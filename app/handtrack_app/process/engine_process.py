@@ -19,7 +19,7 @@ from handtrack_app.log import ENGINE_LOG
 from handtrack_app.process.child import GB, Commands, Ended, EngineChild, EnginePlan, Stop
 from handtrack_app.process.outbox import Outbox, named
 from handtrack_app.protocol.calls import Call, Caller, Engine
-from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Shown, Snapshot
+from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Snapshot
 
 _TAIL = 20_000  # bytes of the log in which the last words of a crash stand, with the stacks of all threads
 _MEMORY = re.compile(
@@ -219,7 +219,7 @@ class EngineProcess:
     def _take(self, child: EngineChild, message: object, is_anew: bool) -> None:
         if isinstance(message, Commands):
             self._outbox.know(message.rules)
-        elif isinstance(message, Shown):
+        elif isinstance(message, Opened) and not message.is_whole:
             self._failure = message.failure
             self._outbox.listen(is_anew)
             self._shown.set()

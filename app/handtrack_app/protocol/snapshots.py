@@ -632,24 +632,19 @@ class WorkSnapshot:
 
 
 @dataclass(frozen=True)
-class Shown:
+class Opened:
     """There is something to be looked at, or why not."""
 
     failure: Exception | None
-
-
-@dataclass(frozen=True)
-class Opened:
-    """The session can be worked in, or why not."""
-
-    failure: Exception | None
+    is_whole: bool
+    """it can be worked in, too"""
 
 
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
     | ComparedSnapshot | CurvesSnapshot | ScoreSnapshot | LibrarySnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
-    | Shown | Opened
+    | Opened
 )  # fmt: skip
 
 

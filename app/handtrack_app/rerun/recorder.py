@@ -48,11 +48,8 @@ _FULL_SIGMAS = (
 )
 
 
-class Step(NamedTuple):
-    """A state that the solver accepted."""
-
-    params: Floats[P]
-    cost: float
+Step = tuple[Floats[P], float]
+"""parameters that the solver accepted, and their cost"""
 
 
 class _Entry(NamedTuple):
@@ -118,7 +115,7 @@ class ResidualRecorder:
 
         def note(frame: int, count: int, params: Floats, cost: float) -> None:
             if frame == self._closely:
-                self._steps.append(Step(params.copy(), cost))
+                self._steps.append((params.copy(), cost))
 
         return replace(control, on_iteration=note)
 
@@ -212,14 +209,14 @@ class ResidualRecorder:
             return
         entry, painter = self._watched
         model, result = entry.run.model, entry.result
-        for count, step in enumerate(entry.steps, start=1):
+        for count, (params, cost) in enumerate(entry.steps, start=1):
             self._stream.log(
                 IterationEntry(
                     result.frame,
                     count,
-                    step.cost,
-                    _named(model, model.joint_params(step.params)),
-                    painter.pictures(step.params),
+                    cost,
+                    _named(model, model.joint_params(params)),
+                    painter.pictures(params),
                 )
             )
 

@@ -9,6 +9,7 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -172,7 +173,7 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
             pass
 
     monkeypatch.setattr(batch, "_client", lambda _address: Cluster())
-    came = batch.on_dask("tcp://x:1", [lost, other], batch.Work((), tmp_path, 1), lambda: False)
+    came = batch.on_dask("tcp://x:1", [lost, other], partial(batch.track_one, (), tmp_path, 1), lambda: False)
     by_name = {found.recording: found for found in came}
     assert by_name["done"] == outcome
     assert (by_name["lost"].state, by_name["lost"].cause) == (FAILED, "dask: 3 workers died over it")  # fmt: skip
@@ -181,5 +182,5 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
 def test_what_is_stopped_before_it_listens_was_interrupted_and_did_not_fail(tmp_path, quick):
     """A child that is told to stop while Python still starts ends by the signal."""
     early = Recording("early", tmp_path, "5f0c")
-    ended = batch.track_one(early, (), tmp_path, 1, should_stop=lambda: True)
+    ended = batch.track_one((), tmp_path, 1, early, should_stop=lambda: True)
     assert (ended.state, ended.exit_code) == (INTERRUPTED, 130)

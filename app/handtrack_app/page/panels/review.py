@@ -253,14 +253,8 @@ def undoubted(strip: TimelineSnapshot | None) -> list[tuple[int, int]]:
 # export
 
 
-@dataclass(frozen=True)
-class Step:
-    """What is to be done next."""
-
-    words: str
-    """plain; empty where the button says it all"""
-    label: str
-    act: Callable[[viser.ClientHandle | None], None]
+Step = tuple[str, str, Callable[[viser.ClientHandle | None], None]]
+"""words (plain; empty where the button says it all), the button's label, and what it does"""
 
 
 @dataclass
@@ -281,7 +275,7 @@ class NextStep:
 
     def _press(self, event: UserEvent) -> None:
         if self.step is not None:
-            self.step.act(event.client)
+            self.step[2](event.client)
 
     def show(self) -> None:
         """Offer the step that the recording's state calls for; none while something runs."""
@@ -291,12 +285,13 @@ class NextStep:
         if strip is not None and session is not None and idle and not session.live:
             self.step = step = self._of(strip, bool(session.seen))
         if step is not None:
-            kind = "" if step.words else "handtrack-aside"
+            words, label, _ = step
+            kind = "" if words else "handtrack-aside"
             put(
                 self.words,
-                content=f"<div class='handtrack-next {kind}'>{html.escape(step.words)}</div>",
+                content=f"<div class='handtrack-next {kind}'>{html.escape(words)}</div>",
             )
-            put(self.button, label=step.label)
+            put(self.button, label=label)
         put(self.words, visible=step is not None)
         put(self.button, visible=step is not None)
 
@@ -304,37 +299,39 @@ class NextStep:
         say, tracked = self.page.words.of, np.flatnonzero(strip.status >= 0)
         if strip.hidden:
             take = max(span.take for span in strip.hidden)
-            return Step(
-                hidden_words(strip.hidden), "Show them", lambda _: self.page.engine.show_take(take)
+            return (
+                hidden_words(strip.hidden),
+                "Show them",
+                lambda _: self.page.engine.show_take(take),
             )
         if not has_views:
             return None
         if not strip.is_posed:
             if not self.guesses.possible:
-                return Step(
+                return (
                     say("No pose yet. Drag the {kind} onto its picture."),
                     "Look through a camera",
                     self._look,
                 )
             words = say("No pose yet. Detect the {kind}, or drag it onto its picture.")
-            return Step(words, say("Detect {kind}"), lambda _: self.guesses.search(anywhere=True))
+            return (words, say("Detect {kind}"), lambda _: self.guesses.search(anywhere=True))
         if len(tracked) < 2:
             words = say("The {kind} has a pose. Tracking carries it through all frames.")
-            return Step(words, "Track all", lambda _: self.tracking.start("all"))
+            return (words, "Track all", lambda _: self.tracking.start("all"))
         last, stop = strip.start + int(tracked[-1]), strip.start + len(strip.status)
         if last + 1 < stop:
-            return Step(
+            return (
                 "",
                 f"Continue from frame {last + 1}",
                 lambda _: self.tracking.begin(Order(last, stop, last)),
             )
         count = len(self.review.stretches)
         if count and self.review.at is None:
-            return Step("", f"Review {count} interval{'' if count == 1 else 's'}", self._review)
+            return ("", f"Review {count} interval{'' if count == 1 else 's'}", self._review)
         return (
             None
             if count
-            else Step("", "Export …", lambda client: self.page.open_tab(client, "More", "Export"))
+            else ("", "Export …", lambda client: self.page.open_tab(client, "More", "Export"))
         )
 
     def _review(self, client: viser.ClientHandle | None) -> None:
