@@ -86,13 +86,10 @@ class Help:
 
     def show(self, client: viser.ClientHandle) -> None:
         """Show all keys."""
-        modal = self.page.dialog(client, "Keys and gestures")
-        with modal:
+        with self.page.dialog(client, "Keys and gestures"):
             search = client.gui.add_text("Search", "")
             found = client.gui.add_html(self.table())
-            close = client.gui.add_button("Close")
         search.on_update(lambda event: put(found, content=self.table(str(event.target.value))))
-        close.on_click(lambda _: self.page.close_dialog(client))
 
     def table(self, wanted: str = "") -> str:
         """Return gestures and keys, or those of them that hold some words."""

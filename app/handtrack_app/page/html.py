@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Iterable
 
 
 def text(words: str, faint: bool = True, kind: str = "") -> str:
@@ -32,6 +33,6 @@ def table(rows: str, kind: str = "") -> str:
     return f"<table class='handtrack-table {kind}'>{rows}</table>"
 
 
-def rgb(colour: tuple[int, int, int]) -> str:
+def rgb(colour: Iterable[float]) -> str:
     """Return a colour as CSS has it."""
-    return f"rgb{tuple(int(part) for part in colour)}"
+    return f"rgb{tuple(map(int, colour))}"

@@ -14,17 +14,16 @@ import viser
 from handtrack_app.page.help import Help, add_work_keys
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
-from handtrack_app.page.panels.copying import CopyPanel, Library
+from handtrack_app.page.panels.copying import Library
 from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.masks import MaskPanel
 from handtrack_app.page.panels.plots import PlotsPanel
-from handtrack_app.page.panels.pose import GuessesPanel, NudgePanel, PosePanel, certainty_table
+from handtrack_app.page.panels.pose import PosePanel, certainty_table
 from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.panels.review import NextStep, ReviewPanel
 from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, SettingsPanel
 from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel
 from handtrack_app.page.panels.view import WIDTH, Room, SessionPanel, ZoomKeys, colours, head
-from handtrack_app.page.pins.pin_panel import PinPanel
 from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import dress
@@ -94,14 +93,11 @@ class PageLayout:
         self.live = LivePanel(page, track)
         self.takes = TakesPanel(page, track)
         refits = RefitSwitch(page)
-        self.guesses = GuessesPanel(page)
-        stage.take_guess = self.guesses.take
-        nudges = NudgePanel(page, stage.hand_middle, stage.looking.view_axes)
         GrabKeys(page, lambda: stage.root)
-        pins = PinPanel(page, stage.grips)
-        copies = CopyPanel(page, stage.looking.view_axes)
         joints = posing.add_tab("Joints")
-        self.pose = PosePanel(page, card, joints, nudges, self.guesses, pins, copies)
+        self.pose = PosePanel(page, card, joints, stage)
+        self.guesses = self.pose.guesses
+        stage.take_guess = self.guesses.take
         self.library = Library(page, self.pose.take)
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
         self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits)
@@ -151,7 +147,10 @@ class PageLayout:
             self.plots,
         ):
             panel.fit(session)
-        self.head.content = head(session, self.progress, self.saved)
+        self._show_head()
+
+    def _show_head(self) -> None:
+        put(self.head, content=head(self.snapshot, self.progress, self.saved))
 
     def show_pose(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
@@ -188,14 +187,14 @@ class PageLayout:
         self.tracking.show(progress)
         self.guesses.show_progress(progress)
         self.next.show()
-        put(self.head, content=head(self.snapshot, progress, self.saved))
+        self._show_head()
 
     def show_work(self, work: WorkSnapshot) -> None:
         """Show the takes, and whether all that was done is saved."""
         self.takes.show(work)
         self.pose.show_work(work)
         self.saved = work.saved
-        put(self.head, content=head(self.snapshot, self.progress, self.saved))
+        self._show_head()
 
     def show_notice(self, notice: Notice) -> None:
         """Keep the reason of a session that cannot be opened on the page, also for those who come later."""

@@ -7,7 +7,8 @@ import json
 import logging
 import math
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
@@ -270,11 +271,15 @@ class Page:
         for show in self._shows.get(type(snapshot), ()):
             show(snapshot)
 
-    def dialog(self, client: viser.ClientHandle, title: str) -> GuiModalHandle:
-        """Open a dialog of one page, in the place of another. Whoever opens it adds a button that closes it."""
+    @contextmanager
+    def dialog(self, client: viser.ClientHandle, title: str) -> Iterator[None]:
+        """Open a dialog of one page, in the place of another, to be filled; it ends with a button that closes it."""
         self.close_dialog(client)
         self._dialogs[client.client_id] = opened = client.gui.add_modal(title)
-        return opened
+        with opened:
+            yield
+            close = client.gui.add_button("Close", color="gray")
+        close.on_click(lambda _: self.close_dialog(client))
 
     def close_dialog(self, client: viser.ClientHandle) -> None:
         """Close a page's dialog, if there is one."""

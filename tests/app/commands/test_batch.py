@@ -173,7 +173,9 @@ def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_
             pass
 
     monkeypatch.setattr(batch, "_client", lambda _address: Cluster())
-    came = batch.on_dask("tcp://x:1", [lost, other], partial(batch.track_one, (), tmp_path, 1), lambda: False)
+    came = batch.on_dask(
+        "tcp://x:1", [lost, other], partial(batch.track_one, (), tmp_path, 1), lambda: False
+    )
     by_name = {found.recording: found for found in came}
     assert by_name["done"] == outcome
     assert (by_name["lost"].state, by_name["lost"].cause) == (FAILED, "dask: 3 workers died over it")  # fmt: skip

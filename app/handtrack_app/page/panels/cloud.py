@@ -13,7 +13,7 @@ import viser
 from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
-from handtrack_app.page.html import escaped
+from handtrack_app.page.html import chip, escaped, rgb
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.settings import Box, BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
@@ -253,12 +253,7 @@ def _lost(count: FilterReport) -> str:
 def _row(
     word: str, text: str, colour: tuple[int, int, int] | None, after: int, most: int, lost: str
 ) -> str:
-    dot = ""
-    if colour is not None:
-        dot = (
-            f"<span style='display:inline-block;width:.7em;height:.7em;border-radius:2px;margin-right:.4em;"
-            f"background:rgb{colour}'></span>"
-        )
+    dot = "" if colour is None else chip(rgb(colour))
     share = 100 * after / most
     return (
         f"<tr title='{html.escape(text)}'><td style='white-space:nowrap;padding-right:.5em'>{dot}{html.escape(word)}</td>"
@@ -276,7 +271,7 @@ def _grouped(count: int) -> str:
 def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
     """Return what the colours of distances mean [mm], and how far the points are in the middle."""
     steps = np.linspace(-RESIDUAL_MM, RESIDUAL_MM, 9)
-    stops = ",".join(f"rgb{tuple(int(v) for v in c)}" for c in residual_colours(steps))
+    stops = ",".join(map(rgb, residual_colours(steps)))
     said = ""
     if cloud is not None and np.isfinite(cloud.residual_mm).any():
         off = np.abs(cloud.residual_mm[np.isfinite(cloud.residual_mm)])

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -20,6 +20,7 @@ from handtrack.files.user_folder import user_data_folder
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import group_of
+from handtrack_app.page.scene.looking import Looking
 from handtrack_app.protocol.snapshots import (
     LibrarySnapshot,
     PoseName,
@@ -44,17 +45,13 @@ class CopyPanel:
     """Handles of the rows."""
 
     page: Page
-    axes: Callable[[viser.ClientHandle | None], Floats[D3, D3] | None]
-    """the axes of a page's view, view (x right, y down, z ahead) → world"""
+    looking: Looking
     group: str = ""
     """whose sliders are open"""
     session: SessionSnapshot | None = None
     pose: PoseSnapshot | None = None
-    whole: viser.GuiButtonGroupHandle = field(init=False)
-    part: viser.GuiButtonGroupHandle = field(init=False)
-    line: viser.GuiHtmlHandle = field(init=False)
 
-    def build(self) -> None:
+    def __post_init__(self) -> None:
         """Add the rows where the page builds now, and the keys."""
         gui, page = self.page.gui, self.page
         with gui.add_folder("Copy, paste, mirror", expand_by_default=False):
@@ -116,7 +113,7 @@ class CopyPanel:
 
     def mirror(self, client: viser.ClientHandle | None) -> None:
         """Let left and right of the pose change places, as a page sees them."""
-        state, pose, axes = self.page.state, self.pose, self.axes(client)
+        state, pose, axes = self.page.state, self.pose, self.looking.view_axes(client)
         if axes is None or pose is None or not state.values:
             return
         values = np.array(state.values)
@@ -264,14 +261,13 @@ class Library:
         rows: list[str | PoseName] = []
         for group in dict.fromkeys(pose.group for pose in library.poses):
             rows += [group, *(pose for pose in library.poses if pose.group == group)]
-        modal = self.page.dialog(client, "Choose a pose")
 
         def choose(name: str) -> None:
             self.page.close_dialog(client)
             if self.page.state.editor in (None, client.client_id):
                 self.take(name)
 
-        with modal:
+        with self.page.dialog(client, "Choose a pose"):
             style = "".join(
                 _PICTURE.format(place=place, svg=quote(row.picture))
                 for place, row in enumerate(rows, start=2)  # this text is the window's first part
@@ -286,5 +282,3 @@ class Library:
                     button.on_click(lambda _, name=row.name: choose(name))
                 else:
                     client.gui.add_html(_GROUP.format(html.escape(row)))
-            close = client.gui.add_button("Close", color="gray")
-        close.on_click(lambda _: self.page.close_dialog(client))

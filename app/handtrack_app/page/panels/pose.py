@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -14,11 +14,13 @@ import viser
 
 from handtrack.arrays import D3, D6, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
+from handtrack_app.page.html import chip, rgb, row
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.copying import CopyPanel
 from handtrack_app.page.panels.pose_words import group_of, groups_of, label_of, length_unit, unit_of
 from handtrack_app.page.pins.grips import moved_root
 from handtrack_app.page.pins.pin_panel import PinPanel
+from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.palette import (
     ASIDE,
     FINGER_COLOURS,
@@ -60,10 +62,7 @@ class PosePanel:
     card: viser.GuiHtmlHandle
     """stands where it is seen whatever tab is open"""
     tab: viser.GuiTabHandle
-    nudges: NudgePanel
-    guesses: GuessesPanel
-    pins: PinPanel
-    copies: CopyPanel
+    stage: Stage
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     """by group; one is shown, so that all its sliders are on the screen"""
@@ -110,10 +109,10 @@ class PosePanel:
                 "Save as first-frame pose", page.engine.save_pose, "device-floppy",
                 "Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
-            self.guesses.build()
-            self.pins.build()
-            self.copies.build()
-            self.nudges.build()
+            self.guesses = GuessesPanel(page)
+            self.pins = PinPanel(page, self.stage.grips)
+            self.copies = CopyPanel(page, self.stage.looking)
+            self.nudges = NudgePanel(page, self.stage)
         page.key("Fit frame", "F", lambda _: self._fit())
         page.on(pictures, lambda event: self._ask(event.client))
         page.key("Poses in pictures", "L", self._ask, "alt")
@@ -333,10 +332,7 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
         facts.append(("energy", f"{pose.energy:.1f}"))
     if score is not None:
         facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
-    rows = "".join(
-        f"<div class='handtrack-row'><span class='handtrack-faint'>{html.escape(k)}</span><b>{html.escape(v)}</b></div>"
-        for k, v in facts
-    )
+    rows = "".join(row(name, value) for name, value in facts)
     if pose.origin == BEFORE:
         rows += _BEFORE_WORDS
     if pose.accepted:
@@ -390,11 +386,7 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
 
 def _dot(group: str) -> str:
     colours = FINGER_COLOURS | LIMB_COLOURS
-    red, green, blue = colours.get(group.lower(), colours["palm"])
-    return (
-        f"<span style='display:inline-block;width:.7em;height:.7em;border-radius:50%;margin-right:.4em;"
-        f"background:rgb({red},{green},{blue})'></span>"
-    )
+    return chip(rgb(colours.get(group.lower(), colours["palm"])))
 
 
 def _cell(name: str, std: float) -> str:
@@ -409,11 +401,11 @@ def _cell(name: str, std: float) -> str:
     )
     share = 1.0 if not math.isfinite(std) else min(shown / 20.0, 1.0)
     low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
-    red, green, blue = (low + share * (high - low)).astype(int)
+    ground = rgb(low + share * (high - low))
     ink = "#111" if share > 0.3 else "#fff"
     title = html.escape(f"{name}: ± {text}")
     return (
-        f"<td title='{title}' style='background:rgb({red},{green},{blue});color:{ink};border-radius:3px;"
+        f"<td title='{title}' style='background:{ground};color:{ink};border-radius:3px;"
         f"text-align:center;padding:.1em .2em'>{text}</td>"
     )
 
@@ -435,13 +427,12 @@ class GuessesPanel:
 
     page: Page
     guesses: GuessesSnapshot | None = None
-    folder: viser.GuiFolderHandle | None = None
     possible: bool = True
     """there is something to look at"""
     helps: bool = False
     """a hand detector would"""
 
-    def build(self) -> None:
+    def __post_init__(self) -> None:
         """Add the widgets where the page builds now."""
         gui, page = self.page.gui, self.page
         self.find = page.buttons(
@@ -482,8 +473,6 @@ class GuessesPanel:
     def show(self, guesses: GuessesSnapshot) -> None:
         """Show the list of a frame; take the surest of what was just found."""
         self.guesses = guesses
-        if self.folder is None:
-            return
         ranks = tuple(str(rank + 1) for rank in range(len(guesses.guesses)))
         if ranks and self.takes.options != ranks:
             self.takes.options = ranks
@@ -494,8 +483,6 @@ class GuessesPanel:
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show whether something can be cancelled, and nothing that cannot be pressed."""
-        if self.folder is None:
-            return
         busy = progress.state in ("tracking", "paused", "preparing")
         searching = busy and progress.state == "preparing" and progress.job == "finding"
         put(self.cancel, visible=searching)
@@ -605,10 +592,7 @@ class NudgePanel:
     """Handles of the nudges."""
 
     page: Page
-    pivot: Callable[[], Floats[D3] | None]
-    """the hand's middle world [m]"""
-    axes: Callable[[viser.ClientHandle | None], Floats[D3, D3] | None]
-    """the axes of a page's view, view (x right, y down, z ahead) → world"""
+    stage: Stage
     steps: dict[str, tuple[float, float]] = field(default_factory=lambda: _steps("mm", 1e-3))
     """by their words [m, °]"""
 
@@ -620,7 +604,7 @@ class NudgePanel:
             self.step.options = tuple(steps)
             self.step.value = tuple(steps)[_USUAL]
 
-    def build(self) -> None:
+    def __post_init__(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
         gui, page = self.page.gui, self.page
         with gui.add_folder("Nudge as you see it", expand_by_default=False):
@@ -637,8 +621,8 @@ class NudgePanel:
 
     def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
         """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
-        state, pivot = self.page.state, self.pivot()
-        nudge, view = NUDGES.get(name or ""), self.axes(client)
+        state, pivot = self.page.state, self.stage.hand_middle()
+        nudge, view = NUDGES.get(name or ""), self.stage.looking.view_axes(client)
         if nudge is None or view is None or pivot is None or len(state.values) < 6:
             return
         step_m, step_deg = self.steps.get(str(self.step.value), tuple(self.steps.values())[_USUAL])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import viser
 
@@ -26,14 +26,14 @@ class PinPanel:
 
     page: Page
     grips: Grips
-    pins: tuple[PinCard, ...] = field(default=())
+    pins: tuple[PinCard, ...] = ()
     near_m: float = 0.0
     """a pin that is missed by more is not at its joint any more"""
     _before: tuple[int, float] | None = None
     """a frame, and the cost of its pose before the pins"""
 
-    def build(self) -> None:
-        """Add the folder where it stands."""
+    def __post_init__(self) -> None:
+        """Add the folder where the page builds now."""
         gui, page = self.page.gui, self.page
         with gui.add_folder("Pins"):
             self.held = gui.add_dropdown(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import Array, Floats, Ints, N
+from handtrack_app.page.html import chip
 from handtrack_app.page.panels.pose import status_of
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
 from handtrack_app.protocol.snapshots import (
@@ -311,7 +312,7 @@ def _term_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
         for part in curve(row, strip.start, window, height, max(top, 1e-12), colours[word])
     ]
     label = "".join(
-        f"<span style='height:{_TERM}px;white-space:nowrap'>{_chip(colours[word])}{word}</span>"
+        f"<span style='height:{_TERM}px;white-space:nowrap'>{chip(colours[word])}{word}</span>"
         for word in terms
     )
     values = [_value_of(strip, row, _number) for row in terms.values()]
@@ -493,15 +494,8 @@ def _diamond(x: float, found: bool) -> str:
 def _legends(strip: TimelineSnapshot) -> str:
     marks = [STATUS[code] for code in (0, 1, 2, 3, 4) if _has(strip, code)]
     return "".join(
-        f"<span style='margin-left:.9em'>{_chip(colour)}{word}</span>"
+        f"<span style='margin-left:.9em'>{chip(colour)}{word}</span>"
         for word, colour in [*marks, *([FOUND] if strip.found else [])]
-    )
-
-
-def _chip(colour: str) -> str:
-    return (
-        "<span style='display:inline-block;width:.8em;height:.8em;margin-right:.3em;border-radius:2px;"
-        f"background:{colour}'></span>"
     )
 
 
