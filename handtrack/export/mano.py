@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, D16, D21, Array, Axes, F, Floats, Ints, K, N, V
+from handtrack.arrays import D3, D16, D21, Array, Axes, F, Floats, Ints, K, N, V, evenly_spread
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
@@ -136,31 +136,26 @@ class ManoModel:
         return np.stack([points[name] for name in keypoint_names()], axis=1)
 
 
-def fit_mano(
-    model: ManoModel, table: ResultsTable, progress: Callable[[], None] = lambda: None
-) -> dict[str, Array[*Axes]]:
+def fit_mano(model: ManoModel, table: ResultsTable) -> dict[str, Array[*Axes]]:
     """Return MANO's shape and poses that are nearest to a hand's keypoints, the shape also to its surface.
 
     By MANO's names, without a mean pose (`flat_hand_mean=True`) [rad, m]: `betas`, `global_orient`, `hand_pose` (F, 45), `transl`;
     and `keypoint_error_m` (F,), how far its keypoints are from ours on average.
 
     Each frame is a small least-squares problem of 51 numbers, from the frame before. The shape is found from up to twelve
-    frames, by keypoints and by how far MANO's skin is from the tracked surface there, in turns with their poses. progress:
-    called after each frame. Lost frames are fitted to the estimate that they hold. Raises HandtrackError for what is no hand.
+    frames, by keypoints and by how far MANO's skin is from the tracked surface there, in turns with their poses.  Lost frames are fitted to the estimate that they hold. Raises HandtrackError for what is no hand.
     """
     track = table.track
     if track.keypoints21 is None:
         raise HandtrackError(f"{table.source}: the model '{track.model}' is no hand; MANO is.")
     wanted = np.asarray(track.keypoints21)
     betas = np.zeros(min(10, model.shape_directions.shape[2]))
-    chosen = np.unique(
-        np.linspace(0, len(wanted) - 1, min(_SHAPE_FRAMES, len(wanted))).round().astype(int)
-    )
+    chosen = np.array(evenly_spread(len(wanted), _SHAPE_FRAMES))
     surface = MetaballSurface.of(table.model)
     for _ in range(_SHAPE_ROUNDS):
-        poses = _poses(model, betas, wanted[chosen], lambda: None)
+        poses = _poses(model, betas, wanted[chosen])
         betas = _shape(model, betas, poses, wanted[chosen], surface, table, chosen)
-    pose, place = _poses(model, betas, wanted, progress)
+    pose, place = _poses(model, betas, wanted)
     error = np.linalg.norm(model.keypoints21(betas, pose, place) - wanted, axis=2).mean(axis=1)
     return {
         "betas": betas,
@@ -204,7 +199,7 @@ def write_init(path: Path, keypoints21: Floats[D21, D3], frame: int = 0) -> None
 
 
 def _poses(
-    model: ManoModel, betas: Floats[K], wanted: Floats[F, D21, D3], progress: Callable[[], None]
+    model: ManoModel, betas: Floats[K], wanted: Floats[F, D21, D3]
 ) -> tuple[Floats[F, D16, D3], Floats[F, D3]]:
     poses, places = [], []
     state = np.zeros(3 * JOINTS + 3)
@@ -217,7 +212,6 @@ def _poses(
         state = _fitted(model, betas, state, points)
         poses.append(state[:-3].reshape(JOINTS, 3))
         places.append(state[-3:])
-        progress()
     return np.array(poses), np.array(places)
 
 

@@ -86,12 +86,11 @@ class TrackingRun:
         first: FirstPose | None = None,
         should_stop: Callable[[], bool] | None = None,
         use_init: bool = True,
-        tell: Tell | None = None,
     ) -> TrackingRun:
         """Return the run that session.toml describes, with dotted settings replaced.
 
         use_init: whether init.json is the first pose where none is given. A hand scale of "fit" is fitted to the first
-        pose's keypoints, then to the silhouettes of the frames after it (`fit_size`, which tells how far it is), unless
+        pose's keypoints, then to the silhouettes of the frames after it (`fit_size`), unless
         that is put off; a forearm is modelled where silhouettes show one beyond the wrist, as far as they do. Raises HandtrackError.
         """
         settings = session.settings.with_values(overrides or {})
@@ -105,7 +104,7 @@ class TrackingRun:
         known = session.known_person and _of_this_recording(session, settings, session.known_person)
         run = cls(session, first, settings, scale, arm_m > 0, model, arm_m or np.inf, known)
         if run.sizes_first and settings.model.fit_size == "true" and first is not None:
-            return run.fit_size(should_stop, tell=tell)
+            return run.fit_size(should_stop)
         return run
 
     @property

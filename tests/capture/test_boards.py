@@ -9,10 +9,20 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.capture.calibration.board_detection import BoardView, find_board
-from handtrack.capture.calibration.board_printing import draw_board, page_size_mm, write_board
-from handtrack.capture.calibration.board_views import CameraViews, search_views
-from handtrack.capture.calibration.boards import CharucoBoard, Chessboard, parse_board
+from handtrack.capture.calibration.board_views import (
+    BoardView,
+    CameraViews,
+    find_board,
+    search_views,
+)
+from handtrack.capture.calibration.boards import (
+    CharucoBoard,
+    Chessboard,
+    draw_board,
+    page_size_mm,
+    parse_board,
+    write_board,
+)
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,
     Corners,

@@ -9,7 +9,7 @@ from handtrack.capture.clouds.disparity import (
     StereoSettings,
     consistent,
     correlate,
-    disparity,
+    matches,
     without_speckles,
 )
 from handtrack.capture.clouds.rectification import rectified
@@ -19,6 +19,11 @@ from handtrack.geometry.rotation import rotation_matrix
 
 METHODS = ("sgbm", "correlation")
 PLANE_M = 0.5
+
+
+def cloud_of(matcher, *taken):
+    """Return the points that a pair of images, and masks, give."""
+    return matcher.triangulate(matcher.match(*taken))
 
 
 def camera(name, centre=(0, 0, 0), turn=(0, 0, 0), distortions=(0, 0, 0, 0, 0)) -> Camera:
@@ -89,7 +94,7 @@ def test_a_plane_is_found_where_it_is(arrangement, method, texture):
 def test_cameras_that_stand_close_together_measure_what_is_right_before_them(texture):
     first, second = camera("a"), camera("b", (0.012, 0, 0))
     images = picture(first, texture, 0.15), picture(second, texture, 0.15)
-    cloud = StereoMatcher(first, second).cloud(*images)
+    cloud = cloud_of(StereoMatcher(first, second), *images)
     assert len(cloud) > 0.45 * 240 * 180
     assert np.median(np.abs(cloud.points[:, 2] - 0.15)) < 0.002
 
@@ -111,13 +116,13 @@ def test_only_masked_pixels_are_matched(texture):
     mask, other = np.zeros((2, 180, 240), np.uint8)
     mask[40:140, 60:180] = 255
     other[:, :] = 255
-    cloud = StereoMatcher(first, second).cloud(*images, mask, other)
+    cloud = cloud_of(StereoMatcher(first, second), *images, mask, other)
     pixels = first.project(cloud.points)
     assert len(cloud) > 0.9 * 100 * 120
     assert (pixels > (59, 39)).all()
     assert (pixels < (180, 140)).all()
-    assert len(StereoMatcher(first, second).cloud(*images, mask, 0 * other)) == 0
-    assert len(StereoMatcher(first, second).cloud(*images, 0 * mask, other)) == 0
+    assert len(cloud_of(StereoMatcher(first, second), *images, mask, 0 * other)) == 0
+    assert len(cloud_of(StereoMatcher(first, second), *images, 0 * mask, other)) == 0
 
 
 def test_correlation_finds_known_shifts_and_says_nothing_of_blank_images(texture):
@@ -195,7 +200,7 @@ def truth_pair(data_dir, name):
 )
 def test_real_pairs_with_true_disparity(name, method, density, within_1, within_2, data_dir):
     left, right, truth, most = truth_pair(data_dir, name)
-    found = disparity(left, right, 0, most, StereoSettings(method))
+    found, _ = matches(left, right, 0, most, StereoSettings(method))
     known = np.isfinite(truth)
     error = np.abs(found - truth)[known & np.isfinite(found)]
     assert np.isfinite(found)[known].mean() > density
@@ -215,7 +220,7 @@ def test_a_hand_with_true_depth(method, data_dir):
         return cv2.imread(str(sorted((folder / kind).glob("*"))[30]), cv2.IMREAD_UNCHANGED)
 
     matcher = StereoMatcher(left, rig["right"], StereoSettings(method))
-    cloud = matcher.cloud(of("left"), of("right"), of("masks/left"), of("masks/right"))
+    cloud = cloud_of(matcher, of("left"), of("right"), of("masks/left"), of("masks/right"))
     truth = of("truth_depth/left") * 0.0001
     columns, rows = left.project(cloud.points).round().astype(int).T
     on_hand = truth[rows, columns] > 0

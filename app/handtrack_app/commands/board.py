@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from handtrack.capture.calibration.board_printing import FORMATS, page_size_mm, write_board
-from handtrack.capture.calibration.boards import parse_board
+from handtrack.capture.calibration.boards import FORMATS, page_size_mm, parse_board, write_board
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array
-from handtrack.capture.calibration.board_detection import BoardView
 from handtrack.capture.calibration.board_views import (
+    BoardView,
     CameraViews,
     frames_to_search,
     natural_order,

@@ -21,6 +21,7 @@ from handtrack.arrays import D2, D3, D6, D9, Array, C, Floats, Ints, M, N, V
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 
 LENS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_STEPS = 100
 _ROBUST_SIGMAS = 3.0  # corners farther off than this many standard deviations count less and less
 
 
@@ -74,7 +75,7 @@ def residuals(state: RigState, corners: Corners) -> Floats[M, D2]:
 
 
 def refine(
-    start: RigState, corners: Corners, free_lens: Array[C, D9], fixed_camera: int, steps: int = 100
+    start: RigState, corners: Corners, free_lens: Array[C, D9], fixed_camera: int
 ) -> Refined:
     """Return the least-squares state from a start; all cameras but one move, all views move.
 
@@ -84,7 +85,7 @@ def refine(
     scale = max(_ROBUST_SIGMAS * _spread(residuals(start, corners)), 0.3)
     state, good = start, False
     for _ in range(2):  # the second time with the scale of what is really left
-        state, good = _minimised(state, corners, layout, scale, steps)
+        state, good = _minimised(state, corners, layout, scale)
         scale = max(_ROBUST_SIGMAS * _spread(residuals(state, corners)), 0.05)
     left = residuals(state, corners)
     lens_std, skews = _uncertainty(state, corners, layout, left, scale)
@@ -92,9 +93,9 @@ def refine(
 
 
 def _minimised(
-    state: RigState, corners: Corners, layout: _Layout, scale: float, steps: int
+    state: RigState, corners: Corners, layout: _Layout, scale: float
 ) -> tuple[RigState, bool]:
-    """Return the state of least robust cost, and whether it was reached within `steps`."""
+    """Return the state of least robust cost, and whether it was reached in time."""
 
     squares = _jacobian(state, corners, layout).power(2).sum(axis=0)
     size = np.sqrt(np.maximum(np.ravel(squares), 1e-30))  # makes all unknowns weigh alike
@@ -119,7 +120,7 @@ def _minimised(
         jac=lambda scaled: system(scaled.tobytes())[0],
         hess=lambda scaled: system(scaled.tobytes())[1],
         method="trust-exact",
-        options={"gtol": 1e-6 * length, "maxiter": steps, **radii},
+        options={"gtol": 1e-6 * length, "maxiter": _STEPS, **radii},
     )
     return layout.state(found.x / size), bool(found.success)
 

@@ -15,8 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handtrack.arrays import D2, D3, D4, Array, C, Floats, K, N
-from handtrack.capture.calibration.board_detection import BoardView
-from handtrack.capture.calibration.board_views import CameraViews, choose_views
+from handtrack.capture.calibration.board_views import BoardView, CameraViews, choose_views
 from handtrack.capture.calibration.boards import Board, CharucoBoard
 from handtrack.capture.calibration.bundle_adjustment import (
     LENS,

@@ -139,30 +139,19 @@ class StereoSettings:
             )
 
 
-def disparity(
-    left: Bytes[H, W, *Axes],
-    right: Bytes[H, W, *Axes],
-    least: int,
-    most: int,
-    settings: StereoSettings = StereoSettings(),
-) -> Array[H, W]:
-    """Return the disparity float32 [px] of the left pixels, NaN where there is no match
-    that both directions agree on.
-
-    left, right: rectified BGR (H, W, 3) or grey uint8 of one size; left (x, y) is right
-    (x − d, y). least, most: range of d searched, both included; may be negative.
-    """
-    return matches(left, right, least, most, settings)[0]
-
-
 def matches(
     left: Bytes[H, W, *Axes],
     right: Bytes[H, W, *Axes],
     least: int,
     most: int,
-    settings: StereoSettings,
+    settings: StereoSettings = StereoSettings(),
 ) -> tuple[Array[H, W], Bytes[H, W]]:
-    """Return what `disparity` does, and why the other matches were thrown away, by number in REJECTED."""
+    """Return the disparity float32 [px] of the left pixels, NaN where there is no match that both directions agree on, and why
+    other matches were thrown away, by number in REJECTED.
+
+    left, right: rectified BGR (H, W, 3) or grey uint8 of one size; left (x, y) is right (x − d, y). least, most: range of d
+    searched, both included; may be negative.
+    """
     if settings.method == "correlation":
         found, back = correlate(_grey(left), _grey(right), least, most, settings.window)
     else:

@@ -12,7 +12,6 @@ from handtrack.capture.clouds.depth import DepthSettings, surface_pixels
 from handtrack.capture.clouds.disparity import (
     REJECTED,
     StereoSettings,
-    disparity,
     matches,
     moved_right,
 )
@@ -130,16 +129,6 @@ class StereoMatcher:
         rejected[~wanted] = 0
         return StereoView(left, right, found, (least, most), asked, rejected)
 
-    def cloud(
-        self,
-        first: Bytes[H, W, D3],
-        second: Bytes[H, W, D3],
-        first_mask: Bytes[H, W] | None = None,
-        second_mask: Bytes[H, W] | None = None,
-    ) -> PointCloud:
-        """Return the points that `match` finds, coloured by the left image, world [m]."""
-        return self.triangulate(self.match(first, second, first_mask, second_mask))
-
     def triangulate(self, view: StereoView) -> PointCloud:
         """Return the coloured points (N, 3), world [m], of a matched pair."""
         depth_m = self.pair.depth_of(view.disparity)
@@ -179,7 +168,7 @@ class StereoMatcher:
             speckle_px=_COARSE_LEAST // 2,
         )
         low, high = least // _COARSE, -(-most // _COARSE)
-        coarse = disparity(small[0], small[1], low, high, settings)
+        coarse, _ = matches(small[0], small[1], low, high, settings)
         inside = wanted[rows][_COARSE // 2 :: _COARSE, _COARSE // 2 :: _COARSE]
         coarse = coarse[: inside.shape[0], : inside.shape[1]]
         known = coarse[inside[: coarse.shape[0], : coarse.shape[1]] & np.isfinite(coarse)]

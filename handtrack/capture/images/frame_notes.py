@@ -6,6 +6,8 @@ import re
 import threading
 from collections.abc import Sequence
 
+_MOST_RUNS = 6
+
 
 class FrameNotes:
     """Sentences by frame; those that differ by numbers alone are told once. Safe from several threads."""
@@ -31,7 +33,7 @@ class FrameNotes:
         return tuple(_sentence(alike) for alike in kinds.values())
 
 
-def listed(frames: Sequence[int], most: int = 6) -> str:
+def listed(frames: Sequence[int]) -> str:
     """Return frame numbers as runs, such as `3-5, 9`, at most a few of them. frames: ascending."""
     runs: list[list[int]] = []
     for frame in frames:
@@ -39,8 +41,8 @@ def listed(frames: Sequence[int], most: int = 6) -> str:
             runs[-1][1] = frame
         else:
             runs.append([frame, frame])
-    shown = ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in runs[:most])
-    return shown + (f" and {len(runs) - most} more runs" if len(runs) > most else "")
+    shown = ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in runs[:_MOST_RUNS])
+    return shown + (f" and {len(runs) - _MOST_RUNS} more runs" if len(runs) > _MOST_RUNS else "")
 
 
 def _sentence(alike: Sequence[tuple[int, str]]) -> str:

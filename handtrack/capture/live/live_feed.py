@@ -60,24 +60,19 @@ class Device:
 class PlayedFile(Device):
     """A video whose images come when they are due; its first one comes at once, and starts its clock with the second."""
 
-    def __init__(
-        self,
-        capture: cv2.VideoCapture,
-        rate: float = 1.0,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, capture: cv2.VideoCapture, rate: float) -> None:
         super().__init__(capture)
         self.fps = (self.fps or _USUAL_FPS) * rate
-        self._clock, self._count, self._began = clock, 0, 0.0
+        self._count, self._began = 0, 0.0
         self._released = threading.Event()
 
     def read(self) -> Array[H, W, D3] | None:
         image = super().read()
         if self._count == 1:
-            self._began = self._clock()
+            self._began = time.monotonic()
         if self._count > 1:
             due = self._began + (self._count - 1) / self.fps
-            self._released.wait(max(due - self._clock(), 0.0))
+            self._released.wait(max(due - time.monotonic(), 0.0))
         self._count += 1
         return None if self._released.is_set() else image
 

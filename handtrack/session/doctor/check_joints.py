@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,7 +13,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.doctor.check_hand import PALM_M, check_palm, check_side_of
-from handtrack.session.doctor.check_outlines import MOST_EXCHANGED, inverse
+from handtrack.session.doctor.check_outlines import often_mistaken
 from handtrack.session.doctor.check_views import Finding, ok, warning
 
 if TYPE_CHECKING:
@@ -164,20 +163,9 @@ def _what_would_fit(seen: Sequence[_Seen], found: _Match) -> str:
 
 
 def _mistakes(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
-    yield (
-        "They would meet if rotation and translation in the calibration led from the camera to the world: are they the inverse of "
-        "what is expected (p_camera = R p_world + t)?",
-        _match([one._replace(camera=inverse(one.camera)) for one in seen]),
-    )
-    for i, j in combinations(range(len(seen)), 2) if len(seen) <= MOST_EXCHANGED else ():
-        a, b = seen[i].camera, seen[j].camera
-        exchanged = list(seen)
-        exchanged[i] = seen[i]._replace(camera=b)
-        exchanged[j] = seen[j]._replace(camera=a)
-        yield (
-            f"They would meet if cameras '{a.name}' and '{b.name}' were exchanged: are their files, or their names in the calibration?",
-            _match(exchanged),
-        )
+    for words, cameras in often_mistaken([one.camera for one in seen]):
+        pairs = zip(seen, cameras, strict=True)
+        yield f"They would meet {words}", _match([o._replace(camera=c) for o, c in pairs])
     for i, one in enumerate(seen):
         mirrored = list(seen)
         width = one.camera.size[0]

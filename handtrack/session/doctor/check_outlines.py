@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _FRAMES = 12
 _FEWEST = 3  # comparisons
-MOST_EXCHANGED = 6  # cameras; among more, it is not looked which two may be exchanged
+_MOST_EXCHANGED = 6  # cameras; among more, it is not looked which two may be exchanged
 _BORDER_PX = 3  # an outline that near to the image's border is cut off, not touched
 _SPECK_PX = 5
 _LEAST_ANGLE = 0.01  # [rad] between lines of sight: of less, noise decides where they meet
@@ -87,29 +87,30 @@ def _is_off(px: float, first: _Seen, second: _Seen) -> bool:
 
 def _what_would_fit(seen: Sequence[_Seen]) -> str:
     """Return mistakes that are often made and with which all silhouettes would fit together, as questions; empty for none."""
-    return " ".join(filter(None, [_ifinverse(seen), _if_exchanged(seen)]))
+    found = []
+    for words, cameras in often_mistaken([one.camera for one in seen]):
+        pairs = zip(seen, cameras, strict=True)
+        fits = _fit([replace(one, camera=camera) for one, camera in pairs])
+        found += [f"They would fit {words}"] if fits else []
+    return " ".join(found)
 
 
-def _ifinverse(seen: Sequence[_Seen]) -> str:
-    if _fit([replace(one, camera=inverse(one.camera)) for one in seen]):
-        return (
-            "They would fit if rotation and translation in calibration.toml led from the camera to the world: are they the "
-            "inverse of what is expected (p_camera = R p_world + t)?"
-        )
-    return ""
-
-
-def _if_exchanged(seen: Sequence[_Seen]) -> str:
-    for i, j in combinations(range(len(seen)), 2) if len(seen) <= MOST_EXCHANGED else ():
-        a, b = seen[i].camera, seen[j].camera
-        if a.size != b.size:
-            continue
-        exchanged = list(seen)
-        exchanged[i] = replace(seen[i], camera=replace(b, name=a.name))
-        exchanged[j] = replace(seen[j], camera=replace(a, name=b.name))
-        if _fit(exchanged):
-            return f"They would fit if cameras '{a.name}' and '{b.name}' were exchanged: are their files, or their names in calibration.toml?"
-    return ""
+def often_mistaken(cameras: Sequence[Camera]) -> Iterator[tuple[str, list[Camera]]]:
+    """Yield mistakes that are often made in calibrations, in words after `They would fit`, and the cameras without them."""
+    yield (
+        "if rotation and translation in calibration.toml led from the camera to the world: are they the inverse of what is "
+        "expected (p_camera = R p_world + t)?",
+        [inverse(camera) for camera in cameras],
+    )
+    for i, j in combinations(range(len(cameras)), 2) if len(cameras) <= _MOST_EXCHANGED else ():
+        a, b = cameras[i], cameras[j]
+        if a.size == b.size:
+            exchanged = list(cameras)
+            exchanged[i], exchanged[j] = replace(b, name=a.name), replace(a, name=b.name)
+            yield (
+                f"if cameras '{a.name}' and '{b.name}' were exchanged: are their files, or their names in calibration.toml?",
+                exchanged,
+            )
 
 
 def inverse(camera: Camera) -> Camera:

@@ -14,7 +14,7 @@ import numpy as np
 
 from handtrack.arrays import D3, D21, Array, Bytes, Floats, H, N, P, W
 from handtrack.bench.measuring import data_folder, recording
-from handtrack.capture.clouds.disparity import StereoSettings, disparity
+from handtrack.capture.clouds.disparity import StereoSettings, matches
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.raw_frames import demosaic, level_line_at
 from handtrack.model.articulated import keypoint_names
@@ -163,7 +163,7 @@ def level_lines() -> dict[str, float | int | str]:
         for matcher in ("sgbm", "correlation"):
             settings = StereoSettings(method=matcher)
             for way, made in ways.items():
-                found = disparity(made(left, 0), made(right, 1), least, most, settings)
+                found, _ = matches(made(left, 0), made(right, 1), least, most, settings)
                 off = np.abs(found - truth)[known & np.isfinite(found)]
                 label = f"{name}_{matcher}_{way}"
                 figures[f"{label}_mean_below_2px"] = float(off[off < 2.0].mean())
