@@ -310,7 +310,9 @@ if (document.getElementById("handtrack-style") === null) {
     if (document.title !== title) document.title = title;
   };
   let due = 0;
-  new MutationObserver(() => { clearTimeout(due); due = setTimeout(() => { name(); entitle(); }, 300); }).observe(document.body, {childList: true, subtree: true});
+  // at most every 300 ms, while it plays too; a slider that is drawn anew loses its name
+  new MutationObserver(() => { due ||= setTimeout(() => { due = 0; name(); entitle(); }, 300); }).observe(
+    document.body, {childList: true, subtree: true, attributeFilter: ["aria-label"]});
   name();
 }
 """

@@ -185,11 +185,16 @@ class PosePanel:
                 slider.min, slider.max = math.floor(low), math.ceil(high)
 
     def _rebuild(self, session: SessionSnapshot) -> None:
-        for handle in (*self.folders.values(), *self.rows):
-            handle.remove()
-        self.folders, self.rows, self.sliders, self.names = {}, [], {}, session.parameter_names
-        self.length = length_unit(session.reach_m)
-        groups = groups_of(self.names)
+        groups, length = groups_of(session.parameter_names), length_unit(session.reach_m)
+        kept = set(session.parameter_names) if length == self.length else set()
+        for buttons in self.rows:
+            buttons.remove()
+        # what stays is not made anew: the page would apply an update after the removal that followed
+        for name in set(self.sliders) - kept:
+            self.sliders.pop(name).remove()
+        for group in set(self.folders) - set(groups):
+            self.folders.pop(group).remove()
+        self.rows, self.names, self.length = [], session.parameter_names, length
         with self.tab:
             for i, named in enumerate(_rows(list(groups))):
                 row = self.page.gui.add_button_group(
@@ -213,9 +218,12 @@ class PosePanel:
 
     def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
-        folder = self.folders[group] = gui.add_folder(group, order=self.sliders_at, visible=False)
-        with folder:
+        if group not in self.folders:
+            self.folders[group] = gui.add_folder(group, order=self.sliders_at, visible=False)
+        with self.folders[group]:
             for name in members:
+                if name in self.sliders:
+                    continue
                 s = self.names.index(name)
                 low, high = session.interval[s] / self._unit(name)
                 if not (math.isfinite(low) and math.isfinite(high)):
