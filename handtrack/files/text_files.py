@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +42,23 @@ def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES) -> Any:
         ) from None
     except (ValueError, RecursionError) as error:
         raise HandtrackError(f"{path}: cannot be read as JSON: {error}.") from None
+
+
+def read_rows(text: str, where: str, separator: str = "") -> list[list[str]]:
+    """Return the rows of a table; separator: comma, semicolon or tab as it is there, unless given. Raises HandtrackError."""
+    chosen = separator or max(",;\t", key=text[:4096].count)
+    try:
+        return list(csv.reader(io.StringIO(text), delimiter=chosen))
+    except csv.Error as error:
+        raise HandtrackError(f"{where}: no readable table ({error}).") from None
+
+
+def number_in(cell: str, where: str) -> float:
+    """Return a cell's number, NaN for an empty one. Raises HandtrackError for another text."""
+    try:
+        return float(cell) if cell.strip() else math.nan
+    except ValueError:
+        raise HandtrackError(f"{where}: '{cell[:40]}'; expected a number.") from None
 
 
 def _no_constant(name: str) -> float:

@@ -75,18 +75,18 @@ def _shelf() -> Path:
     return _INSTALLED if _INSTALLED.is_dir() else _CHECKOUT
 
 
-def _copy_missing(source: Path, target: Path) -> None:
-    """Copy what the working copy lacks, session.toml last: a copy cut short is completed next time."""
+def _copy_missing(source: Path, target: Path) -> list[Path]:
+    """Copy what the working copy lacks, session.toml last: a copy cut short is completed next time. Return the copies' paths."""
     made = source / TRACKS_FOLDER  # what somebody made of it does not belong to the recording
     files = [f for f in sorted(source.rglob("*")) if f.is_file() and made not in f.parents]
     files.sort(key=lambda file: file.name == SESSION_FILE)
-    for file in files:
-        copy = target / file.relative_to(source)
-        if copy.exists():
-            continue
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(copy) as part:
-            shutil.copyfile(file, part)
+    copies = [target / file.relative_to(source) for file in files]
+    for file, copy in zip(files, copies, strict=True):
+        if not copy.exists():
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(copy) as part:
+                shutil.copyfile(file, part)
+    return copies
 
 
 TWO_VIDEOS = "two_videos"
@@ -112,11 +112,4 @@ def write_sample(name: str, folder: Path) -> list[Path]:
     if name == TWO_VIDEOS:
         source = bundled_session()
         return [Path(shutil.copyfile(source / file, folder / to)) for file, to in _RAW.items()]
-    source = bundled_session(name)
-    files = [path for path in sorted(source.rglob("*")) if path.is_file()]
-    files = [path for path in files if source / TRACKS_FOLDER not in path.parents]
-    for path in files:
-        target = folder / path.relative_to(source)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, target)
-    return [folder / path.relative_to(source) for path in files]
+    return _copy_missing(bundled_session(name), folder)

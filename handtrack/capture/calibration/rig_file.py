@@ -10,9 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from handtrack.arrays import Floats
+from handtrack.capture.calibration.formats.given_rig import numbers, numbers_at, whole_size
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.camera import Camera, CameraRig
@@ -99,44 +97,14 @@ def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:
         )
     if not isinstance(table["name"], str) or not table["name"]:
         raise HandtrackError(f"{where}: name = {table['name']!r}; expected a text.")
-    size = _numbers(table, "size", (2,), where)
-    if (size != np.round(size)).any() or (size < 1).any():
-        raise HandtrackError(
-            f"{where}: size = {table['size']}; expected [width, height] in whole pixels."
-        )
+    turn = numbers(table["rotation"], f"{where}, rotation", (3,), expected="3, a rotation vector (Rodrigues)")  # fmt: skip
+    values = {
+        "size": whole_size(table["size"], f"{where}, size"),
+        "matrix": numbers_at(table, "matrix", where, (3, 3)),
+        "distortions": numbers_at(table, "distortions", where).ravel(),
+        "translation": numbers_at(table, "translation", where, (3,)) * world_unit_m,
+    }
     try:
-        return Camera(
-            name=table["name"],
-            size=(int(size[0]), int(size[1])),
-            matrix=_numbers(table, "matrix", (3, 3), where),
-            distortions=_numbers(table, "distortions", (None,), where),
-            rotation=rotation_matrix(_numbers(table, "rotation", (3,), where)),
-            translation=_numbers(table, "translation", (3,), where) * world_unit_m,
-        )
+        return Camera(name=table["name"], rotation=rotation_matrix(turn), **values)
     except HandtrackError as error:
-        message = str(error)
-        raise HandtrackError(
-            message if message.startswith(where) else f"{where}: {message}"
-        ) from None
-
-
-def _numbers(table: dict[str, Any], key: str, shape: tuple[int | None, ...], where: str) -> Floats:
-    shown = " x ".join("any" if n is None else str(n) for n in shape)
-    try:
-        array = np.array(table[key], dtype=float)
-    except (TypeError, ValueError):
-        raise HandtrackError(f"{where}: {key} = {table[key]}; expected {shown} numbers.") from None
-    fits = array.ndim == len(shape) and all(
-        n is None or n == m for n, m in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
-        hint = ""
-        if key == "rotation" and array.size == 9:
-            hint = " Write the rotation vector (Rodrigues) of this matrix instead."
-        raise HandtrackError(
-            f"{where}: {key} has {' x '.join(map(str, array.shape))} numbers; expected "
-            f"{shown}.{hint}"
-        )
-    if not np.isfinite(array).all():
-        raise HandtrackError(f"{where}: {key} = {table[key]}; expected finite numbers.")
-    return array
+        raise HandtrackError(f"{where}: {error}") from None

@@ -194,11 +194,8 @@ def within_range(
     points: Floats[N, D3], centres: Floats[C, D3], near_m: float, far_m: float
 ) -> Array[N]:
     """Return which points lie in the range [m] of at least one camera at `centres`."""
-    keep = np.zeros(len(points), bool)
-    for centre in centres:
-        square = ((points - centre) ** 2).sum(axis=1)
-        keep |= (square >= near_m**2) & (square <= far_m**2)
-    return keep
+    squares = (((points - centre) ** 2).sum(axis=1) for centre in centres)
+    return np.any([(s >= near_m**2) & (s <= far_m**2) for s in squares], axis=0)
 
 
 def near_hand(points: Floats[N, D3], hand_distance: HandDistance, crop_m: float) -> Array[N]:
@@ -221,7 +218,7 @@ def largest_part(points: Floats[N, D3]) -> Array[N]:
     of side _LINK_M."""
     if len(points) == 0:
         return np.zeros(0, bool)
-    part = _parts(points, _LINK_M)
+    part = _parts(points)
     inside: Array = part == np.argmax(np.bincount(part))
     return inside
 
@@ -245,13 +242,11 @@ def nearest_part(
     about = np.zeros(len(points), bool)
     if hand_distance is not None:
         about[::_LOOKED] = hand_distance(points[::_LOOKED]) < _LINK_M
-    inside, nearest = _nearest(points, distance, _LINK_M, _LEAST_SHARE * len(points), about)
+    inside, nearest = _nearest(points, distance, _LEAST_SHARE * len(points), about)
     if front_m is None:
         return inside
     front = np.flatnonzero(inside & (distance <= nearest + front_m))
-    kept, _ = _nearest(
-        points[front], distance[front], _LINK_M, _LEAST_SHARE * len(front), about[front]
-    )
+    kept, _ = _nearest(points[front], distance[front], _LEAST_SHARE * len(front), about[front])
     inside[:] = False
     inside[front[kept]] = True
     return inside
@@ -304,24 +299,25 @@ def cell_numbers(points: Floats[N, D3], side_m: float) -> Ints[N]:
     return (whole[:, 0] * size + whole[:, 1]) * size + whole[:, 2]
 
 
-def _parts(points: Floats, link_m: float) -> Ints:
+def _parts(points: Floats) -> Ints:
     """Return the number of each point's part (N,), parts being groups of touching cells."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
     _, first, index = np.unique(
-        cell_numbers(points, link_m), return_index=True, return_inverse=True
+        cell_numbers(points, _LINK_M), return_index=True, return_inverse=True
     )
-    cells = np.floor(points[first] / link_m)
-    pairs = KDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray")
-    return _connected(len(cells), pairs)[index]
+    cells = np.floor(points[first] / _LINK_M)
+    pairs = KDTree(cells).query_pairs(1.0, p=np.inf, output_type="ndarray").T
+    graph = coo_array((np.ones(pairs.shape[1], bool), tuple(pairs)), (len(cells), len(cells)))
+    return connected_components(graph, directed=False)[1].astype(np.int64)[index]
 
 
-def _nearest(
-    points: Floats, distance: Floats, link_m: float, least: float, about: Array
-) -> tuple[Array, float]:
+def _nearest(points: Floats, distance: Floats, least: float, about: Array) -> tuple[Array, float]:
     """Return which points (N, 3) are in the nearest part of at least `least` points, or in that with most points `about` a hand and
     those nearer, and the distance of its nearest hundredth."""
-    part = _parts(points, _LINK_M)
+    part = _parts(points)
     sizes = np.bincount(part)
     candidates = np.flatnonzero(sizes >= min(least, sizes.max()))
     near = [float(np.quantile(distance[part == c], _NEAR_SHARE)) for c in candidates]
@@ -331,11 +327,3 @@ def _nearest(
         return np.isin(part, candidates[np.array(near) <= near[first]]), near[first]
     inside: Array = part == candidates[first]
     return inside, near[first]
-
-
-def _connected(count: int, pairs: Array) -> Ints:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), (count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -29,6 +27,7 @@ from handtrack.capture.joints.given_joints import (
 from handtrack.capture.joints.joint_names import JOINTS, NAMED, is_numbered, named_bodies
 from handtrack.capture.joints.json_joints import read_json_joints
 from handtrack.errors import HandtrackError
+from handtrack.files.text_files import number_in, read_rows
 
 Names = Mapping[str, str]
 """our names of a file's own points, with their side where it has both hands, as `right index_tip`"""
@@ -52,12 +51,7 @@ def read_csv_joints(text: str, where: str, names: Names, camera: str) -> GivenJo
 
     names: our names of the file's own. camera: whose joints they are, where a file has those of all cameras.
     """
-    sample = text[:4096]
-    separator = max(",;\t", key=sample.count)
-    try:
-        rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator) if any(row)]
-    except csv.Error as error:
-        raise HandtrackError(f"{where}: no readable CSV ({error}).") from None
+    rows = [row for row in read_rows(text, where) if any(row)]
     if len(rows) < 2:
         return None
     heads = [row[0].strip().lower() for row in rows[:4]]
@@ -183,10 +177,10 @@ def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) 
     for i, row in enumerate(rows[1:]):
         if row[port] == str(int(number[0])):
             frame = _frame(row[at_frame], i, where)
-            number_of_point = frame_of(_value(row[point], where), where)
+            number_of_point = frame_of(number_in(row[point], where), where)
             found.setdefault(frame, {})[number_of_point] = (
-                _value(row[x], where),
-                _value(row[y], where),
+                number_in(row[x], where),
+                number_in(row[y], where),
             )
     count = 1 + max(max(points) for points in found.values())
     count = next((n for n in _CALISCOPE_COUNTS if n >= count), count)
@@ -216,8 +210,8 @@ def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> GivenJ
     groups: dict[tuple[float, str], list[tuple[float, float]]] = {}
     _check_columns(rows, head, where)
     for row in rows[1:]:
-        key = _value(row[at_time], where), "" if at_hand is None else side_in(row[at_hand])
-        groups.setdefault(key, []).append((_value(row[x], where), _value(row[y], where)))
+        key = number_in(row[at_time], where), "" if at_hand is None else side_in(row[at_hand])
+        groups.setdefault(key, []).append((number_in(row[x], where), number_in(row[y], where)))
     wrong = next((key for key, points in groups.items() if len(points) != len(JOINTS)), None)
     if wrong is not None:
         raise HandtrackError(
@@ -245,9 +239,9 @@ def _a_row_a_point(rows: list[list[str]], head: list[str], where: str, known: Na
     _check_columns(rows, head, where)
     for i, row in enumerate(rows[1:]):
         hand = "" if at_hand is None else side_in(row[at_hand])
-        sure = 1.0 if at_sure is None else _value(row[at_sure], where)
+        sure = 1.0 if at_sure is None else number_in(row[at_sure], where)
         key = _frame(row[at_frame], i, where), f"{hand} {row[at_point]}".strip()
-        cells.setdefault(key, (_value(row[x], where), _value(row[y], where), sure))
+        cells.setdefault(key, (number_in(row[x], where), number_in(row[y], where), sure))
     names = list(dict.fromkeys(name for _, name in cells))
     frames = sorted({frame for frame, _ in cells})
     if len(names) > 200:
@@ -309,7 +303,7 @@ def _layout(names: Sequence[str]) -> str | None:
 def _columns(rows: list[list[str]], places: Sequence[_Places], where: str) -> Floats[F, N, D3]:
     used = {at for triple in places for at in triple if at is not None}
     every = [
-        [_value(row[i], where) if i in used and i < len(row) else math.nan for i in range(max(used) + 1)]
+        [number_in(row[i], where) if i in used and i < len(row) else math.nan for i in range(max(used) + 1)]
         for row in rows
     ]  # fmt: skip
     return columns_of(np.array(every).reshape(len(rows), -1), places)
@@ -334,15 +328,6 @@ def _check_columns(rows: list[list[str]], head: list[str], where: str) -> None:
     for i, row in enumerate(rows[1:], 2):
         if len(row) < len(head):
             raise HandtrackError(f"{where}: row {i} has {len(row)} of {len(head)} columns.")
-
-
-def _value(text: str, where: str) -> float:
-    if not text.strip():
-        return math.nan
-    try:
-        return float(text)
-    except ValueError:
-        raise HandtrackError(f"{where}: '{text[:40]}'; expected a number.") from None
 
 
 def _frame(text: str, otherwise: int, where: str) -> int:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +13,7 @@ from handtrack.capture.joints.given_joints import named_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
 from handtrack.files.given_files import check_given, first_bytes
-from handtrack.files.text_files import read_text
+from handtrack.files.text_files import number_in, read_rows, read_text
 from handtrack.session.formats.truth import Truth, read_truth
 
 _HAND_M = (
@@ -149,11 +146,7 @@ def read_markers(path: Path) -> Markers:
     if b"\0" in start or not start.strip():
         raise _unknown(path)
     text = read_text(path, _WHAT, _LARGEST)
-    separator = "\t" if text.startswith("PathFileType") else max(",;\t", key=text[:4096].count)
-    try:
-        rows = list(csv.reader(io.StringIO(text), delimiter=separator))
-    except csv.Error as error:
-        raise HandtrackError(f"{path}: no readable table ({error}).") from None
+    rows = read_rows(text, str(path), "\t" if text.startswith("PathFileType") else "")
     if text.startswith("PathFileType"):
         return _trc(rows, path)
     rows = [row for row in rows if any(row)]
@@ -263,7 +256,7 @@ def _markers(
     unit_m: float | None, path: Path, counted: bool = False,
 ) -> Markers:  # fmt: skip
     """counted: frames are counted from 0; else from 1, unless there is a 0."""
-    numbers = [_number(text, path) for text in frames]
+    numbers = [number_in(text, str(path)) for text in frames]
     if (
         not numbers
         or not all(0 <= n < 1e7 and n == int(n) for n in numbers)
@@ -273,7 +266,7 @@ def _markers(
             f"{path}: expected frames with whole numbers, each once, and at least one."
         )
     first = 0 if counted or 0 in numbers else 1
-    said = [_number(text, path) for text in times]
+    said = [number_in(text, str(path)) for text in times]
     times_s = np.array(said) if said and np.isfinite(said).all() else None
     return Markers(names, np.array(numbers, dtype=int) - first, times_s, positions, unit_m)
 
@@ -281,19 +274,14 @@ def _markers(
 def _numbers(rows: list[list[str]], places: list[list[int]], path: Path) -> Floats[F, N, D3]:
     if len(places) > _MOST_MARKERS:
         raise HandtrackError(f"{path}: {len(places)} points; expected those of a hand.")
-    values = [[[_number(_cell(row, at), path) for at in three] for three in places] for row in rows]
+    values = [
+        [[number_in(_cell(row, at), str(path)) for at in three] for three in places] for row in rows
+    ]
     return np.array(values, dtype=float).reshape(len(rows), len(places), 3)
 
 
 def _cell(row: list[str], at: int) -> str:
     return row[at] if at < len(row) else ""
-
-
-def _number(text: str, path: Path) -> float:
-    try:
-        return float(text) if text.strip() else math.nan
-    except ValueError:
-        raise HandtrackError(f"{path}: '{text[:40]}'; expected a number.") from None
 
 
 def _unknown(path: Path) -> HandtrackError:
