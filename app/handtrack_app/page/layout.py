@@ -62,8 +62,7 @@ class PageLayout:
         self.head = gui.add_html(head(None, self.progress))
         self.aside = gui.add_html(_ASIDE, visible=False)
         self.failure = gui.add_markdown("", visible=False)
-        self.again = gui.add_button("Start again", icon=viser.Icon.REFRESH, visible=False)
-        page.on(self.again, lambda _: start_again())
+        self.again = page.button("Start again", start_again, "refresh", color=None, visible=False)
         self.messages = Messages(page)
         card = gui.add_html("")
         gui.add_html("<div class='handtrack-rail'></div>")
@@ -230,8 +229,7 @@ class Messages:
         """Add the note where the page builds now."""
         gui = self.page.gui
         self.note = gui.add_html("", visible=False)
-        self.away = gui.add_button("Put away", color="gray", visible=False)
-        self.page.on(self.away, lambda _: self.put_away())
+        self.away = self.page.button("Put away", self.put_away, visible=False)
 
     def build(self, tab: viser.GuiTabHandle) -> None:
         """Add the list of all messages to a tab."""

@@ -227,7 +227,7 @@ class UserEvent:
     """what the user chose: `target.value` may be the program's by now, written since"""
 
 
-Action = Callable[[UserEvent], None]
+Action = Callable[[UserEvent], object]
 Shows = TypeVar("Shows")
 Widget = TypeVar("Widget")
 
@@ -406,15 +406,16 @@ class Page:
             self.everyones.add(internals.id_of(command))
 
     def button(
-        self, label: str, act: Callable[[], object] | None, icon: str = "", hint: str = "",
-        color: Literal["gray", "red"] | None = "gray", visible: bool = True,
+        self, label: str, act: Callable[..., object], icon: str = "", hint: str = "",
+        color: Literal["gray", "red"] | None = "gray", visible: bool = True, by_page: bool = False,
     ) -> viser.GuiButtonHandle:  # fmt: skip
-        """Add a button that calls `act`; None: `on` says what it does. icon: of viser, by its name there."""
+        """Add a button that calls `act`. icon: of viser, by its name there. by_page: `act` gets the page that pressed it."""
         named = cast("viser.IconName", icon) if icon else None
         made = self.gui.add_button(
             label, icon=named, hint=hint or None, color=color, visible=visible
         )
-        return made if act is None else self.bind(made, act)
+        self.on(made, lambda event: act(event.client) if by_page else act())
+        return made
 
     def buttons(
         self, label: str, names: Sequence[str], act: Callable[[str], object], hint: str = "",
@@ -446,12 +447,10 @@ class Page:
         return self.bind(widget, act)
 
     def bind(self, widget: Widget, act: Callable[..., object]) -> Widget:
-        """Have a user's use of a widget call `act`: with what was chosen, where that can be; of a button with nothing."""
+        """Have a user's use of a widget call `act` with what was chosen."""
 
         def use(event: UserEvent) -> None:
-            if isinstance(widget, viser.GuiButtonHandle):
-                act()
-            elif (value := chosen(widget, event.value)) is not None:
+            if (value := chosen(widget, event.value)) is not None:
                 act(value)
 
         self.on(widget, use)
@@ -473,7 +472,7 @@ class Page:
 
         return callback
 
-    def _tried(self, client: viser.ClientHandle | None, act: Callable[[], None]) -> None:
+    def _tried(self, client: viser.ClientHandle | None, act: Callable[[], object]) -> None:
         try:
             act()
         except Exception as error:

@@ -14,7 +14,7 @@ from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, rgb
-from handtrack_app.page.page import Page, UserEvent, number, put
+from handtrack_app.page.page import Page, number, put
 from handtrack_app.page.panels.settings import Box, BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot
@@ -324,8 +324,8 @@ class SkinControls:
             )  # fmt: skip
             self.camera = page.choice("Box in", card.image_cameras, self._camera_chosen)
             self.drag = page.button(
-                "Drag a box over the image", None, "marquee-2",
-                "Looks through the camera; drag over skin, away from its edges.",
+                "Drag a box over the image", self._drag, "marquee-2",
+                "Looks through the camera; drag over skin, away from its edges.", by_page=True,
             )  # fmt: skip
             width, height = card.sizes[card.image_cameras[0]]
             self.box = BoxSliders(page, (width, height), lambda: self._show_box(self.box.value))
@@ -339,7 +339,6 @@ class SkinControls:
                 "Take it from painted masks", lambda: self._send(None), "brush",
                 "Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
             )  # fmt: skip
-        page.on(self.drag, self._drag)
 
     @property
     def ellipse(self) -> SkinEllipse | None:
@@ -369,20 +368,19 @@ class SkinControls:
             self.page.state.display.skin_box = (str(self.camera.value), box)
             self.page.redraw()
 
-    def _drag(self, event: UserEvent) -> None:
+    def _drag(self, client: viser.ClientHandle) -> None:
         def marked(box: Box) -> None:
             self.box.show(box)
             self._show_box(box)
             self._take(box)
 
-        if event.client is not None:
-            self.mark(str(self.camera.value), event.client, marked)
-            self.page.notify(
-                "info",
-                "Drag a box",
-                "Press the mouse over skin in the image and drag. The model is hidden until then; key 0 looks freely again.",
-                event.client,
-            )
+        self.mark(str(self.camera.value), client, marked)
+        self.page.notify(
+            "info",
+            "Drag a box",
+            "Press the mouse over skin in the image and drag. The model is hidden until then; key 0 looks freely again.",
+            client,
+        )
 
     def _take(self, box: Box | None) -> None:
         if box is not None:

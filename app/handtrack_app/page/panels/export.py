@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import viser
 
 from handtrack.export.registry import AXES, FORMATS, export_format
-from handtrack_app.page.page import Page, UserEvent
+from handtrack_app.page.page import Page
 from handtrack_app.protocol.snapshots import Download
 
 _USUAL = "csv"
@@ -43,12 +43,13 @@ class ExportPanel:
                 initial_value=_AS_RECORDED,
                 hint="Which of the world's axes points up: those who read this format take one for it.",
             )
-            button = gui.add_button(
-                "Download", icon=viser.Icon.DOWNLOAD, hint="Written in the background, then sent."
-            )
-            first = gui.add_button(
-                "First-frame pose (JSON)", icon=viser.Icon.DOWNLOAD, color="gray",
-                hint="The pose you see, as init.json.",
+            page.button(
+                "Download", lambda client: download(client), "download",  # noqa: PLW0108 - it stands below
+                "Written in the background, then sent.", None, by_page=True,
+            )  # fmt: skip
+            page.button(
+                "First-frame pose (JSON)", lambda client: page.engine.export("init", client.client_id), "download",
+                "The pose you see, as init.json.", by_page=True,
             )  # fmt: skip
 
         def explain() -> None:
@@ -56,13 +57,11 @@ class ExportPanel:
             purpose.content = _TEXT.format(known.purpose)
             up.visible = bool(known.up)
 
-        def download(event: UserEvent) -> None:
+        def download(client: viser.ClientHandle) -> None:
             axis = up.value if up.visible and up.value != _AS_RECORDED else ""
-            page.engine.export(chosen.value, event.client.client_id, axis)
+            page.engine.export(chosen.value, client.client_id, axis)
 
         explain()
-        page.on(button, download)
-        page.on(first, lambda event: page.engine.export("init", event.client.client_id))
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""

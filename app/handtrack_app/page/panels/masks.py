@@ -15,7 +15,7 @@ import viser
 from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
-from handtrack_app.page.page import Page, UserEvent, number, put
+from handtrack_app.page.page import Page, number, put
 from handtrack_app.page.panels.settings import BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
@@ -74,8 +74,8 @@ class MaskPanel:
                     for name, known in _SETTINGS[method].items()
                 }
                 if method == "skin_adaptive":
-                    sample = page.button("Drag a box over skin", None, "marquee-2")
-                    page.on(sample, lambda event: self._drag(event, "sample"))
+                    act = partial(self._drag, "sample")
+                    page.button("Drag a box over skin", act, "marquee-2", by_page=True)
         self._build_box(card)
         self.saved = SavedSettings(
             page, page.engine.save_masks, page.engine.restore_masks, "Back to what is saved",
@@ -88,17 +88,14 @@ class MaskPanel:
         page, gui = self.page, self.page.gui
         with gui.add_folder("Box", expand_by_default=False):
             self.box_words = gui.add_html("")
-            drag = page.button(
-                "Drag a box over the image",
-                None,
-                "marquee-2",
-                "Outside of it nothing counts as observed.",
-            )
+            page.button(
+                "Drag a box over the image", partial(self._drag, "roi"), "marquee-2",
+                "Outside of it nothing counts as observed.", by_page=True,
+            )  # fmt: skip
             self.box = BoxSliders(page, card.cameras[0].size, self._set_box)
             self.no_box = page.button(
                 "No box", lambda: self._set("roi", None, one=True), "x", visible=False
             )
-        page.on(drag, lambda event: self._drag(event, "roi"))
 
     # ---- which camera
 
@@ -112,9 +109,9 @@ class MaskPanel:
         named = self._named()
         return next((c for c in self.card.cameras if c.name == named), self.card.cameras[0])
 
-    def _one_camera(self, event: UserEvent) -> str | None:
+    def _one_camera(self, client: viser.ClientHandle) -> str:
         """Return the camera that is meant where there can be one only: chosen, or looked through, or the first."""
-        through = self.page.state.look(event.client.client_id).through
+        through = self.page.state.look(client.client_id).through
         return self._named() or through or self._shown_camera().name
 
     def _show_chosen(self) -> None:
@@ -151,22 +148,20 @@ class MaskPanel:
         if (box := self.box.value) is not None:
             self._set("roi", box, one=True)
 
-    def _drag(self, event: UserEvent, what: str) -> None:
-        camera = self._one_camera(event)
-        if camera is None or event.client is None:
-            return
+    def _drag(self, what: str, client: viser.ClientHandle) -> None:
+        camera = self._one_camera(client)
 
         def marked(box: tuple[int, int, int, int]) -> None:
             self._show_masks(True)
             self.page.engine.mark_mask_box(camera, what, box, self.page.state.frame)
 
-        self.stage.mark_box(camera, event.client, marked)
+        self.stage.mark_box(camera, client, marked)
         over = "skin, away from its edges" if what == "sample" else "all that is to count"
         self.page.notify(
             "info",
             f"Drag a box in {camera}",
             f"Press the mouse and drag over {over}. The model is hidden until then; key 0 looks freely again.",
-            event.client,
+            client,
         )
 
     # ---- snapshots
@@ -263,7 +258,7 @@ class CorrectingWidgets:
         self,
         page: Page,
         stage: Stage,
-        camera: Callable[[UserEvent], str | None],
+        camera: Callable[[viser.ClientHandle], str],
         named: Callable[[], str],
     ) -> None:
         """camera: the one that a user means; named: the one chosen in the tab, empty for all."""
@@ -281,11 +276,15 @@ class CorrectingWidgets:
             )  # fmt: skip
             self.radius = gui.add_slider("Radius px", *_RADIUS, 10, hint="Keys [ and ].")
             self.paint = page.button(
-                "Paint over the mask", None, "brush",
-                "Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.",
+                "Paint over the mask", self._begin, "brush",
+                "Looks through the camera, without the model; drag or click over its image. Undo takes a stroke back.", by_page=True,
             )  # fmt: skip
-            self.done = page.button("Done painting", None, "check", color=None, visible=False)
-            self.drop = page.button("Drop this frame's correction", None, "eraser")
+            self.done = page.button(
+                "Done painting", self._end, "check", color=None, visible=False, by_page=True
+            )
+            self.drop = page.button(
+                "Drop this frame's correction", self._drop, "eraser", by_page=True
+            )
             self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
             self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
             self.carry = page.button(
@@ -293,9 +292,6 @@ class CorrectingWidgets:
                 "What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
                 "painted themselves stay.",
             )  # fmt: skip
-        page.on(self.paint, self._begin)
-        page.on(self.done, self._end)
-        page.on(self.drop, self._drop)
         self.radius.on_update(lambda _: self._show_brush())  # whoever changed it
         for words, key, factor in (("smaller", "[", 1 / _FACTOR), ("larger", "]", _FACTOR)):
             page.key(f"Brush for masks: {words}", key, lambda _, by=factor: self._resize(by))
@@ -308,23 +304,20 @@ class CorrectingWidgets:
         lines = "<br>".join(f"{html.escape(n)}: {html.escape(w)}" for n, w in corrected.items())
         put(self.words, content=text(lines))
 
-    def _begin(self, event: UserEvent) -> None:
-        camera = self.camera(event)
-        if camera is None or event.client is None:
-            return
-        self.stage.paint_on(camera, event.client, self._pointed)
-        self._show_painting(event.client)
+    def _begin(self, client: viser.ClientHandle) -> None:
+        camera = self.camera(client)
+        self.stage.paint_on(camera, client, self._pointed)
+        self._show_painting(client)
         self.page.notify(
             "info",
             f"Painting over {camera}",
             "Drag with the left button over the image, or click. X swaps the brush, [ and ] change its radius. The wheel and the "
             "right button still move the view; key 0 ends.",
-            event.client,
+            client,
         )
 
-    def _end(self, event: UserEvent) -> None:
-        if event.client is not None:
-            self.stage.look(self.page.state.look(event.client.client_id).through, event.client)
+    def _end(self, client: viser.ClientHandle) -> None:
+        self.stage.look(self.page.state.look(client.client_id).through, client)
 
     def _show_painting(self, painter: viser.ClientHandle | None) -> None:
         """Take who paints; nobody does any more, for None."""
@@ -368,10 +361,8 @@ class CorrectingWidgets:
             return
         self.page.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
 
-    def _drop(self, event: UserEvent) -> None:
-        camera = self.camera(event)
-        if camera is not None:
-            self.page.engine.drop_correction(self.page.state.frame, camera)
+    def _drop(self, client: viser.ClientHandle) -> None:
+        self.page.engine.drop_correction(self.page.state.frame, self.camera(client))
 
     def _carry(self) -> None:
         before, behind = (number(s.value, 0, _MOST) or 0 for s in (self.before, self.behind))

@@ -95,12 +95,9 @@ class PosePanel:
                 self._choose,
                 "Set all but the place to a pose of the library.",
             )
-            pictures = page.button(
-                "Poses in pictures",
-                None,
-                "photo",
-                "The whole library as it looks; a click takes a pose.",
-            )
+            page.button(
+                "Poses in pictures", self._ask, "photo", "The whole library as it looks; a click takes a pose.", by_page=True
+            )  # fmt: skip
             page.button(
                 "Fit frame", self._fit, "focus-2",
                 "Solves this frame from the pose you see. Undo brings your pose back.",
@@ -114,7 +111,6 @@ class PosePanel:
             self.copies = CopyPanel(page, self.stage.looking)
             self.nudges = NudgePanel(page, self.stage)
         page.key("Fit frame", "F", lambda _: self._fit())
-        page.on(pictures, lambda event: self._ask(event.client))
         page.key("Poses in pictures", "L", self._ask, "alt")
 
     def _edit(self, which: str) -> None:

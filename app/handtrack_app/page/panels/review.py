@@ -12,7 +12,7 @@ import viser
 
 from handtrack.store.spans import Span
 from handtrack_app.page.html import text
-from handtrack_app.page.page import Page, UserEvent, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
 from handtrack_app.protocol.snapshots import StretchCard, TimelineSnapshot
@@ -253,7 +253,7 @@ def undoubted(strip: TimelineSnapshot | None) -> list[tuple[int, int]]:
 # export
 
 
-Step = tuple[str, str, Callable[[viser.ClientHandle | None], None]]
+Step = tuple[str, str, Callable[[viser.ClientHandle], None]]
 """words (plain; empty where the button says it all), the button's label, and what it does"""
 
 
@@ -270,12 +270,11 @@ class NextStep:
     def __post_init__(self) -> None:
         gui = self.page.gui
         self.words = gui.add_html("", visible=False)
-        self.button = gui.add_button("Next", visible=False)
-        self.page.on(self.button, self._press)
+        self.button = self.page.button("Next", self._press, color=None, visible=False, by_page=True)
 
-    def _press(self, event: UserEvent) -> None:
+    def _press(self, client: viser.ClientHandle) -> None:
         if self.step is not None:
-            self.step[2](event.client)
+            self.step[2](client)
 
     def show(self) -> None:
         """Offer the step that the recording's state calls for; none while something runs."""
@@ -334,11 +333,11 @@ class NextStep:
             else ("", "Export …", lambda client: self.page.open_tab(client, "More", "Export"))
         )
 
-    def _review(self, client: viser.ClientHandle | None) -> None:
+    def _review(self, client: viser.ClientHandle) -> None:
         self.page.open_tab(client, "Review", "Queue")
         self.review.visit(0)
 
-    def _look(self, client: viser.ClientHandle | None) -> None:
+    def _look(self, client: viser.ClientHandle) -> None:
         self.page.open_tab(client, "View")
 
 

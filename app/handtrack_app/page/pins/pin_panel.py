@@ -5,8 +5,6 @@ from __future__ import annotations
 import html
 from dataclasses import dataclass
 
-import viser
-
 from handtrack_app.page.html import table, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import group_of
@@ -36,31 +34,23 @@ class PinPanel:
         """Add the folder where the page builds now."""
         gui, page = self.page.gui, self.page
         with gui.add_folder("Pins"):
-            self.held = gui.add_dropdown(
-                "Other joints",
-                (IMAGES, LEAST),
-                initial_value=IMAGES,
-                hint="While a joint is dragged, all the rest fits what was seen; or it stays as it is, as far as it can.",
-            )
+            self.held = page.choice(
+                "Other joints", (IMAGES, LEAST), self._hold,
+                "While a joint is dragged, all the rest fits what was seen; or it stays as it is, as far as it can.",
+            )  # fmt: skip
             self.list = gui.add_html(_NONE)
-            self.drop = gui.add_button(
-                "Drop the last pin", icon=viser.Icon.PIN, color="gray", visible=False,
-                hint="The place that was pinned last is free again. Ctrl-Z goes back a drag.",
+            self.drop = page.button(
+                "Drop the last pin", self._drop_last, "pin",
+                "The place that was pinned last is free again. Ctrl-Z goes back a drag.", visible=False,
             )  # fmt: skip
-            self.drop_all = gui.add_button(
-                "Drop all pins of this frame", icon=viser.Icon.PINNED_OFF, color="gray", visible=False,
-                hint="The tracked pose shows again.",
+            self.drop_all = page.button(
+                "Drop all pins of this frame", lambda: self._drop(None), "pinned-off",
+                "The tracked pose shows again.", visible=False,
             )  # fmt: skip
-            self.copy = gui.add_button_group(
-                "Copy to frames",
-                ("5 before", "5 behind", "both"),
-                hint="The same correction beside, moved as what was tracked moves.",
-                visible=False,
-            )
-        page.on(self.held, lambda event: self._hold(str(event.value)))
-        page.on(self.drop, lambda _: self._drop(len(self.pins) - 1))
-        page.on(self.drop_all, lambda _: self._drop(None))
-        page.on(self.copy, lambda event: self._copy(str(event.value)))
+            self.copy = page.buttons(
+                "Copy to frames", ("5 before", "5 behind", "both"), self._copy,
+                "The same correction beside, moved as what was tracked moves.", visible=False,
+            )  # fmt: skip
         page.key("Drop the last pin", "Backspace", lambda _: self._drop_last())
         fit_or_keep = "Pins: fit other joints to the images, or keep them"
         page.key(fit_or_keep, "X", lambda _: self._switch(), "shift")
@@ -83,8 +73,7 @@ class PinPanel:
             put(button, visible=bool(pose.pins))
 
     def _hold(self, choice: str) -> None:
-        if choice in (IMAGES, LEAST):
-            self.grips.by_images = choice == IMAGES
+        self.grips.by_images = choice == IMAGES
 
     def _switch(self) -> None:
         self.held.value = LEAST if self.grips.by_images else IMAGES

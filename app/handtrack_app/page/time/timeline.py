@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 import viser
 
@@ -20,7 +21,7 @@ from handtrack_app.protocol.snapshots import PoseSnapshot, SessionSnapshot, Time
 
 _PLAY: tuple[str, ...] = ("⇤", "←", "▶", "→", "⇥")
 _ZOOM: tuple[str, ...] = ("+", "−", "↔", "☰")
-_SPEEDS: tuple[str, ...] = ("¼×", "½×", "1×", "2×")
+_SPEEDS = {"¼×": 0.25, "½×": 0.5, "1×": 1.0, "2×": 2.0}
 _FACTOR = 2.0
 _BEFORE_SESSION = "<div class='handtrack-timeline' style='height:80px'></div>"
 """by it the style sheet knows the panel"""
@@ -63,20 +64,16 @@ class TimelinePanel:
             self.slider = gui.add_slider(
                 "Frame", self.window.first, self.window.last, 1, session.first_frame
             )
-            self.play = gui.add_button_group(
-                "Playback", _PLAY, hint="First frame, back, play or pause, next, last frame. Keys: Space, arrows.",
+            self.play = page.buttons(
+                "Playback", _PLAY, self._pressed, "First frame, back, play or pause, next, last frame. Keys: Space, arrows.",
             )  # fmt: skip
-            self.zoom = gui.add_button_group(
-                "Timeline", _ZOOM, hint="Fewer frames, more frames, all frames; more lanes or the first ones.",
+            self.zoom = page.buttons(
+                "Timeline", _ZOOM, self.look_closer, "Fewer frames, more frames, all frames; more lanes or the first ones.",
             )  # fmt: skip
-            self.speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1×")
+            self.speed = page.choice(
+                "Speed", _SPEEDS, partial(setattr, page.state, "speed"), now="1×"
+            )
         page.on(self.slider, lambda event: page.go_to(event.value))
-        page.on(self.play, lambda event: self._pressed(event.value))
-        page.on(self.zoom, lambda event: self.look_closer(event.value))
-        page.on(self.speed, lambda event: self._pace(event.value))
-
-    def _pace(self, chosen: str) -> None:
-        self.page.state.speed = (0.25, 0.5, 1.0, 2.0)[_SPEEDS.index(chosen)]
 
     def _pressed(self, key: str) -> None:
         state = self.page.state
