@@ -55,7 +55,7 @@ class Listener:
 def a_desk(folder: Path, **options: Any) -> Iterator[tuple[Worker, Listener]]:
     listener = Listener()
     worker = Worker(
-        EnginePlan(folder, opener=lambda f, o: fake_document(f, o, **options)), listener.publish
+        EnginePlan(folder, opener=lambda f: fake_document(f, **options)), listener.publish
     )
     worker.start()
     listener.state("idle")

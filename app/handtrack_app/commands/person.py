@@ -29,12 +29,9 @@ from handtrack_app.commands.terminal.output import (
 )
 from handtrack_app.commands.terminal.track_options import (
     ask_for_other_side,
-    check_seen,
-    first_pose,
+    asked_for,
     found_first_pose,
     parse_frames,
-    parse_settings,
-    parse_sources,
 )
 
 _FILES = {
@@ -51,14 +48,7 @@ def fit_person(args: argparse.Namespace) -> int:
     """
     if args.session.suffix.lower() == ".npz":
         return _of_track(args)
-    session = Session.open(args.session)
-    session = session if args.person is None else session.with_person(args.person)
-    overrides: dict[str, object] = dict(parse_settings(args.set))
-    settings = session.settings.with_values(overrides)
-    overrides |= parse_sources(args.use, settings) | {"model.fit_size": False}
-    settings = settings.with_values(overrides)
-    check_seen(session, settings, args.use)
-    first = first_pose(args.init, session, settings)
+    session, overrides, _, first = asked_for(args, {"model.fit_size": False})
     if args.init != "auto":
         ask_for_other_side(session, first or session.init, args.yes)
     frames = parse_frames(args.frames, session.frame_range, session.folder)

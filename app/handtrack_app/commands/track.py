@@ -19,7 +19,6 @@ from handtrack.errors import HandtrackError
 from handtrack.session.doctor.examine import examine_start
 from handtrack.session.formats.tables import write_result
 from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import count_beside
 from handtrack.session.takes.take_recorder import TakeRecorder
 from handtrack.session.track_session import (
@@ -50,14 +49,11 @@ from handtrack_app.commands.terminal.output import (
 from handtrack_app.commands.terminal.track_options import (
     SURE,
     ask_for_other_side,
+    asked_for,
     check_recording,
-    check_seen,
-    first_pose,
     first_pose_of_images,
     found_first_pose,
     parse_frames,
-    parse_settings,
-    parse_sources,
     percent,
     writable,
 )
@@ -70,19 +66,11 @@ _PROGRAM = "handtrack track"
 def run(args: argparse.Namespace) -> int:
     """Track; return 0, or 130 when interrupted (what was tracked is saved and named)."""
     began = time.monotonic()
-    session = Session.open(args.session)
-    session = session if args.person is None else session.with_person(args.person)
-    overrides: dict[str, object] = dict(parse_settings(args.set))
-    if args.seed is not None:
-        overrides["tracker.seed"] = args.seed
+    more: dict[str, object] = {} if args.seed is None else {"tracker.seed": args.seed}
     if args.size_later:
-        overrides["model.fit_size"] = "later"
-    settings = session.settings.with_values(overrides)
-    overrides |= parse_sources(args.use, settings)
-    settings = settings.with_values(overrides)
-    check_seen(session, settings, args.use)
+        more["model.fit_size"] = "later"
+    session, overrides, settings, first = asked_for(args, more)
     count_beside(session.folder if args.out is None else None, session.videos)
-    first = first_pose(args.init, session, settings)
     # where a first pose is looked for depends on where the recording ends; else tracking begins while that is found out
     known = session.frame_range if args.init == "auto" else session.known_frames
     frames = parse_frames(args.frames, known, session.folder)

@@ -24,7 +24,7 @@ KEEPS_NOTHING = "A live source keeps no files of its own: press 'Record', and op
 
 
 def open_live_document(
-    options: LiveOptions, folder: Path, overrides: Mapping[str, object]
+    options: LiveOptions, folder: Path, overrides: Mapping[str, object] | None = None
 ) -> Document:
     """Return the document of running cameras, with the hand as the folder's first pose has it. Raises HandtrackError."""
     session = open_live(folder, options.devices, options.tolerance_s, options.rate)
@@ -35,7 +35,7 @@ def open_live_document(
         live = dict(LIVE_SETTINGS)
         for name in dotted(session.file.tracking):
             live.pop(name, None)  # what session.toml says holds
-        run = TrackingRun.open(session, {**live, **overrides}, use_init=False)
+        run = TrackingRun.open(session, {**live, **(overrides or {})}, use_init=False)
         first = session.init
         if first is None or first.pixels:
             return Document(run, 0, placed_in_view(run))

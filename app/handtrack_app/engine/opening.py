@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -30,23 +29,23 @@ class Opening:
     def __init__(self) -> None:
         self._session: Session | None = None
 
-    def preview(self, folder: Path, overrides: Mapping[str, object]) -> Document:
+    def preview(self, folder: Path) -> Document:
         """Return a document to be looked at, its hand laid where the first pose is about. Raises HandtrackError.
 
         Nothing is searched or fitted, and no image is read.
         """
         session = self._session = _opened(folder)
-        run = TrackingRun.open(session, overrides, use_init=False)
+        run = TrackingRun.open(session, {}, use_init=False)
         frame, params = near_first_pose(run, session.init)
         return Document(run, frame, params)
 
-    def document(self, folder: Path, overrides: Mapping[str, object]) -> Document:
+    def document(self, folder: Path) -> Document:
         """Return the document of a session folder, its first pose fitted to what was given. Raises HandtrackError.
 
         Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
         """
         session, self._session = self._session or _opened(folder), None
-        run = TrackingRun.open(session, {**overrides, "model.fit_size": False})
+        run = TrackingRun.open(session, {"model.fit_size": False})
         wanted = session.settings.model.fit_size
         run = run.with_values({"model.fit_size": wanted})
         pending = run.sizes_first
@@ -62,11 +61,6 @@ def _opened(folder: Path) -> Session:
     session = Session.open(folder)
     count_beside(session.folder, session.videos)
     return session
-
-
-def open_document(folder: Path, overrides: Mapping[str, object]) -> Document:
-    """Return the document of a session folder, in one step. Raises HandtrackError."""
-    return Opening().document(folder, overrides)
 
 
 def near_first_pose(run: TrackingRun, first: FirstPose | None) -> tuple[int, Floats[P]]:

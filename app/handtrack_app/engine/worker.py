@@ -65,7 +65,7 @@ class Preview:
 
 
 log = logging.getLogger(__name__)
-Opener = Callable[[Path, Mapping[str, object]], Document]
+Opener = Callable[[Path], Document]
 RULES = rules_of(
     OpenSession, PosingService, TuningService, ReviewService, CloudService, MaskService
 )
@@ -186,11 +186,11 @@ class Worker:
         """Open the session, on a thread of its own: what can be shown first, then what takes longer."""
         try:
             if self._previewer is not None:
-                self._mail.put(partial(self._look_at, self._previewer(self._plan.folder, {})))
+                self._mail.put(partial(self._look_at, self._previewer(self._plan.folder)))
                 while not self._shown.wait(0.1):  # nothing is fitted before the first picture
                     if self._stopping.is_set():
                         return
-            self._mail.put(partial(self._begin, self._opener(self._plan.folder, {})))
+            self._mail.put(partial(self._begin, self._opener(self._plan.folder)))
         except Exception as error:
             self._mail.put(partial(self._begin, error))
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.command_line import CommandLine
 from tests.session.small_session import edit
@@ -51,7 +51,7 @@ NAMED = {"calibration.toml", "session.toml", *(f"masks of cam{n}" for n in range
 
 def told(handtrack: CommandLine, session: Path) -> list[str]:
     """What is said of them when the session is opened, by `takes`, `export` and `doctor`."""
-    store = Persistence.open(open_document(session, {}))
+    store = Persistence.open(Opening().document(session))
     store.restore()
     store.close()
     listed = handtrack("takes", session).err

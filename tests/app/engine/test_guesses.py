@@ -123,7 +123,7 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(bench, search):
 
 def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path):
     document = fake_document(tmp_path)
-    bench = Workbench(tmp_path, port=0, opener=lambda f, o: document).start()
+    bench = Workbench(tmp_path, port=0, opener=lambda _: document).start()
     assert bench.wait_ready()
     model = document.model
     (result,) = document.run.track(range(4, 5), 4, model.rest_params())

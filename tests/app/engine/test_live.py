@@ -35,7 +35,7 @@ class Studio:
         options = LiveOptions({}, 10.0)
         self.listener = Listener()
         self.worker = Worker(
-            EnginePlan(folder, opener=lambda f, _: open_live_document(options, f, FAST)),
+            EnginePlan(folder, opener=lambda f: open_live_document(options, f, FAST)),
             self.listener.publish,
         )
         self.worker.start()

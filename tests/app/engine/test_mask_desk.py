@@ -12,7 +12,7 @@ from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.versions import versions
 from handtrack.session.session import Session
 from handtrack.session.sources.corrected_masks import encoded
-from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.worker import Worker
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
@@ -38,7 +38,7 @@ def desk(tmp_path):
 
 def begun(folder: Path) -> Desk:
     listener = Listener()
-    worker = Worker(EnginePlan(folder, opener=open_document), listener.publish)
+    worker = Worker(EnginePlan(folder, opener=Opening().document), listener.publish)
     worker.start()
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     return worker, listener, folder

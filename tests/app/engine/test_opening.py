@@ -18,10 +18,10 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path):
     before: list[list[type]] = []
     held = threading.Event()
 
-    def opener(folder, overrides):
+    def opener(folder):
         before.append([type(one) for one in seen])
         assert held.wait(60.0)
-        return fake_document(folder, overrides)
+        return fake_document(folder)
 
     worker = Worker(EnginePlan(tmp_path, opener=opener), seen.append, fake_document)
     worker.start()
@@ -44,7 +44,7 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path):
 def test_a_failure_after_the_preview_is_told(tmp_path):
     seen: list[snapshots.Snapshot] = []
 
-    def opener(folder, overrides):
+    def opener(folder):
         raise ValueError("no such thing")
 
     worker = Worker(EnginePlan(tmp_path, opener=opener), seen.append, fake_document)
@@ -61,7 +61,7 @@ def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, mon
 
     monkeypatch.setattr(initialize, "solve", fit)
     folder = make_session(tmp_path)
-    document = Opening().preview(folder, {})
+    document = Opening().preview(folder)
     model = document.model
     shown = model.keypoints21(model.bones(model.transform.solver_params(document.start)))
     assert np.linalg.norm(shown - keypoints(), axis=1).mean() < 0.03

@@ -92,7 +92,7 @@ def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path):
     did(store, edits.setting("model.forearm", "false"))
     store.close()
     worker = Worker(
-        EnginePlan(tmp_path, opener=lambda f, o: fake_document(f, o, step_s=0.0)),
+        EnginePlan(tmp_path, opener=lambda f: fake_document(f, step_s=0.0)),
         (seen := []).append,
     )
     worker.start()

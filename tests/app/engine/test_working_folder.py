@@ -40,7 +40,7 @@ def test_any_other_folder_is_used_as_it_is(shelf, tmp_path):
 
 def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path):
     bench = Workbench(
-        tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.01), demo=True
+        tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.01), demo=True
     ).start()
     try:
         eventually(lambda: bench.state.playing, "it plays")

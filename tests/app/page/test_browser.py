@@ -85,7 +85,7 @@ def stands(bench: Workbench) -> bool:
 def opened(tmp_path):
     goes_on = threading.Event()
     stuck = lambda frame: frame == 8 and not goes_on.is_set()  # noqa: E731
-    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, stuck=stuck))
+    bench = Workbench(tmp_path, port=0, opener=lambda f: fake_document(f, stuck=stuck))
     with browsing(bench) as page:
         yield bench, page, goes_on
 

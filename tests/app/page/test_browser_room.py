@@ -109,9 +109,9 @@ def test_a_screen_reader_has_a_name_for_each_control_and_for_the_page(tmp_path):
 def test_a_page_that_comes_while_the_session_opens_is_laid_out(tmp_path):
     opens = threading.Event()
 
-    def opener(folder, overrides):
+    def opener(folder):
         opens.wait(60.0)
-        return fake_document(folder, overrides)
+        return fake_document(folder)
 
     if not there_is_one():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")

@@ -9,7 +9,7 @@ import pytest
 from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.session.clouds_settings import CLOUD_SETTINGS, CloudSettings
-from handtrack_app.engine.opening import open_document
+from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud import CROP, STEREO, THIN
 from handtrack_app.page.panels.settings import in_file, on_page
@@ -29,7 +29,9 @@ Desk = tuple[Worker, Listener, Path]
 def desk(tmp_path):
     """A worker with the recording open; its clouds are wanted."""
     listener = Listener()
-    worker = Worker(EnginePlan(cloudy_session(tmp_path), opener=open_document), listener.publish)
+    worker = Worker(
+        EnginePlan(cloudy_session(tmp_path), opener=Opening().document), listener.publish
+    )
     worker.start()
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     yield worker, listener, tmp_path
@@ -66,7 +68,7 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk):
     np.testing.assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
     worker.stop()
     again = Listener()
-    second = Worker(EnginePlan(folder, opener=open_document), again.publish)
+    second = Worker(EnginePlan(folder, opener=Opening().document), again.publish)
     second.start()
     back = again.wait(snapshots.TimelineSnapshot, lambda s: bool(s.terms))
     np.testing.assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
@@ -164,7 +166,7 @@ def test_a_dragged_box_is_found_in_the_image():
 def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp_path):
     folder, listener = cloudy_session(tmp_path), Listener()
     (folder / "init.json").unlink()
-    worker = Worker(EnginePlan(folder, opener=open_document), listener.publish)
+    worker = Worker(EnginePlan(folder, opener=Opening().document), listener.publish)
     worker.start()
     listener.state("idle")
     worker.engine.want_cloud(snapshots.CloudSelection(points=True))

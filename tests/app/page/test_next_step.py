@@ -29,7 +29,7 @@ def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
 
 
 def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.05))
+    bench = Workbench(tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.05))
     bench.start()
     assert bench.wait_ready()
     try:

@@ -127,9 +127,7 @@ def witness(tmp_path, monkeypatch):
         return painted(self, *given)
 
     monkeypatch.setattr(CameraPictures, "screen", late)
-    bench = Workbench(
-        tmp_path, port=0, opener=lambda f, o: fake_document(f, o, step_s=0.05)
-    ).start()
+    bench = Workbench(tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.05)).start()
     assert bench.wait_ready()
     with WireClient(bench.url) as wire:
         page = Browser(bench, wire)

@@ -157,7 +157,7 @@ def test_the_hand_follows_a_slider(bench):
 
 
 def test_the_hand_follows_a_slider_while_tracking(tmp_path):
-    opener = lambda f, o: fake_document(f, o, stuck=lambda frame: frame == 4)  # noqa: E731
+    opener = lambda f: fake_document(f, stuck=lambda frame: frame == 4)  # noqa: E731
     bench = Workbench(tmp_path, port=0, opener=opener).start()
     assert bench.wait_ready()
     bench.engine.track(0, FRAMES, 0)

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -191,9 +191,9 @@ def test_c40_what_is_on_disk_already_is_not_done_twice(tmp_path, start):
     assert state_on_disk(tmp_path)["accepted"] == [[1, 4]], "one step was taken back"
 
 
-def deadly_document(folder: Path, overrides: Mapping[str, object]) -> Document:
+def deadly_document(folder: Path) -> Document:
     """A document that ends the engine where a setting is changed."""
-    document = fake_document(folder, overrides)
+    document = fake_document(folder)
     become = document.become
 
     def became(state: SessionState) -> None:
@@ -226,11 +226,11 @@ def test_c40_what_an_ended_program_could_not_save_is_named(tmp_path):
     assert "frame 3" in " ".join(page.engine.last_words)
 
 
-def crashing_document(folder: Path, overrides: Mapping[str, object]) -> Document:
+def crashing_document(folder: Path) -> Document:
     """A document that crashes whoever opens it while a file is there."""
     if (folder / "crash").exists():
         os.kill(os.getpid(), signal.SIGSEGV)
-    return fake_document(folder, overrides)
+    return fake_document(folder)
 
 
 def test_c40_what_ends_again_and_again_stays_ended_until_it_is_asked_for(
@@ -282,9 +282,9 @@ def test_running_cameras_are_opened_over_there(tmp_path, start):
 # ---- memory
 
 
-def hungry_document(folder: Path, overrides: Mapping[str, object]) -> Document:
+def hungry_document(folder: Path) -> Document:
     """A document whose frames take 100 GB each to track."""
-    return fake_document(folder, overrides, hungry=True)
+    return fake_document(folder, hungry=True)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory is not limited")

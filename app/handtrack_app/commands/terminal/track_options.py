@@ -31,6 +31,21 @@ _SOURCES = ("silhouettes", "cloud", "keypoints", "edges", "intensity")
 _UNUSUAL = ("edges", "intensity")  # off unless they are asked for
 
 
+def asked_for(
+    args: argparse.Namespace, more: Mapping[str, object]
+) -> tuple[Session, dict[str, object], TrackerSettings, FirstPose | None]:
+    """Return the session of a command that tracks, with a person's shape; what is set otherwise than in it; the settings in force; and
+    the first pose of --init. more: settings that other options set. Raises HandtrackError where nothing can be tracked so.
+    """
+    session = Session.open(args.session)
+    session = session if args.person is None else session.with_person(args.person)
+    overrides = {**parse_settings(args.set), **more}
+    overrides |= parse_sources(args.use, session.settings.with_values(overrides))
+    settings = session.settings.with_values(overrides)
+    check_seen(session, settings, args.use)
+    return session, overrides, settings, first_pose(args.init, session, settings)
+
+
 def parse_settings(pairs: Sequence[str]) -> dict[str, str]:
     """Return dotted settings from `section.key=value` texts."""
     values = {}
