@@ -17,9 +17,8 @@ from handtrack.session.bundled import working_folder
 from handtrack_app.door.access import Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
 from handtrack_app.log import LOG_FILE, logging_to
-from handtrack_app.page.editing import Editing
 from handtrack_app.page.layout import PageLayout
-from handtrack_app.page.page import Page, UserState
+from handtrack_app.page.page import Editing, Page, UserState
 from handtrack_app.page.player import Demo, Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.process.child import EngineChild, EnginePlan, LiveOptions
@@ -247,8 +246,11 @@ class Workbench:
         self.player.fps = session.fps
 
     def _take_pose(self, pose: snapshots.PoseSnapshot) -> None:
-        if pose.beside is None:
-            self.in_flight.clear()  # somebody went elsewhere, or another engine began
+        if pose.beside is None:  # somebody went elsewhere, or another engine began
+            self._held = None
+            self._show_pose(pose)
+            self.in_flight.clear()
+            return
         self._held = pose if self.in_flight.is_drawing else None
         if self._held is None:
             self._show_pose(pose)

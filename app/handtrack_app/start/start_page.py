@@ -32,7 +32,14 @@ from handtrack_app.page.html import escaped, table, text
 from handtrack_app.page.page import put
 from handtrack_app.page.style import dress
 from handtrack_app.protocol.palette import BRAND
-from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
+from handtrack_app.start.found_files import (
+    CALIBRATIONS,
+    VIDEOS,
+    FoundFiles,
+    find_files,
+    first_image,
+    show_rig,
+)
 from handtrack_app.start.import_progress import (
     PREVIEW,
     ImportProgress,
@@ -41,7 +48,6 @@ from handtrack_app.start.import_progress import (
     previews,
 )
 from handtrack_app.start.recent import recent_sessions
-from handtrack_app.start.rig_view import first_image, show_rig
 from handtrack_app.viser_internals import id_of, run_javascript
 
 log = logging.getLogger(__name__)
