@@ -46,22 +46,9 @@ class CameraDetection:
     """in how many a hand was seen that does not lie where the other cameras see the session's"""
 
 
-@dataclass(frozen=True)
-class SeenSide:
-    """Which hand a session's images show."""
-
-    side: str
-    """right or left"""
-    confidence: float
-    """probability of that side, ½ to 1"""
-    seen: int
-    """in how many images a hand was found"""
-    looks: int
-    """of how many"""
-
-
-def seen_side(session: Session, detector: HandDetector) -> SeenSide:
-    """Return the side of the hand in some images of all cameras, spread over the recording.
+def seen_side(session: Session, detector: HandDetector) -> tuple[str, float, int, int]:
+    """Return the side of the hand in some images of all cameras, spread over the recording, its probability (½ to 1), and in how many
+    images a hand was found of how many.
 
     The mean of the networks' log-odds: what one image says wrongly, the next says again, so that they do not add up.
     """
@@ -77,7 +64,7 @@ def seen_side(session: Session, detector: HandDetector) -> SeenSide:
             said += [log_odds(hand.right, "right") for hand in hands if hand is not None]
     mean = float(np.mean(said)) if said else 0.0
     confidence = 1 / (1 + np.exp(-abs(mean)))
-    return SeenSide("right" if mean >= 0 else "left", float(confidence), len(said), looks)
+    return "right" if mean >= 0 else "left", float(confidence), len(said), looks
 
 
 def usable_detector(session: Session) -> HandDetector | None:

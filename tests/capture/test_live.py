@@ -1,10 +1,11 @@
 """Running cameras: the newest images make a frame, what comes too fast is counted, a camera may fail. By events, not by seconds."""
 
+from collections import Counter
 from collections.abc import Iterator
 
 import pytest
 
-from handtrack.capture.live.live_feed import CameraCount, LiveCamera, LiveFeed, LiveImages
+from handtrack.capture.live.live_feed import LiveCamera, LiveFeed, LiveImages
 from handtrack.errors import HandtrackError
 from tests.app.waiting import eventually
 from tests.live_cameras import SIZE, ScriptedDevice
@@ -53,7 +54,7 @@ def test_a_frame_is_made_of_the_newest_images_and_older_ones_are_dropped(desk):
     desk.feed.reach(1)
     assert desk.values(0) == {"left": 3, "right": 3}
     assert desk.values(1) == {"left": 4, "right": 4}
-    assert desk.feed.counts["left"] == CameraCount(used=2, dropped=2)
+    assert desk.feed.counts["left"] == Counter(used=2, dropped=2)
     assert desk.feed.known == range(2)
 
 
@@ -64,7 +65,7 @@ def test_an_image_that_is_too_old_for_the_others_is_missing(desk):
     desk.show(2, "right")
     desk.feed.reach(0)
     assert desk.values(0) == {"right": 2}
-    assert desk.feed.counts["left"] == CameraCount(missing=1)
+    assert desk.feed.counts["left"] == Counter(missing=1)
     desk.now = 0.10
     desk.show(3, "right")
     desk.feed.reach(1)  # the other camera is waited for, as long as the tolerance

@@ -14,7 +14,7 @@ from handtrack.capture.masks.mask_correction import (
     painted,
 )
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
-from handtrack.capture.masks.segmentation import SkinYCrCb
+from handtrack.capture.masks.segmentation import SkinYCrCb, segmenter
 from tests.capture.seeded_scenes import SIZE, recording
 
 
@@ -34,7 +34,7 @@ def test_a_carried_correction_helps_the_frames_beside(rng, light, least, most):
     and behind one that is corrected, masks overlap the hand by at most `most`; corrected likewise by at least `least`.
     """
     drawn = recording(light, rng, 11, of=120)
-    segment = SkinYCrCb().segmenter(drawn)
+    segment = segmenter(SkinYCrCb(), drawn)
     here, truth = segment(drawn.images[5]), drawn.truth[5]
     wrong = cv2.morphologyEx(
         ((here > 127) != truth).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))

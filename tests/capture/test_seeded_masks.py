@@ -9,7 +9,7 @@ import pytest
 
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
-from handtrack.capture.masks.segmentation import SkinYCrCb
+from handtrack.capture.masks.segmentation import SkinYCrCb, segmenter
 from tests.capture.seeded_scenes import SIZE, Recording, recording
 
 TESTED = range(1, 24, 4)
@@ -65,7 +65,7 @@ def test_what_is_said_is_right(light):
     drawn = filmed(light)
     masks = learned(drawn)
     wrong, known = figures(drawn, [masks.mask(drawn.images[f], seeds_in(drawn, f)) for f in TESTED])
-    skin = SkinYCrCb().segmenter(drawn)
+    skin = segmenter(SkinYCrCb(), drawn)
     by_skin, _ = figures(drawn, [skin(drawn.images[f]) for f in TESTED])
     assert wrong < MOST_WRONG[light]
     assert known > LEAST_KNOWN[light]

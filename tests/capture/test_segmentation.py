@@ -11,6 +11,7 @@ from handtrack.capture.masks.segmentation import (
     DepthRange,
     SkinAdaptive,
     SkinYCrCb,
+    segmenter,
 )
 
 SKIN = (110, 140, 200)  # BGR
@@ -59,7 +60,7 @@ def test_skin_ycrcb_keeps_the_closed_box_of_colours():
     image = cv2.cvtColor(ycrcb.astype(np.uint8), cv2.COLOR_YCrCb2BGR)
     back = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)
     method = SkinYCrCb(open_px=0, largest=False)
-    mask = method.segmenter(Frames([]))(image)
+    mask = segmenter(method, Frames([]))(image)
     y, cr, cb = np.moveaxis(back.astype(int), -1, 0)
     expected = (y >= 40) & (cr >= 138) & (cr <= 175) & (cb >= 85) & (cb <= 125)
     np.testing.assert_array_equal(mask > 0, expected)
@@ -68,7 +69,7 @@ def test_skin_ycrcb_keeps_the_closed_box_of_colours():
 
 def test_the_region_of_interest_comes_before_the_largest_piece(rng):
     other = (60, 5, 8, 8)
-    segment = SkinYCrCb(open_px=0).segmenter(Frames([]), roi=(55, 0, 25, 60))
+    segment = segmenter(SkinYCrCb(open_px=0), Frames([]), roi=(55, 0, 25, 60))
     np.testing.assert_array_equal(segment(scene(rng, HAND, other)), box_mask(*other))
 
 
@@ -76,7 +77,7 @@ def test_skin_adaptive_fits_its_sample(rng):
     frames = Frames([None, scene(rng, HAND)])
     method = SkinAdaptive(sample=(25, 20, 10, 10), size=4.0, reference=1)
     bright = (scene(rng, HAND) * 0.8).astype(np.uint8)  # chromaticity does not mind the brightness
-    mask = method.segmenter(frames)(bright)
+    mask = segmenter(method, frames)(bright)
     assert np.mean(mask != box_mask(*HAND)) < 0.005
 
 
@@ -86,7 +87,7 @@ def test_background_methods_find_what_moves(method, rng):
         scene(rng, (4 * i % 50, 5 * i % 35, 20, 20)) if i % 7 else scene(rng) for i in range(60)
     ]
     images[3] = None
-    segment = method.segmenter(Frames(images))
+    segment = segmenter(method, Frames(images))
     box = (4 * 26 % 50, 5 * 26 % 35, 20, 20)
     image = scene(rng, box)
     first = segment(image)
@@ -99,5 +100,5 @@ def test_background_methods_find_what_moves(method, rng):
 
 def test_depth_range_is_in_metres_and_ignores_zero():
     depth = np.array([[0, 2999, 3000, 6000, 6001]], np.uint16)
-    segment = DepthRange(near_m=0.3, far_m=0.6).segmenter(Frames([]), unit_m=0.0001)
+    segment = segmenter(DepthRange(near_m=0.3, far_m=0.6), Frames([]), unit_m=0.0001)
     np.testing.assert_array_equal(segment(depth), [[0, 0, 255, 255, 0]])

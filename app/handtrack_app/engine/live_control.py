@@ -141,8 +141,8 @@ class LiveControl:
         counts = self._feed.counts
         return tuple(
             LiveCameraCard(
-                camera.name, counts[camera.name].used, counts[camera.name].dropped,
-                counts[camera.name].missing, camera.gone,
+                camera.name, counts[camera.name]["used"], counts[camera.name]["dropped"],
+                counts[camera.name]["missing"], camera.gone,
             )
             for camera in self._feed.cameras
         )  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -200,17 +200,6 @@ class LiveFrame:
 
 
 @dataclass
-class CameraCount:
-    """What became of one camera's images since counting began."""
-
-    used: int = 0
-    dropped: int = 0
-    """came while an earlier frame was still worked on"""
-    missing: int = 0
-    """frames in which it had no image within the tolerance"""
-
-
-@dataclass
 class LiveFeed:
     """Cameras read beside. A frame is made when somebody asks for the next one: of each camera's newest image.
 
@@ -231,7 +220,10 @@ class LiveFeed:
     """of the clock, when the first frame was taken; −1 before"""
 
     def __post_init__(self) -> None:
-        self.counts = {camera.name: CameraCount() for camera in self.cameras}
+        self.counts = {camera.name: Counter[str]() for camera in self.cameras}
+        """what became of each one's images since counting began: `used`; `dropped`, which came while an earlier frame was still worked
+        on; and `missing`, frames in which it had none within the tolerance
+        """
 
     def start(self) -> None:
         """Begin to read all cameras."""
@@ -275,7 +267,7 @@ class LiveFeed:
             for camera in self.cameras:
                 camera.passed_over = 0
                 camera.take()
-            self.counts = {camera.name: CameraCount() for camera in self.cameras}
+            self.counts = {camera.name: Counter[str]() for camera in self.cameras}
 
     def reach(self, frame: int) -> None:
         """Make frames until there is this one. A frame without images where no camera gives any for a while.
@@ -331,9 +323,9 @@ class LiveFeed:
                 passed, camera.passed_over = camera.passed_over, 0
             if counts:
                 count = self.counts[camera.name]
-                count.dropped += passed
-                count.used += camera.name in images
-                count.missing += camera.name not in images and not camera.gone
+                count["dropped"] += passed
+                count["used"] += camera.name in images
+                count["missing"] += camera.name not in images and not camera.gone
         _keep(self._frames, made.number, made, _KEPT_IMAGES)
         _keep(self._times, made.number, made.time_s, _KEPT_TIMES)
         self._made += 1

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import D3, Array, Bytes, Floats, H, W, evenly_spread
+from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, W, evenly_spread
 from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.masks.mask_cleaning import Roi, clean
 from handtrack.capture.masks.seeded import Seeded
@@ -20,6 +20,10 @@ from handtrack.files.toml_table import above, at_least, checked_table, read_tabl
 
 _LEAST_SPREAD = 0.003  # of r and g: about one step of 8 bit colour at medium brightness
 _TRIM = 3.0  # samples farther than this from the first fit are left out of the second
+
+
+Segmenter = Callable[[Array[H, W, *Axes]], Array[H, W]]
+"""image BGR or depth → what is hand, as bool or a mask {0, 255}"""
 
 
 @dataclass(frozen=True)
@@ -49,20 +53,17 @@ class SkinAdaptive:
                 f"sample = {list(self.sample)}; expected a box of at least 2 x 2 pixels inside the image."
             )
 
-    def segmenter(
-        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
-        """Return the function from a BGR image to its mask, fitted to the source's reference frame.
+    def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
+        """Return what tells skin in a BGR image, fitted to the source's reference frame.
 
         Raises HandtrackError when that frame is missing or the sample leaves the image.
         """
         mean, inverse = self._fit(source)
 
-        def segment(image: Array) -> Bytes:
+        def segment(image: Array) -> Array:
             distance2 = _squared_distance(_chromaticity(image), mean, inverse)
             bright = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)[..., 0] >= self.y_min
-            skin = np.where((distance2 <= self.size**2) & bright, 255, 0).astype(np.uint8)
-            return clean(skin, self.open_px, self.largest, roi)
+            return (distance2 <= self.size**2) & bright
 
         return segment
 
@@ -126,10 +127,8 @@ class BackgroundMedian:
     largest: bool = True
     """keep only the largest component."""
 
-    def segmenter(
-        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
-        """Return the function from a BGR image to its mask.
+    def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
+        """Return what tells in a BGR image what is no background.
 
         Raises HandtrackError with fewer than 3 readable frames.
         """
@@ -142,9 +141,8 @@ class BackgroundMedian:
             noise = _MAD_TO_SIGMA * np.median(np.abs(stack[:, part] - median[part]), axis=0)
             limit[part] = self.threshold * np.maximum(noise, _LEAST_NOISE)
 
-        def segment(image: Array) -> Bytes:
-            moved = (np.abs(_lab(image) - median) > limit).any(axis=-1)
-            return clean(np.where(moved, 255, 0).astype(np.uint8), self.open_px, self.largest, roi)
+        def segment(image: Array) -> Array:
+            return np.any(np.abs(_lab(image) - median) > limit, axis=-1)
 
         return segment
 
@@ -170,10 +168,8 @@ class BackgroundMog2:
     largest: bool = True
     """keep only the largest component."""
 
-    def segmenter(
-        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Callable[[Array[H, W, D3]], Bytes[H, W]]:
-        """Return the function from a BGR image to its mask.
+    def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
+        """Return what tells in a BGR image what is no background.
 
         Raises HandtrackError with fewer than 3 readable frames.
         """
@@ -182,11 +178,9 @@ class BackgroundMog2:
             mixture.apply(image)
         lock = threading.Lock()
 
-        def segment(image: Array) -> Bytes:
+        def segment(image: Array) -> Array:
             with lock:
-                moved = mixture.apply(image, learningRate=0.0)
-            hand = np.where(moved == 255, 255, 0).astype(np.uint8)  # 127 is shadow
-            return clean(hand, self.open_px, self.largest, roi)
+                return mixture.apply(image, learningRate=0.0) == 255  # 127 is shadow
 
         return segment
 
@@ -214,8 +208,6 @@ def _lab(image: Array) -> Array:
     return cv2.cvtColor(image, cv2.COLOR_BGR2Lab)
 
 
-Segmenter = Callable[[Array[H, W, D3]], Bytes[H, W]]
-"""image BGR → mask {0, 255}"""
 _Range = Annotated[tuple[int, int], Meta(description="2 whole numbers [least, most]")]
 
 
@@ -244,17 +236,13 @@ class SkinYCrCb:
                     f"{key} = [{low}, {high}]; expected least and most within 0 to 255, in this order."
                 )
 
-    def segmenter(
-        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Segmenter:
-        """Return the function from a BGR image (H, W, 3) uint8 to its mask; nothing is learned
-        from the source."""
+    def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
+        """Return what tells skin in a BGR image; nothing is learned from the source."""
         low = np.array([self.y_min, self.cr[0], self.cb[0]])
         high = np.array([255, self.cr[1], self.cb[1]])
 
-        def segment(image: Array) -> Bytes:
-            skin = cv2.inRange(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), low, high)
-            return clean(skin, self.open_px, self.largest, roi)  # type: ignore[arg-type]
+        def segment(image: Array) -> Array:
+            return cv2.inRange(cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb), low, high) > 0
 
         return segment
 
@@ -279,18 +267,33 @@ class DepthRange:
         if self.far_m <= self.near_m:
             raise ValueError(f"far_m = {self.far_m}; expected a number above {self.near_m:g} [m].")
 
-    def segmenter(
-        self, source: FrameSource, roi: Roi | None = None, unit_m: float = 1.0
-    ) -> Segmenter:
-        """Return the function from a depth image (H, W) uint16, unit_m metres a unit, to its mask;
-        0 is no measurement."""
+    def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
+        """Return what tells the range in a depth image (H, W) uint16, unit_m metres a unit; 0 is no measurement."""
 
-        def segment(depth: Array) -> Bytes:
+        def segment(depth: Array) -> Array:
             metres = depth * unit_m
-            near = (depth > 0) & (metres >= self.near_m) & (metres <= self.far_m)
-            return clean(np.where(near, 255, 0).astype(np.uint8), self.open_px, self.largest, roi)
+            return (depth > 0) & (metres >= self.near_m) & (metres <= self.far_m)
 
         return segment
+
+
+def segmenter(
+    method: SkinYCrCb | SkinAdaptive | BackgroundMedian | BackgroundMog2 | DepthRange,
+    source: FrameSource,
+    roi: Roi | None = None,
+    unit_m: float = 1.0,
+) -> Callable[[Array[H, W, *Axes]], Bytes[H, W]]:
+    """Return the function from a camera's images, or from depth of unit_m metres a unit, to masks {0, 255}, as the source teaches it.
+
+    Raises HandtrackError where the source lacks what the method learns from.
+    """
+    shows = method.learned(source, unit_m)
+
+    def segment(image: Array) -> Bytes:
+        mask = np.where(shows(image), 255, 0).astype(np.uint8)
+        return clean(mask, method.open_px, method.largest, roi)
+
+    return segment
 
 
 MaskMethod = SkinYCrCb | SkinAdaptive | BackgroundMedian | BackgroundMog2 | DepthRange | Seeded

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -15,18 +14,16 @@ from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_na
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.observation.observation import Keypoints
 from handtrack.session.doctor.check_views import Finding, error, note, ok, warning
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
+from handtrack.session.session import Session
 from handtrack.session.side import doubt_of_side
 from handtrack.session.sources.seen_keypoints import NO_JOINTS
 from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack.tracking.search.initialize import fit_keypoints
-
-if TYPE_CHECKING:
-    from handtrack.session.first_pose.first_pose import FirstPose
-    from handtrack.session.session import Session
 
 _WRIST, _MIDDLE_MCP = 0, 9  # rows of the 21 keypoints
 PALM_M = (0.05, 0.13)  # wrist to middle knuckle: children to large men, with a margin

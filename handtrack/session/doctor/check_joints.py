@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +15,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.session.doctor.check_hand import PALM_M, check_palm, check_side_of
 from handtrack.session.doctor.check_outlines import often_mistaken
 from handtrack.session.doctor.check_views import Finding, ok, warning
-
-if TYPE_CHECKING:
-    from handtrack.session.session import Session
+from handtrack.session.session import Session
 
 _STRETCH = (
     200  # frames with joints, looked at one after the other: which are late shows in motion only

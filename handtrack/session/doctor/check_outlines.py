@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -17,10 +16,8 @@ from handtrack.arrays import D2, Array, Bytes, Floats, N, evenly_spread
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
 from handtrack.session.doctor.check_views import Finding, warning
+from handtrack.session.session import Session
 from handtrack.session.sources.views import View
-
-if TYPE_CHECKING:
-    from handtrack.session.session import Session
 
 _FRAMES = 12
 _FEWEST = 3  # comparisons

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,14 +13,12 @@ from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
 from handtrack.session.takes.take_about import foreign_result, foreign_takes
 from handtrack.store.store import Store
 from handtrack.tracking.frame.assessment import hand_words, odd_size
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.size.camera_consistency import CameraInconsistency, camera_inconsistencies
-
-if TYPE_CHECKING:
-    from handtrack.session.session import Session
 
 _FEWEST, _LOOKS = 4, 8  # frames, evenly spread
 # log-likelihood, and share of what is left unexplained, that a camera's change must bring; measured on simulated scenes, and on

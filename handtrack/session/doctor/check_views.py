@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -16,11 +16,9 @@ from handtrack.capture.images.frames import FrameSource
 from handtrack.capture.images.synchrony import Motion, TimeOffset, time_offsets
 from handtrack.capture.images.video import VideoFile
 from handtrack.geometry.camera import Camera
+from handtrack.session.session import Session
 from handtrack.session.sources.camera_times import recording_of
 from handtrack.session.sources.views import View
-
-if TYPE_CHECKING:
-    from handtrack.session.session import Session
 
 SEVERITIES = ("ok", "note", "warning", "error")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_hand import check_init, check_model, check_side, check_truth
@@ -23,9 +22,7 @@ from handtrack.session.doctor.check_views import (
     ok,
     warning,
 )
-
-if TYPE_CHECKING:
-    from handtrack.session.session import Session
+from handtrack.session.session import Session
 
 _START = 5  # frames from the first pose on
 

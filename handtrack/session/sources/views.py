@@ -26,7 +26,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_joints
 from handtrack.capture.masks.mask_cleaning import Roi
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
-from handtrack.capture.masks.segmentation import MaskMethod, Segmenter
+from handtrack.capture.masks.segmentation import MaskMethod, Segmenter, segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
 from handtrack.geometry.rotation import rotation_matrix
@@ -176,12 +176,12 @@ class View:
         image = None if source is None else self._read(source, frame)
         if image is None:
             return None
-        segmenter = self._segmenter
-        if not isinstance(segmenter, SeededMasks):
-            return segmenter(image)
+        learned = self._segmenter
+        if not isinstance(learned, SeededMasks):
+            return learned(image)
         own = self.own_frame(frame)
         seeds = None if own is None else self._seeds(own)
-        return None if seeds is None else segmenter.mask(image, seeds)
+        return None if seeds is None else learned.mask(image, seeds)
 
     @property
     def unknown(self) -> int | None:
@@ -285,7 +285,7 @@ class View:
         try:
             if isinstance(method, Seeded):
                 return method.learned(source, self._seeds, self.settings.roi)
-            return method.segmenter(source, self.settings.roi, self.settings.depth_scale_m or 1.0)
+            return segmenter(method, source, self.settings.roi, self.settings.depth_scale_m or 1.0)
         except HandtrackError as error:
             raise HandtrackError(f"{self._where}: {error}") from None
 

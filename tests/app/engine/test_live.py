@@ -88,7 +88,7 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
     feed = studio.worker.document.run.session.live
     for count in range(1, 4):
         studio.show()
-        eventually(lambda count=count: feed.counts["cam0"].used >= count, "the images are used")
+        eventually(lambda count=count: feed.counts["cam0"]["used"] >= count, "the images are used")
     eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked", 60.0)
     studio.worker.engine.cancel()
     ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended", 60.0)

@@ -245,20 +245,20 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
     from handtrack.session.detection import HandDetector, seen_side
 
     say("looking which hand it is …")
-    found = seen_side(session, HandDetector.open(weights))
-    seen = f"a hand is detected in {found.seen} of {found.looks} images"
-    if not found.seen:
+    side, confidence, count, looks = seen_side(session, HandDetector.open(weights))
+    seen = f"a hand is detected in {count} of {looks} images"
+    if not count:
         say(f"note: {seen}; the side is taken to be {USUAL}. Say otherwise with --side left.")
         return USUAL
-    percent = f"{100 * found.confidence:.0f} % sure"
-    if found.confidence >= _SURE or yes or not can_ask():
-        doubt = "" if found.confidence >= _SURE else " The confidence is low: give --side."
-        say(f"side: {found.side}, {percent} ({seen}).{doubt}")
-        return found.side
+    percent = f"{100 * confidence:.0f} % sure"
+    if confidence >= _SURE or yes or not can_ask():
+        doubt = "" if confidence >= _SURE else " The confidence is low: give --side."
+        say(f"side: {side}, {percent} ({seen}).{doubt}")
+        return side
     answer = ""
     while answer not in ("right", "left"):
         answer = question(
-            f"side: {found.side}, {percent} ({seen}). Which hand is it, right or left?", found.side
+            f"side: {side}, {percent} ({seen}). Which hand is it, right or left?", side
         )
     return answer
 
