@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from handtrack.session.session import Session
+from handtrack.session.session_file import BODY_TRACKING
 from handtrack.tracking.frame.settings import SETTINGS, TrackerSettings
 
 
 def ineffective_settings(settings: TrackerSettings, session: Session, kind: str) -> list[str]:
     """Return a sentence on the changed settings that have no effect, for each reason. kind: of the model, hand or body."""
-    flat, usual = settings.flat(), settings.usual
+    flat, usual = settings.flat(), dict(settings.usual)
+    if kind == "body":
+        usual |= {f"{g}.{key}": v for g, table in BODY_TRACKING.items() for key, v in table.items()}
     changed = [
         name
         for name, known in SETTINGS.items()

@@ -35,6 +35,15 @@ from handtrack.model.others.read_other import OTHERS
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 
 FORMAT = 1
+BODY_TRACKING = {
+    "silhouettes": {
+        "bands_mm": (60.0, 30.0, 10.0),
+        "outline_sigma_mm": 10.0,
+        "outline_correlation_mm": 80.0,
+    },
+    "prior": {"motion_sigma_mm": 60.0, "motion_sigma_deg": 15.0},
+}
+"""[tracking] that new sessions of a body have: outlines are as much coarser than a hand's as the body is larger"""
 _TABLES = ("session", "hand", "camera", "clouds", "tracking")
 _BAYER = tuple(pattern.lower() for pattern in PATTERNS)
 _Text = Annotated[str, FULL]

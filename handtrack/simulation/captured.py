@@ -23,6 +23,7 @@ from handtrack.session.formats.given_truth import write_truth
 from handtrack.session.formats.tables import write_npz
 from handtrack.session.formats.truth import Truth
 from handtrack.session.session_file import (
+    BODY_TRACKING,
     CameraSettings,
     HandSettings,
     RecordingSettings,
@@ -39,7 +40,7 @@ from handtrack.simulation.retarget import (
     retarget_errors,
 )
 from handtrack.simulation.seen_files import layout_of_model, points_of
-from handtrack.simulation.simulate import BODY_TRACKING, SCALE_FILE, KnownMotion, simulated_rig
+from handtrack.simulation.simulate import SCALE_FILE, KnownMotion, simulated_rig
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.doubt.judgement import Judgement

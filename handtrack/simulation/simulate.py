@@ -22,6 +22,7 @@ from handtrack.session import layout
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
 from handtrack.session.session_file import (
+    BODY_TRACKING,
     CameraSettings,
     HandSettings,
     RecordingSettings,
@@ -35,15 +36,6 @@ from handtrack.simulation.seen_files import write_clouds, write_seen_joints
 _SKIN = np.array([224, 172, 140.0])
 
 SCALE_FILE = "person.json"
-BODY_TRACKING = {
-    "silhouettes": {
-        "bands_mm": (60.0, 30.0, 10.0),
-        "outline_sigma_mm": 10.0,
-        "outline_correlation_mm": 80.0,
-    },
-    "prior": {"motion_sigma_mm": 60.0, "motion_sigma_deg": 15.0},
-}
-"""[tracking] of a body: outlines are as much coarser than a hand's as the body is larger"""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,9 @@ from collections.abc import Callable, Sequence, Sized
 from dataclasses import replace
 from functools import partial
 
+from handtrack.arrays import evenly_spread
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.session_state import NOTHING, Edit
 from handtrack.session.track_session import FramesRefined
 from handtrack.store.history import NOTE, Action
@@ -43,6 +45,7 @@ from handtrack_app.rerun.recorder import LiveRecorder
 
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
+_LOOKED_AT = 20  # tracked frames, of which those that are not lost tell of the cameras
 _STEPS = 20  # of the history that are named on the page
 _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Detect "
@@ -119,6 +122,20 @@ class OpenSession:
         self._say_warnings(self.store.warning)
         self._tuning.say_notes(document.run.session.warnings)
         self.jobs.show_progress()
+        self._look_at_cameras()
+
+    def _look_at_cameras(self) -> None:
+        """Say which camera the others contradict in what was tracked before, once that is found."""
+        document = self.document
+        tracked = [frame for frame in document.frames if frame in document.results]
+        rows = evenly_spread(len(tracked), _LOOKED_AT)
+        results, run = [document.results[tracked[row]] for row in rows], document.run
+
+        def look() -> Notice | None:
+            text = inconsistency_of_cameras(run, results)
+            return Notice("warning", "About this recording", text) if text else None
+
+        self.render_thread.ask("cameras", look)
 
     # ---- commands, and reports of the jobs
 

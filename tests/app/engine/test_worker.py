@@ -10,6 +10,7 @@ import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.reason import Reason
+from handtrack_app.engine import open_session
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call, Mailbox
 from tests.app.calls import call
@@ -204,6 +205,24 @@ def test_a_keyframe_has_the_pose_of_its_own_frame_whatever_is_shown(worker, list
     worker.engine.take_pose(6, "shown", 5)
     np.testing.assert_array_equal(listener.pose(5).values, tracked)
     np.testing.assert_array_equal(worker.document.by_hand[6], tracked)
+
+
+def test_a_camera_that_the_others_contradict_is_named_when_a_track_is_opened_again(
+    tmp_path, monkeypatch
+):
+    for worker, listener in a_desk(tmp_path):
+        worker.engine.track(0, FRAMES, 0)
+        listener.told("Tracking finished")
+    compared = list[int]()
+
+    def contradicted(run, results):
+        compared.extend(result.frame for result in results)
+        return "camera 'left' contradicts the others"
+
+    monkeypatch.setattr(open_session, "inconsistency_of_cameras", contradicted)
+    for _, listener in a_desk(tmp_path):
+        assert listener.told("contradicts the others").level == "warning"
+    assert compared == list(range(FRAMES))
 
 
 def session_index(listener: Listener, name: str) -> int:

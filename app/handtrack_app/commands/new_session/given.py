@@ -28,8 +28,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.model_file import load_model
 from handtrack.session.session import Session
-from handtrack.session.session_file import is_definition
-from handtrack.simulation.simulate import BODY_TRACKING
+from handtrack.session.session_file import BODY_TRACKING, is_definition
 from handtrack_app.commands.new_session.recordings import (
     GivenSubject,
     joint_regions,
