@@ -102,15 +102,12 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-class _Option(NamedTuple):
-    """Arguments of argparse's `add_argument`."""
-
-    names: tuple[str, ...]
-    how: dict[str, object]
+_Option = tuple[tuple[str, ...], dict[str, object]]
+"""arguments of argparse's `add_argument`"""
 
 
 def _option(*names: str, **how: object) -> _Option:
-    return _Option(names, how)
+    return names, how
 
 
 class _Command(NamedTuple):

@@ -34,7 +34,6 @@ from handtrack_app.protocol.snapshots import Notice, RerunPage
 from handtrack_app.rerun.stream import (
     CameraPictures,
     FrameEntry,
-    IterationEntry,
     JudgedFrame,
     RerunStream,
     SpaceEntry,
@@ -210,15 +209,8 @@ class ResidualRecorder:
         entry, painter = self._watched
         model, result = entry.run.model, entry.result
         for count, (params, cost) in enumerate(entry.steps, start=1):
-            self._stream.log(
-                IterationEntry(
-                    result.frame,
-                    count,
-                    cost,
-                    _named(model, model.joint_params(params)),
-                    painter.pictures(params),
-                )
-            )
+            named = _named(model, model.joint_params(params))
+            self._stream.log_iteration(result.frame, count, cost, named, painter.pictures(params))
 
 
 class _Painter:

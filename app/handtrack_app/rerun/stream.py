@@ -341,17 +341,6 @@ class FrameEntry:
     space: SpaceEntry | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class IterationEntry:
-    """One solver iteration of a frame that is looked at closely."""
-
-    frame: int
-    iteration: int
-    energy: float
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    pictures: tuple[CameraPictures, ...] = ()
-
-
 class RerunStream:
     """A recording of one tracking run, to a file, to a live viewer on loopback, or to both. One thread begins it, logs and ends it:
     rerun's clock belongs to that.
@@ -391,18 +380,31 @@ class RerunStream:
         log_cameras(self._recording, self._cameras)
         return self
 
-    def log(self, entry: FrameEntry | IterationEntry) -> None:
-        """Write an entry."""
-        recording = self._recording
+    def log(self, entry: FrameEntry) -> None:
+        """Write a frame."""
         kinds = {kind for view in entry.pictures for kind in view.dots}
         if not kinds <= self._kinds:
             self._kinds |= kinds
-            recording.send_blueprint(_layout([], self._kinds))
-        if isinstance(entry, FrameEntry):
-            _log_frame(recording, entry)
-            self._queue[entry.frame] = entry.judged
-        else:
-            _log_iteration(recording, entry)
+            self._recording.send_blueprint(_layout([], self._kinds))
+        _log_frame(self._recording, entry)
+        self._queue[entry.frame] = entry.judged
+
+    def log_iteration(
+        self,
+        frame: int,
+        iteration: int,
+        energy: float,
+        parameters: Mapping[str, float],
+        pictures: tuple[CameraPictures, ...],
+    ) -> None:
+        """Write a solver iteration of a frame that is looked at closely, and was written."""
+        recording, root = self._recording, f"closely/frame_{frame}"
+        recording.reset_time()
+        recording.set_time("iteration", sequence=iteration)
+        _log_scalars(recording, f"{root}/energy", {"total": energy})
+        _log_scalars(recording, f"{root}/parameters", parameters)
+        _log_pictures(recording, f"{root}/cameras", pictures)
+        recording.reset_time()
 
     def __exit__(self, *_: object) -> None:
         """Say what is worth a look, let the viewer open there, and end the recording; the viewer stays."""
@@ -441,16 +443,6 @@ def _log_frame(recording: RecordingStream, entry: FrameEntry) -> None:
         log_space(recording, entry.space)
     if entry.note:
         recording.log("log", rr.TextLog(f"frame {entry.frame}: {entry.note}", level="WARN"))
-
-
-def _log_iteration(recording: RecordingStream, entry: IterationEntry) -> None:
-    recording.reset_time()
-    recording.set_time("iteration", sequence=entry.iteration)
-    root = f"closely/frame_{entry.frame}"
-    _log_scalars(recording, f"{root}/energy", {"total": entry.energy})
-    _log_scalars(recording, f"{root}/parameters", entry.parameters)
-    _log_pictures(recording, f"{root}/cameras", entry.pictures)
-    recording.reset_time()
 
 
 def _log_scalars(recording: RecordingStream, root: str, values: Mapping[str, float]) -> None:
