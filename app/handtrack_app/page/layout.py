@@ -23,7 +23,7 @@ from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.panels.review import NextStep, ReviewPanel
 from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, SettingsPanel
 from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel
-from handtrack_app.page.panels.view import WIDTH, Room, SessionPanel, ZoomKeys, colours, head
+from handtrack_app.page.panels.view import WIDTH, SessionPanel, colours, head
 from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.style import dress
@@ -81,11 +81,8 @@ class PageLayout:
         with more:
             others = gui.add_tab_group()
         self.help = Help(page)
-        self.room = Room(page)
-        zoom = ZoomKeys(page, stage.looking.views, stage.looking.walls)
-        self.session = SessionPanel(
-            page, view, stage.look, stage.looking.set_paint, zoom, self.room
-        )
+        self.session = SessionPanel(page, view, stage)
+        self.room = self.session.room
         self.help.leave = self.session.leave
         self.tracking = TrackingPanel(page, track)
         add_work_keys(page, self.tracking)

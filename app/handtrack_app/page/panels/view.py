@@ -19,7 +19,8 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.camera_view import CameraNames
-from handtrack_app.page.scene.looking import ALL, Through, Views, Walls
+from handtrack_app.page.scene.looking import ALL, Looking, Through
+from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.protocol.snapshots import PictureSnapshot, ProgressSnapshot, SessionSnapshot
 
@@ -68,12 +69,7 @@ class SessionPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    look: Callable[..., None]
-    """look(camera, client, everything=False): through a camera, or freely (None) at the hand or at everything"""
-    paint_over: Callable[[int, str], None]
-    """what is painted over the camera's image that a client sees"""
-    zoom: ZoomKeys
-    room: Room
+    stage: Stage
     others: viser.GuiButtonHandle = field(init=False)
     """leads to the start page"""
     built: bool = False
@@ -86,7 +82,9 @@ class SessionPanel:
                 "Other recordings …", icon=viser.Icon.FOLDERS, color="gray", order=1e6,
                 hint="Leaves this one; all that was done is kept.",
             )  # fmt: skip
-            self.room.build()  # a page that comes while the session opens has its taste at once
+            self.room = Room(
+                self.page
+            )  # a page that comes while the session opens has its taste at once
 
     def fit(self, session: SessionSnapshot) -> None:
         """Build the tab once for a session's cameras."""
@@ -116,7 +114,7 @@ class SessionPanel:
                         "See the {kind} over a camera's image, or all cameras' images of the {kind} side by side."
                     ),
                 )
-                self.zoom.build()
+                ZoomKeys(page, self.stage.looking)
                 self.paint = gui.add_dropdown(
                     "Overlay", tuple(_PAINT_WORDS), initial_value=_word_of(_PAINT_WORDS, display.paint),
                     hint=page.words.of(_PAINT_HINT),
@@ -153,7 +151,7 @@ class SessionPanel:
             ("See the {kind} in all cameras", "B", partial(self._show_look, ALL)),
         ):
             self.page.key(words, key, act, everyones=True)
-        self.zoom.walls.chosen = self._show_look
+        self.stage.looking.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
@@ -187,19 +185,19 @@ class SessionPanel:
         self.toggles[name] = box
 
     def _look(self, client: viser.ClientHandle, chosen: str) -> None:
-        self.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
+        self.stage.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
 
     def _show_look(
         self, camera: str | None, client: viser.ClientHandle, everything: bool = False
     ) -> None:
         word = {None: FREE, ALL: TOGETHER}.get(camera, str(camera))
         internals.show_value(client, self.through, word)
-        self.look(camera, client, everything)
+        self.stage.look(camera, client, everything)
 
     def _paint(self, client: viser.ClientHandle, chosen: str) -> None:
         """Paint over what a page looks through; the one that edits also sees it on the small pictures of all."""
         paint, state = _PAINT_WORDS[chosen], self.page.state
-        self.paint_over(client.client_id, paint)
+        self.stage.looking.set_paint(client.client_id, paint)
         if state.editor == client.client_id:
             state.display.paint = "plain" if paint == "mask" else paint
         self.page.redraw()
@@ -333,7 +331,7 @@ class Room:
     tastes: dict[int, Taste] = field(default_factory=dict)
     _lock: threading.RLock = field(default_factory=threading.RLock)
 
-    def build(self) -> None:
+    def __post_init__(self) -> None:
         """Add the widgets where the page builds now, and the keys."""
         gui, own = self.page.gui, self.page.own
         with gui.add_folder("This page", expand_by_default=False, order=1e5):
@@ -413,16 +411,13 @@ class ZoomKeys:
     """Keys and buttons of the views; each page's own line about its view."""
 
     page: Page
-    views: Views
-    walls: Walls
+    looking: Looking
     _lines: dict[int, viser.GuiHtmlHandle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.views.changed = self._say
-
-    def build(self) -> None:
         """Add the buttons where the page builds now, and the keys."""
-        views, say = self.views, self.page.words.of
+        views, say = self.looking.views, self.page.words.of
+        views.changed = self._say
         acts: dict[str, Callable[[viser.ClientHandle], None]] = {
             say("{Kind}"): views.to_hand,
             "In": lambda client: views.zoom_by(client, _STEP),
