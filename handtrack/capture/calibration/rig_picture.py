@@ -99,12 +99,13 @@ def _frustum(camera: Camera, size: float) -> Floats:
 
 
 def _draw_camera(panel: Array, points: Array, name: str, colour: tuple[int, int, int]) -> None:
-    centre, *corners = [tuple(int(v) for v in p) for p in points]
-    for a, b in zip(corners, [*corners[1:], corners[0]], strict=True):
-        cv2.line(panel, a, b, colour, 1, cv2.LINE_AA)
-        cv2.line(panel, centre, a, colour, 1, cv2.LINE_AA)
-    cv2.line(panel, corners[0], corners[1], colour, 2, cv2.LINE_AA)  # the image's upper side
-    _write(panel, name, (centre[0] + 6, centre[1] - 6), colour)
+    centre, corners = points[0], points[1:]
+    rays = [np.stack([centre, corner]) for corner in corners]
+    cv2.polylines(
+        panel, [*rays, np.append(corners, corners[:1], axis=0)], False, colour, 1, cv2.LINE_AA
+    )
+    cv2.polylines(panel, [corners[:2]], False, colour, 2, cv2.LINE_AA)  # the image's upper side
+    _write(panel, name, (int(centre[0]) + 6, int(centre[1]) - 6), colour)
 
 
 def _draw_scale(panel: Array, zoom: float) -> None:
@@ -135,11 +136,11 @@ def draw_residuals(calibration: RigCalibration) -> Array[H, W, D3]:
     ]
     columns = min(3, len(panels))
     height, width = (max(panel.shape[axis] for panel in panels) for axis in (0, 1))
-    padded = [_padded(panel, height, width) for panel in panels]
-    while len(padded) % columns:
-        padded.append(np.full((height, width, 3), 255, np.uint8))
-    rows = [cv2.hconcat(padded[i : i + columns]) for i in range(0, len(padded), columns)]
-    return np.asarray(cv2.vconcat(rows))
+    whole = np.full((-(-len(panels) // columns) * height, columns * width, 3), _PAPER, np.uint8)
+    for i, panel in enumerate(panels):
+        top, left = i // columns * height, i % columns * width
+        whole[top : top + panel.shape[0], left : left + panel.shape[1]] = panel
+    return whole
 
 
 def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Floats]) -> Array:
@@ -150,11 +151,11 @@ def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Flo
     for view, (points, off) in enumerate(zip(pixels, left, strict=True)):
         hue = np.array([[[(view * 37) % 180, 200, 170]]], dtype=np.uint8)
         colour = tuple(int(v) for v in cv2.cvtColor(hue, cv2.COLOR_HSV2BGR)[0, 0])
-        starts = np.round(points * zoom + [0, 30]).astype(int)
-        ends = np.round((points * zoom + off * _MAGNIFIED * zoom) + [0, 30]).astype(int)
-        for a, b in zip(starts.tolist(), ends.tolist(), strict=True):
-            cv2.line(panel, tuple(a), tuple(b), colour, 1, cv2.LINE_AA)
-            cv2.circle(panel, tuple(a), 1, _INK, -1)
+        lines = np.stack([points, points + off * _MAGNIFIED], axis=1) * zoom + [0, 30]
+        whole = np.round(lines).astype(np.int32)
+        cv2.polylines(panel, list(whole), False, colour, 1, cv2.LINE_AA)
+        for start in whole[:, 0].tolist():
+            cv2.circle(panel, start, 1, _INK, -1)
     rms = float(np.sqrt((np.concatenate(list(left)) ** 2).sum(axis=1).mean()))
     _write(
         panel,
@@ -163,11 +164,6 @@ def _residual_panel(camera: Camera, pixels: Sequence[Floats], left: Sequence[Flo
         _INK,
     )
     return panel
-
-
-def _padded(panel: Array, height: int, width: int) -> Array:
-    below, right = height - panel.shape[0], width - panel.shape[1]
-    return cv2.copyMakeBorder(panel, 0, below, 0, right, cv2.BORDER_CONSTANT, value=_PAPER)
 
 
 def _write(panel: Array, text: str, place: tuple[int, int], colour: tuple[int, int, int]) -> None:
