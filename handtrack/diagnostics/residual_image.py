@@ -106,8 +106,8 @@ def residual_picture(
         lines, _ = cv2.findContours((labels == number).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)  # fmt: skip
         cv2.drawContours(picture, lines, -1, OUTLINE, 2)
         x, y, _, _ = cv2.boundingRect(lines[0])
-        words, size = f"unexplained: {area * (1e3 / scale) ** 2:.0f} mm2", max(mask.shape) / 1100
-        for colour, thick in (((0, 0, 0), 3), (OUTLINE, 1)):
+        words, size = f"unexplained {area * (1e3 / scale) ** 2:.0f} sq mm", max(mask.shape) / 1600
+        for colour, thick in (((0, 0, 0), 2), (OUTLINE, 1)):
             cv2.putText(picture, words, (x, max(y - 6, 12)), cv2.FONT_HERSHEY_SIMPLEX, size, colour, thick, cv2.LINE_AA)  # fmt: skip
     return picture
 
