@@ -133,7 +133,9 @@ class OpenSession:
 
         def look() -> Notice | None:
             text = inconsistency_of_cameras(run, results)
-            return Notice("warning", "About this recording", text) if text else None
+            return (
+                Notice("warning", "About this recording", text, of_recording=True) if text else None
+            )
 
         self.render_thread.ask("cameras", look)
 

@@ -176,6 +176,8 @@ class PageLayout:
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
+        if progress.state == "tracking" != self.progress.state and progress.total > 1:
+            self.review.tell("")
         self.progress = progress
         failed = progress.state == "failed"
         put(self.again, visible=failed)
@@ -193,7 +195,9 @@ class PageLayout:
         self._show_head()
 
     def show_notice(self, notice: Notice) -> None:
-        """Keep the reason of a session that cannot be opened on the page, also for those who come later."""
+        """Keep the reason of a session that cannot be opened, and what was found out about the recording, for those who come later."""
+        if notice.of_recording:
+            self.review.tell(notice.text)
         if self.progress.state == "failed" and notice.level == "error":
             self.failure.content = f"**{notice.title}**\n\n{notice.text}"
             self.failure.visible = True

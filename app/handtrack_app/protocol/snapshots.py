@@ -462,6 +462,8 @@ class Notice:
     """`info`, `done`, `guide` (what to do first), `warning` or `error`"""
     title: str
     text: str
+    of_recording: bool = False
+    """it holds until the recording is tracked anew: another's camera, the other hand"""
 
     @classmethod
     def of_mistake(cls, error: object, title: str = "Internal error") -> Notice:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from handtrack_app.page.panels.review import undoubted
-from handtrack_app.protocol.snapshots import StretchCard, TimelineSnapshot
+from handtrack_app.protocol.snapshots import Notice, StretchCard, TimelineSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
@@ -33,6 +33,19 @@ def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
     eventually(lambda: 7 not in document.accepted and len(review.stretches) == 1, "let go")
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: len(document.accepted) == FRAMES, "undone")
+
+
+def test_what_is_found_out_about_a_recording_stays_until_it_is_tracked_anew(bench):
+    about = bench.layout.review.about
+    notice = Notice("warning", "", "camera 'left' contradicts the others", of_recording=True)
+    for _ in range(2):
+        bench.page.show(notice)
+    assert about.content.count("contradicts") == 1
+    bench.engine.track(3, 4, 3)
+    eventually(lambda: bench.layout.timeline.strip.status[3] >= 0, "one frame is fitted")
+    assert "contradicts" in about.content
+    _tracked(bench)
+    assert not about.content
 
 
 def _card(first: int, last: int, brief: str = "thumb") -> StretchCard:

@@ -41,6 +41,7 @@ class ReviewPanel:
     def __post_init__(self) -> None:
         page, gui = self.page, self.page.gui
         with self.tab:
+            self.about = gui.add_html("")
             self.head = gui.add_html(head_words(None, None))
             self.accept_next = page.button(
                 "Accept and next", lambda: self.do_accept(""), "check",
@@ -142,6 +143,12 @@ class ReviewPanel:
         self.page.engine.accept(((first, last),), on=False)
 
     # ---- showing
+
+    def tell(self, words: str) -> None:
+        """Add what was found out about the recording, a line each; nothing: what was told holds no more."""
+        line = text(html.escape(words), faint=False, kind="handtrack-warning")
+        told = self.about.content if words else ""
+        put(self.about, content=told if line in told else told + line)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the queue as it is now."""
