@@ -4,6 +4,7 @@ from handtrack_app.page.help import TOUR
 from tests.app.fake_run import FRAMES
 from tests.app.page.test_room import said
 from tests.app.waiting import eventually
+from tests.app.wire import WireClient
 
 
 def test_no_key_is_given_twice_or_to_viser(bench):
@@ -50,26 +51,27 @@ def test_frames_and_keyframes_by_key(bench, page):
     eventually(lambda: strip.strip is not None and 1 not in strip.strip.by_hand, "not kept")
 
 
-def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench, wire):
-    bench.layout.help.offers_tour = True
+def test_who_comes_first_is_led_in_five_steps_and_can_leave_at_once(bench):
+    bench.layout.help.offers_tour = True  # before anybody comes
     assert len(TOUR) == 5
-    questions = lambda: said(wire, "LocalStorageGetItemRequestMessage")  # noqa: E731
-    eventually(lambda: len(questions()) == 2, "both questions to the browser's memory")
-    for one in questions():
-        wire.answer(one, None)
-    eventually(lambda: wire.button("Leave the tour") is not None, "it begins")
-    slider = bench.layout.pose.sliders["index_mcp_flex"]
-    first = wire.button("Leave the tour")
-    wire.set_value(slider, 30.0)
-    eventually(
-        lambda: wire.button("Leave the tour") not in (None, first), "done, and the next thing"
-    )
-    for _ in range(2):
-        before = wire.button("Skip this")
-        wire.press("Skip this")
+    with WireClient(bench.url) as wire:
+        questions = lambda: said(wire, "LocalStorageGetItemRequestMessage")  # noqa: E731
+        eventually(lambda: len(questions()) == 2, "both questions to the browser's memory")
+        for one in questions():
+            wire.answer(one, None)
+        eventually(lambda: wire.button("Leave the tour") is not None, "it begins")
+        slider = bench.layout.pose.sliders["index_mcp_flex"]
+        first = wire.button("Leave the tour")
+        wire.set_value(slider, 30.0)
         eventually(
-            lambda before=before: wire.button("Skip this") not in (None, before), "a step on"
+            lambda: wire.button("Leave the tour") not in (None, first), "done, and the next thing"
         )
-    wire.press("Leave the tour")
-    eventually(lambda: wire.button("Leave the tour") is None, "left")
-    eventually(lambda: bool(said(wire, "LocalStorageSetItemMessage")), "and remembered")
+        for _ in range(2):
+            before = wire.button("Skip this")
+            wire.press("Skip this")
+            eventually(
+                lambda before=before: wire.button("Skip this") not in (None, before), "a step on"
+            )
+        wire.press("Leave the tour")
+        eventually(lambda: wire.button("Leave the tour") is None, "left")
+        eventually(lambda: bool(said(wire, "LocalStorageSetItemMessage")), "and remembered")
