@@ -113,14 +113,14 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
 
 
 _BY_HAND = (
-    "Go to a frame that shows the {kind} well, enter a camera view, and pose it over the image: '{pose} as', "
-    "'Nudge', then 'Fit frame' and 'Save as first-frame pose'."
+    "go to a frame that shows the {kind} well, and turn the {kind} by the arcs of its handle. Look through a camera (key 1), drag the "
+    "{middle} onto the picture, and press 'Fit frame' (F), then 'Save as first-frame pose'. '{pose} as' has other poses to begin with."
 )
 NO_POSE = {
     "hand": "Press 'Detect hand' at the timeline, or in the tab Pose. Or pose it: "
-    + _BY_HAND.format(kind="hand", pose="Fingers"),
+    + _BY_HAND.format(kind="hand", middle="palm", pose="Fingers"),
     "body": "Press 'Detect body' at the timeline, if the recording has detected joints. Or pose it: "
-    + _BY_HAND.format(kind="body", pose="Pose"),
+    + _BY_HAND.format(kind="body", middle="trunk", pose="Pose"),
 }
 """what to do where nobody said where the hand or the body is, by kind of model"""
 
