@@ -113,7 +113,7 @@ def _middle_of_cloud(session: Session) -> Floats[D3] | None:
 
 
 _BY_HAND = (
-    "go to a frame that shows the {kind} well, and turn the {kind} by the arcs of its handle. Look through a camera (key 1), drag the "
+    "go to a frame that shows the {kind} well, and turn the {kind} by the arcs of its handle. Open a camera view (key 1), drag the "
     "{middle} onto the picture, and press 'Fit frame' (F), then 'Save as first-frame pose'. '{pose} as' has other poses to begin with."
 )
 NO_POSE = {

@@ -28,7 +28,7 @@ _GESTURES = (
     ),
     (
         "Shift drag",
-        "Of the {kind}, through a camera: turns it, as the right button does; freely: pulls a joint or segment",
+        "Of the {kind}, through a camera: turns it, as the right button does; in the orbit view: pulls a joint or segment",
     ),
     ("Arrows, arcs", "Of the handle: move and turn the {kind}"),
 )
@@ -39,7 +39,7 @@ TOUR = (
     ),
     (
         "Pin a joint",
-        "Press 1 to look through a camera, then drag a joint to where the picture has it.",
+        "Press 1 for a camera view, then drag a joint to where the picture has it.",
     ),
     (
         "Review",

@@ -32,7 +32,7 @@ def test_poses_and_settings_come_back_after_a_crash(tmp_path):
     assert again.document.run.settings.silhouettes.weight == 2.5
     assert again.document.limits == {"index_mcp_flex": (0.0, 0.5)}
     assert again.document.state == store.document.state
-    assert again.restore() == "Brought back from last time: 1 pose set by hand, 2 changed settings."
+    assert again.restore() == "Restored from last time: 1 pose set by hand, 2 changed settings."
 
 
 def test_a_pose_that_was_found_comes_back_as_found(tmp_path):
@@ -42,7 +42,7 @@ def test_a_pose_that_was_found_comes_back_as_found(tmp_path):
     posed(store, 6, 0.03)
     again = opened(tmp_path)
     assert [again.document.decided_pose(frame).found for frame in (5, 6)] == [True, False]
-    assert again.restore() == "Brought back from last time: 1 pose set by hand, 1 pose found."
+    assert again.restore() == "Restored from last time: 1 pose set by hand, 1 pose found."
 
 
 def test_tracked_frames_come_back_to_the_bit(tmp_path):
@@ -54,7 +54,7 @@ def test_tracked_frames_come_back_to_the_bit(tmp_path):
         np.testing.assert_array_equal(back.parameters, result.parameters)
         np.testing.assert_array_equal(back.joint_positions, result.joint_positions)
         assert back.status == result.status
-    assert again.restore() == f"Brought back from last time: {FRAMES} tracked frames."
+    assert again.restore() == f"Restored from last time: {FRAMES} tracked frames."
 
 
 def test_tracking_again_overwrites_nothing(tmp_path):

@@ -183,5 +183,5 @@ def _nothing_lost(store: Persistence, text: str | None) -> None:
     path = store.folder / "session.toml"
     assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
     again = Persistence.open(fake_document(store.folder))
-    assert again.restore() == "Brought back from last time: 2 changed settings."
+    assert again.restore() == "Restored from last time: 2 changed settings."
     assert again.document.run.settings.solver.iterations == 7

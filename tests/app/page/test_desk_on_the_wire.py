@@ -32,7 +32,7 @@ def _drag(bench: Workbench, wire: WireClient, node: str, modifier: str | None, s
 
 
 def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, wire, page):
-    page.press("Look through front")
+    page.press("Camera view: front")
     eventually(lambda: page.number in bench.stage.grips._grips, "it can be taken hold of")
     before, session = _pose(bench), bench.stage.session
     card = page.view.card
@@ -108,7 +108,7 @@ def test_a_pose_is_copied_pasted_and_mirrored_by_keys(bench, page):
     eventually(lambda: np.allclose(_pose(bench).values, point.values, atol=1e-9), "pasted")
     assert _pose(bench).frame == 9
     root = _pose(bench).values[:6]
-    page.press("Look through front")
+    page.press("Camera view: front")
     page.press("Mirror the pose: left and right change places")
     eventually(lambda: not np.allclose(_pose(bench).values[:6], root, atol=1e-9), "mirrored")
     np.testing.assert_allclose(_pose(bench).values[6:], point.values[6:], atol=1e-9)

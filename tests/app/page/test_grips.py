@@ -73,7 +73,7 @@ def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(
     wire,
     page,
 ):
-    page.press("Look through front")
+    page.press("Camera view: front")
     grips = bench.stage.grips
     eventually(lambda: page.number in grips._grips, "the hand can be taken hold of")
     pose, session = bench.stage.pose, bench.stage.session

@@ -142,7 +142,7 @@ def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(
 ):
     bench, sees, page = witness
     bench.stage.looking.set_paint(page.number, "plain")
-    page.press("Look through front")
+    page.press("Camera view: front")
     eventually(lambda: bench.stage.looking.anyone, "it looks through a camera")
     bench.engine.track(0, FRAMES, 3)
     slider = bench.layout.pose.sliders["index_mcp_flex"]
@@ -175,7 +175,7 @@ def test_a_picture_of_a_frame_that_was_left_goes_and_comes_again(
     witness,
 ):
     bench, _, page = witness
-    page.press("Look through front")
+    page.press("Camera view: front")
     stage = bench.stage
 
     def screen():

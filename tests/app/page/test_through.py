@@ -12,7 +12,7 @@ from tests.app.waiting import eventually
 
 
 def test_it_stands_in_the_camera_and_shows_the_hand(bench, page):
-    page.press("Look through front")
+    page.press("Camera view: front")
     eventually(lambda: page.view is not None and page.view.follows, "it looks through")
     page.obey()
     np.testing.assert_allclose(page.centre, page.view.card.centre, atol=1e-9)
@@ -23,7 +23,7 @@ def test_it_stands_in_the_camera_and_shows_the_hand(bench, page):
 
 
 def test_the_wheel_enlarges_and_nothing_is_counted_twice(bench, page):
-    page.press("Look through front")
+    page.press("Camera view: front")
     page.obey()
     page.press("View: the whole image")
     eventually(lambda: page.times() == 1.0, "all of it")
@@ -44,7 +44,7 @@ def test_the_wheel_enlarges_and_nothing_is_counted_twice(bench, page):
 
 def test_an_answer_to_what_it_was_told_before_undoes_nothing(bench, monkeypatch, page):
     monkeypatch.setattr(looking, "_SETTLED_S", 1e6)  # however slow the machine
-    page.press("Look through front")
+    page.press("Camera view: front")
     page.obey()
     old = page.centre, page.target
     page.press("View: the whole image")
@@ -64,7 +64,7 @@ def test_a_page_has_one_screen_whichever_threads_redraw(bench, monkeypatch, page
         return add(client)
 
     monkeypatch.setattr(looking, "_add_screen", slow)
-    page.press("Look through front")
+    page.press("Camera view: front")
     eventually(lambda: bench.stage.looking.anyone, "it looks through")
     redraws = [threading.Thread(target=bench.redraw) for _ in range(3)]
     for one in redraws:
@@ -77,7 +77,7 @@ def test_a_page_has_one_screen_whichever_threads_redraw(bench, monkeypatch, page
 
 def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, page):
     monkeypatch.setattr(looking, "_SETTLED_S", 0.0)
-    page.press("Look through front")
+    page.press("Camera view: front")
     page.obey()
     page.tell(page.centre + 0.05, page.target + 0.05)
     eventually(lambda: page.view is not None and page.view.left, "left")
@@ -89,7 +89,7 @@ def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, 
 
 
 def test_a_window_of_another_shape_shows_the_hand_as_well(bench, page):
-    page.press("Look through front")
+    page.press("Camera view: front")
     page.obey()
     page.obey(width=300)
     eventually(lambda: page.view is not None and page.view.aspect == 0.5, "the new shape")

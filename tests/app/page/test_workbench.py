@@ -174,6 +174,6 @@ def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path):
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench, wire):
     """Fault C41."""
-    bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Brought back: 3 poses."))
+    bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Restored: 3 poses."))
     time.sleep(0.1)
     eventually(lambda: any("Welcome back" in str(message) for _, message in wire.messages), "told")

@@ -46,7 +46,7 @@ def pin_latency() -> dict[str, Any]:
         ellipsoid = int(np.flatnonzero(run.model.flesh["fine"].bone == bone)[0])
         with RunningWorkbench(str(folder)) as program, WireClient(program.url) as client:
             _until(client, _READY)
-            client.trigger(f"Look through {_CAMERA}")
+            client.trigger(f"Camera view: {_CAMERA}")
             time.sleep(2.0)
             alone = _dragged(client, camera, ellipsoid)
             client.trigger("Track: from here on")

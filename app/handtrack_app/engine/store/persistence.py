@@ -151,7 +151,7 @@ def brought_back(document: Document) -> str:
         )
         if count
     ]
-    return f"Brought back from last time: {', '.join(parts)}." if parts else ""
+    return f"Restored from last time: {', '.join(parts)}." if parts else ""
 
 
 log = logging.getLogger(__name__)

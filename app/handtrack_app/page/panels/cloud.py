@@ -378,7 +378,7 @@ class SkinControls:
         self.page.notify(
             "info",
             "Drag a box",
-            "Press the mouse over skin in the image and drag. The model is hidden until then; key 0 looks freely again.",
+            "Press the mouse over skin in the image and drag. The model is hidden until then; key 0 returns to the orbit view.",
             client,
         )
 

@@ -160,7 +160,7 @@ class MaskPanel:
         self.page.notify(
             "info",
             f"Drag a box in {camera}",
-            f"Press the mouse and drag over {over}. The model is hidden until then; key 0 looks freely again.",
+            f"Press the mouse and drag over {over}. The model is hidden until then; key 0 returns to the orbit view.",
             client,
         )
 

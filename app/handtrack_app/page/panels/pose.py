@@ -370,7 +370,7 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
     for name, value in zip(names, std.tolist(), strict=True):
         row = {"root_t": "Place mm", "root_r": "Turn"}.get(name[:6], group_of(name))
         cells.setdefault(row, []).append(_cell(name, value))
-    heads = {"Place mm": ("x", "y", "z"), "Thumb": ("flex", "spread", "2nd", "3rd")}
+    heads = {"Place mm": ("x", "y", "z"), "Thumb": ("flex", "abd.", "2nd", "3rd")}
     rows = ""
     for group, row in cells.items():
         if group in heads:

@@ -316,7 +316,7 @@ class NextStep:
             if not self.guesses.possible:
                 return (
                     say("No pose yet. Drag the {kind} onto its picture."),
-                    "Look through a camera",
+                    "Open a camera view",
                     self._look,
                 )
             words = say("No pose yet. Detect the {kind}, or drag it onto its picture.")

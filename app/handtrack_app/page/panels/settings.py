@@ -452,7 +452,7 @@ _FOLDERS = {
         "edges.weight",
         "intensity.weight",
     ),
-    "Linked spread (18 freedoms)": (
+    "Coupled abduction (18 freedoms)": (
         "model.spread_index",
         "model.spread_middle",
         "model.spread_ring",

@@ -143,7 +143,7 @@ class SessionPanel:
     def _look_by_keys(self, cameras: tuple[str, ...]) -> None:
         for words, key, act in (
             *(
-                (f"Look through {name}", str(i), partial(self._show_look, name))
+                (f"Camera view: {name}", str(i), partial(self._show_look, name))
                 for i, name in enumerate(cameras[:9], start=1)
             ),
             ("Next overlay: outline, residual, …", "O", self._next_paint),

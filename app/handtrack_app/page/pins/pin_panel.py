@@ -13,7 +13,7 @@ from handtrack_app.protocol.snapshots import PinCard, PoseSnapshot, ScoreSnapsho
 
 IMAGES, LEAST = "fit to images", "keep"
 _NONE = (
-    "<div class='handtrack-text handtrack-faint'>Look through a camera (key 1, 2 …) and drag a "
+    "<div class='handtrack-text handtrack-faint'>Open a camera view (key 1, 2 …) and drag a "
     "joint or a segment to where the picture has it. The same joint in a second camera fixes the point.</div>"
 )
 
@@ -36,7 +36,7 @@ class PinPanel:
         with gui.add_folder("Pins"):
             self.held = page.choice(
                 "Other joints", (IMAGES, LEAST), self._hold,
-                "While a joint is dragged, all the rest fits what was seen; or it stays as it is, as far as it can.",
+                "While a joint is dragged, the other joints are fitted to the images; or they stay as they are, as far as they can.",
             )  # fmt: skip
             self.list = gui.add_html(_NONE)
             self.drop = page.button(
