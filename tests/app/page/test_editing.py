@@ -133,3 +133,5 @@ def test_a_slider_stays_while_a_session_has_its_parameter(bench):
     panel.fit(session)
     assert panel.sliders[gone] is not before[gone]
     assert {**panel.sliders, gone: before[gone]} == before
+    choices = max(row.order for row in panel.rows)
+    assert all(choices < folder.order for folder in panel.folders.values()), "above the sliders"

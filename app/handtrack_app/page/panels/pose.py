@@ -215,7 +215,7 @@ class PosePanel:
     def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
         if group not in self.folders:
-            self.folders[group] = gui.add_folder(group, order=self.sliders_at, visible=False)
+            self.folders[group] = gui.add_folder(group, order=self.sliders_at + 0.5, visible=False)
         with self.folders[group]:
             for name in members:
                 if name in self.sliders:
