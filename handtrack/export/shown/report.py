@@ -49,7 +49,7 @@ def report_page(table: ResultsTable) -> str:
         parts.append("<h2>Probability that some joint is more than 25 mm off</h2>")
         parts.append(curves(track.time_s, {"P": track.p_off_25mm}, "1"))
     spread = np.where(table.is_lost[:, None], np.nan, 1e3 * table.joint_std.max(axis=2))
-    parts.append("<h2>Reported standard deviation of the joints</h2>")
+    parts.append("<h2>Stated standard deviation of the joints</h2>")
     shown = {"median": _across(np.median, spread), "largest": _across(np.max, spread)}
     parts.append(curves(track.time_s, shown, "mm"))
     parts.append("<h2>Speed of the joints</h2>")

@@ -12,7 +12,7 @@ PLACE, OTHERS = "Place", "Others"
 _ORDER = (PLACE, "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS, OTHERS)
 _LARGE_M = 0.5
 """what reaches farther is placed by centimetres, else by millimetres: a body's 1.75 m are as many of these as a hand's 190 mm of those"""
-_MOTIONS = {"flex": "flex\u00a0°", "abd": "abduction\u00a0°"}
+_MOTIONS = {"flex": "flex °", "abd": "abduction °"}
 _TURNS = {
     "flex": "flex\u00a0°", "abd": "abduction\u00a0°", "twist": "twist\u00a0°", "lean": "lean\u00a0°",
     "elevate": "elevation\u00a0°", "protract": "protraction\u00a0°",
