@@ -241,7 +241,9 @@ def announced_size(data: bytes, where: str = "") -> tuple[int, int] | None:
         with Image.open(io.BytesIO(data)) as image:
             return image.size
     except Image.DecompressionBombError as error:
-        raise HandtrackError(f"{where}: {error}") from None
+        raise HandtrackError(
+            f"{where}: too large a picture to be read ({error}) Scale it down, and the calibration with it."
+        ) from None
     except (OSError, ValueError, SyntaxError, struct.error):  # cut off, or of no kind it knows
         return None
 

@@ -101,13 +101,12 @@ def often_mistaken(cameras: Sequence[Camera]) -> Iterator[tuple[str, list[Camera
     )
     for i, j in combinations(range(len(cameras)), 2) if len(cameras) <= _MOST_EXCHANGED else ():
         a, b = cameras[i], cameras[j]
-        if a.size == b.size:
-            exchanged = list(cameras)
-            exchanged[i], exchanged[j] = replace(b, name=a.name), replace(a, name=b.name)
-            yield (
-                f"if cameras '{a.name}' and '{b.name}' were exchanged: are their files, or their names in calibration.toml?",
-                exchanged,
-            )
+        exchanged = list(cameras)
+        exchanged[i], exchanged[j] = replace(b, name=a.name), replace(a, name=b.name)
+        yield (
+            f"if cameras '{a.name}' and '{b.name}' were exchanged: are their files, or their names in calibration.toml?",
+            exchanged,
+        )
 
 
 def inverse(camera: Camera) -> Camera:
