@@ -66,10 +66,10 @@ class Workbench:
         if plan is not None:
             self.worker = EngineProcess(plan, self._snapshots.put, child)
         else:
-            from handtrack_app.engine.worker import Worker as EngineThread  # the engine's imports
+            from handtrack_app.engine.worker import Worker  # the engine's imports
 
             plan = EnginePlan(self.folder, rerun=rerun, take_over=take_over, opener=opener)
-            self.worker = EngineThread(plan, self._snapshots.put)
+            self.worker = Worker(plan, self._snapshots.put)
         self._ends_within_s = _STOP_S if plan.live is None else _LIVE_STOP_S
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[snapshots.Notice] = []

@@ -507,7 +507,7 @@ class JobControl:
             case SizeFitted() as sized:
                 self._sized(sized)
             case Warned(text):
-                self._publish(Notice("warning", "About this recording", text, of_recording=True))
+                self._publish(Notice.about_recording(text))
             case Found(candidates):
                 self._found(candidates)
             case Carried(corrections):

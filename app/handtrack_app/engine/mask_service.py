@@ -1,4 +1,4 @@
-"""The mask desk: what the page sees of masks, where they come from, and what is painted over them."""
+"""The mask service: what the page sees of masks, where they come from, and what is painted over them."""
 
 from __future__ import annotations
 
@@ -336,13 +336,13 @@ class MaskService(PreviewService):
         return self._on_all or bool(self._screens)
 
     def _show(self, hurried: bool) -> None:
-        self.desk.render_thread.ask("masks", self._make())
+        self.opened.render_thread.ask("masks", self._make())
 
     def picture(self) -> MaskPicture | None:
         """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
         if not self._is_wanted:
             return None
-        made = self.desk.render_thread.wait_for("masks", self._make())
+        made = self.opened.render_thread.wait_for("masks", self._make())
         return made if isinstance(made, MaskPicture) else None
 
     def _make(self) -> Callable[[], MaskPicture]:

@@ -45,7 +45,9 @@ from handtrack_app.rerun.recorder import LiveRecorder
 
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
-_LOOKED_AT = 20  # tracked frames, of which those that are not lost tell of the cameras
+_COMPARED = (
+    20  # tracked frames by which cameras are compared on opening; lost ones among them do not count
+)
 _STEPS = 20  # of the history that are named on the page
 _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Detect "
@@ -122,20 +124,18 @@ class OpenSession:
         self._say_warnings(self.store.warning)
         self._tuning.say_notes(document.run.session.warnings)
         self.jobs.show_progress()
-        self._look_at_cameras()
+        self._compare_cameras()
 
-    def _look_at_cameras(self) -> None:
-        """Say which camera the others contradict in what was tracked before, once that is found."""
+    def _compare_cameras(self) -> None:
+        """Warn of a camera that contradicts the others in what was tracked before; found on the render thread."""
         document = self.document
         tracked = [frame for frame in document.frames if frame in document.results]
-        rows = evenly_spread(len(tracked), _LOOKED_AT)
+        rows = evenly_spread(len(tracked), _COMPARED)
         results, run = [document.results[tracked[row]] for row in rows], document.run
 
         def look() -> Notice | None:
             text = inconsistency_of_cameras(run, results)
-            return (
-                Notice("warning", "About this recording", text, of_recording=True) if text else None
-            )
+            return Notice.about_recording(text) if text else None
 
         self.render_thread.ask("cameras", look)
 

@@ -63,7 +63,7 @@ class PosingService(Service):
         however long it takes. words: what is done, for undo.
         """
         if version >= self.document.version:
-            self.desk.edit(frame, edits.pose(self.document, frame, values), words, tag, is_stroke)
+            self.opened.edit(frame, edits.pose(self.document, frame, values), words, tag, is_stroke)
 
     @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
     def take_pose(self, frame: int, source: str, version: int) -> None:
@@ -71,7 +71,7 @@ class PosingService(Service):
         (the frame before), or a pose of the library, for the fingers.
         """
         taken = edits.taken_pose(self.document, frame, source)
-        self.desk.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"))
+        self.opened.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"))
 
     @command(
         edits=True,
@@ -93,14 +93,14 @@ class PosingService(Service):
         pulled = edits.pulled_place(
             self.document, frame, target, Pin("", (0.0, 0.0), joint, bone, point)
         )
-        self.desk.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
+        self.opened.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
 
     @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         known = self.document.clamped(frame) in self.document.by_hand
         forgotten = edits.forgotten_pose(frame) if known else NOTHING
-        self.desk.edit(frame, forgotten, "Pose dropped")
+        self.opened.edit(frame, forgotten, "Pose dropped")
 
     @command(job=True, words="the pose library")
     def want_library(self, client_id: int) -> None:
@@ -117,7 +117,7 @@ class PosingService(Service):
         if on and before is None:
             self.publish(Notice("info", "Nothing before", _NOTHING_BEFORE))
         document.before = before
-        self.desk.show_pose()
+        self.opened.show_pose()
 
     @command(
         edits=True,
@@ -146,7 +146,7 @@ class PosingService(Service):
             pull = self._pull = begun_pull(self.document, frame, tag)
         pin = Pin(camera, pixel, joint, bone, point)
         placed = with_pin(self.document, pull, pin, by_images)
-        self.desk.edit(frame, placed, f"Pin of {words_of(joint or bone)} in {camera}", tag, True)
+        self.opened.edit(frame, placed, f"Pin of {words_of(joint or bone)} in {camera}", tag, True)
 
     @command(edits=True, words="pins of frame {frame}", at_once=looks_elsewhere)
     def drop_pins(
@@ -156,14 +156,14 @@ class PosingService(Service):
         self._refuse_live()
         pull = self._pull = begun_pull(self.document, frame, "")
         left = pins_dropped(self.document, pull, which, by_images)
-        self.desk.edit(frame, left, "Pins dropped" if which is None else "Pin dropped")
+        self.opened.edit(frame, left, "Pins dropped" if which is None else "Pin dropped")
 
     @command(edits=True, words="pins of frame {frame}")
     def copy_pins(self, frame: int, before: int, behind: int, version: int) -> None:
         """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
         self._refuse_live()
         others = range(frame - before, frame + behind + 1)
-        self.desk.edit(frame, pins_copied(self.document, frame, others), "Pins copied")
+        self.opened.edit(frame, pins_copied(self.document, frame, others), "Pins copied")
 
     def _refuse_live(self) -> None:
         if self.document.run.session.live is not None:

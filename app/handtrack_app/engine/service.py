@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 class Service:
     """A part of an open session, which lives on the worker's thread."""
 
-    def __init__(self, desk: OpenSession) -> None:
-        self.desk, self.document, self.store = desk, desk.document, desk.store
-        self.jobs, self.publish = desk.jobs, desk.publish
+    def __init__(self, opened: OpenSession) -> None:
+        self.opened, self.document, self.store = opened, opened.document, opened.store
+        self.jobs, self.publish = opened.jobs, opened.publish
 
 
 _HURRIED_S = 0.6  # while tracking runs, previews are shown at most this often
@@ -66,7 +66,7 @@ class PreviewService(Service, ABC):
             finally:
                 self.tell()  # the page shows what holds
 
-        self.desk.see_otherwise(changed)
+        self.opened.see_otherwise(changed)
 
     def _do(
         self, words: str, edit: Callable[[], Edit], tag: str = "", is_stroke: bool = False

@@ -137,10 +137,10 @@ class Refits:
 class TuningService(Service):
     """Settings and limits."""
 
-    def __init__(self, desk: OpenSession) -> None:
-        super().__init__(desk)
+    def __init__(self, opened: OpenSession) -> None:
+        super().__init__(opened)
         self._refits = Refits(
-            self.document, lambda *done: desk.post(partial(self._refitted, *done))
+            self.document, lambda *done: opened.post(partial(self._refitted, *done))
         )
 
     @command(edits=True, files=True, words="saving settings")
@@ -194,7 +194,7 @@ class TuningService(Service):
                 self.say_notes(known)
             finally:
                 self.publish(session_snapshot(document))  # the page shows what holds
-            self.desk.show_all()
+            self.opened.show_all()
 
         self.followed(changed)
 
@@ -203,7 +203,7 @@ class TuningService(Service):
         found = None if self.jobs.busy else self._refits.take(order, params, error)
         if found is not None:
             frame, edit, tag = found
-            self.desk.edit(frame, edit, "Fit", tag, True)
+            self.opened.edit(frame, edit, "Fit", tag, True)
 
     def followed(self, change: Callable[[], None]) -> None:
         """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted

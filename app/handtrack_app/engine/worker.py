@@ -166,14 +166,14 @@ class Worker:
         self._publish(ProgressSnapshot("opening", f"Opening {self._plan.folder.name} …"))
         threading.Thread(target=self._open, name="opening", daemon=True).start()
         while not self._stopping.is_set():
-            desk = self._session or self._preview
-            item = self._mail.take(0.1 if desk is None else desk.rest_s)
+            current = self._session or self._preview
+            item = self._mail.take(0.1 if current is None else current.rest_s)
             if isinstance(item, Call):
                 self._guarded(partial(self._serve, item))
             elif item is not None:
                 self._guarded(item)
-            elif desk is not None:
-                self._guarded(desk.idle)
+            elif current is not None:
+                self._guarded(current.idle)
             if self._session is not None:
                 self._guarded(self._session.write_what_rests)
             elif self._preview is not None and not self._preview.painter.is_stale:

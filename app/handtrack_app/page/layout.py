@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.help import Help, add_work_keys
+from handtrack_app.page.html import escaped
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.copying import Library
@@ -176,8 +177,9 @@ class PageLayout:
 
     def show_progress(self, progress: ProgressSnapshot) -> None:
         """Show what the worker is doing."""
-        if progress.state == "tracking" != self.progress.state and progress.total > 1:
-            self.review.tell("")
+        begins = progress.state == "tracking" and self.progress.state != "tracking"
+        if begins and progress.total > 1:  # not a single frame
+            put(self.review.about, content="")
         self.progress = progress
         failed = progress.state == "failed"
         put(self.again, visible=failed)
@@ -197,7 +199,7 @@ class PageLayout:
     def show_notice(self, notice: Notice) -> None:
         """Keep the reason of a session that cannot be opened, and what was found out about the recording, for those who come later."""
         if notice.of_recording:
-            self.review.tell(notice.text)
+            self.review.warn(notice.text)
         if self.progress.state == "failed" and notice.level == "error":
             self.failure.content = f"**{notice.title}**\n\n{notice.text}"
             self.failure.visible = True
@@ -212,7 +214,7 @@ _STANDS = (GUIDE, "warning", "error")
 _FRAME, _LINK = re.compile(r"\b(frame) (\d+)", re.I), r"<a href='#' data-frame='\2'>\1 \2</a>"
 """the style's script goes to the frame of such a link"""
 _MOST = 100  # messages that are kept
-_NONE = "<div style='padding:.6em .9em;font-size:.9em;opacity:.75'>Nothing was said yet.</div>"
+_NONE = escaped("Nothing was said yet.")
 
 
 @dataclass

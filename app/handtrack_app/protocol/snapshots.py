@@ -463,7 +463,12 @@ class Notice:
     title: str
     text: str
     of_recording: bool = False
-    """it holds until the recording is tracked anew: another's camera, the other hand"""
+    """about the recording itself, such as a contradicting camera: holds until it is tracked anew"""
+
+    @classmethod
+    def about_recording(cls, text: str) -> Notice:
+        """Return a warning about the recording itself."""
+        return cls("warning", "About this recording", text, of_recording=True)
 
     @classmethod
     def of_mistake(cls, error: object, title: str = "Internal error") -> Notice:

@@ -300,15 +300,15 @@ class CloudService(PreviewService):
         cloud, stereo = self._wants_cloud, self._wanted.picture == "stereo"
         moment, maker = self._moment(), self._maker
         if self._surface and not hurried and "metaballs" in moment.model.flesh:
-            self.desk.render_thread.ask("surface", lambda: maker.surface(moment))
+            self.opened.render_thread.ask("surface", lambda: maker.surface(moment))
         if cloud and self._wanted.points:
-            self.desk.render_thread.ask("cloud", lambda: maker.cloud(moment))
+            self.opened.render_thread.ask("cloud", lambda: maker.cloud(moment))
         if cloud and self._wanted.picture == "images" and not hurried:
-            self.desk.render_thread.ask("picture", lambda: maker.images(moment))
+            self.opened.render_thread.ask("picture", lambda: maker.images(moment))
         if stereo and not hurried:
             pair = self._wanted.pair or self.card().pair
             if pair is not None:
-                self.desk.render_thread.ask("picture", lambda: maker.stereo(moment, pair))
+                self.opened.render_thread.ask("picture", lambda: maker.stereo(moment, pair))
 
     def _moment(self) -> RenderInput:
         document = self.document

@@ -14,7 +14,7 @@ import viser
 
 from handtrack.arrays import D3, D6, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
-from handtrack_app.page.html import chip, rgb, row
+from handtrack_app.page.html import chip, rgb, row, text
 from handtrack_app.page.page import Page, UserEvent, number, put
 from handtrack_app.page.panels.copying import CopyPanel
 from handtrack_app.page.panels.pose_words import group_of, groups_of, label_of, length_unit, unit_of
@@ -215,7 +215,8 @@ class PosePanel:
     def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
         if group not in self.folders:
-            self.folders[group] = gui.add_folder(group, order=self.sliders_at + 0.5, visible=False)
+            below = self.sliders_at + 0.5  # the rows of groups, which are made anew oftener
+            self.folders[group] = gui.add_folder(group, order=below, visible=False)
         with self.folders[group]:
             for name in members:
                 if name in self.sliders:
@@ -257,15 +258,15 @@ class PosePanel:
             if not math.isfinite(slider.value) or abs(slider.value - shown) > 0.051:
                 slider.value = shown
         self.pose = self.copies.pose = pose
-        self._say(pose)
+        self._show_card(pose)
 
     def show_score(self, score: ScoreSnapshot) -> None:
         """Take a pose's score: it shows beside that pose alone."""
         self.score = score
         if self.pose is not None:
-            self._say(self.pose)
+            self._show_card(self.pose)
 
-    def _say(self, pose: PoseSnapshot) -> None:
+    def _show_card(self, pose: PoseSnapshot) -> None:
         score = self.score
         if score is not None and not score.is_of(pose.frame, pose.values):
             score = None
@@ -362,10 +363,7 @@ def _ink(colour: str) -> str:
 def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
     """Return how well each parameter is seen, as a table of fingers by joints."""
     if std is None or len(std) != len(names):
-        return (
-            "<div style='padding:.6em .9em;font-size:.9em;opacity:.75'>Track this frame to see how well "
-            "each joint is seen.</div>"
-        )
+        return text("Track this frame to see how well each joint is seen.")
     cells: dict[str, list[str]] = {}
     for name, value in zip(names, std.tolist(), strict=True):
         row = {"root_t": "Place mm", "root_r": "Turn"}.get(name[:6], group_of(name))

@@ -144,11 +144,13 @@ class ReviewPanel:
 
     # ---- showing
 
-    def tell(self, words: str) -> None:
-        """Add what was found out about the recording, a line each; nothing: what was told holds no more."""
-        line = text(html.escape(words), faint=False, kind="handtrack-warning")
-        told = self.about.content if words else ""
-        put(self.about, content=told if line in told else told + line)
+    def warn(self, words: str) -> None:
+        """Add a warning about the recording above the list, unless it stands there."""
+        line, shown = (
+            text(html.escape(words), faint=False, kind="handtrack-warning"),
+            self.about.content,
+        )
+        put(self.about, content=shown if line in shown else shown + line)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the queue as it is now."""
