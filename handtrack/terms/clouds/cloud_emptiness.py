@@ -121,7 +121,7 @@ def seen_from(
 
 def _faces(points: Floats, normals: Floats, centre: Floats) -> Array:
     ray = centre - points
-    return (normals * ray).sum(axis=1) > GRAZING * np.linalg.norm(ray, axis=1)
+    return np.einsum("vi,vi->v", normals, ray) > GRAZING * np.linalg.norm(ray, axis=1)
 
 
 def hidden(points: Floats[V, D3], others: Floats[M, D3], centre: Floats[D3]) -> Array[V]:
@@ -152,11 +152,15 @@ def _picture(
     z /= far
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x /= np.linalg.norm(x)
-    across = far * np.stack([x, np.cross(z, x)], axis=1)
-    flat, beside = (one @ across / np.maximum(one @ z, 1e-3)[:, None] for one in (out, rest))
-    cell, other = (np.floor((one - flat.min(axis=0)) / CELL) for one in (flat, beside))
-    rows, width = (int(most) + 1 for most in cell.max(axis=0))
-    inside = ((other >= 0) & (other < (rows, width))).all(axis=1) & (rest @ z > 0)
-    place, other = (one @ (width, 1) for one in (cell, np.where(inside[:, None], other, 0)))
-    other[~inside] = rows * width
-    return place.astype(int), out @ z, other.astype(int), rest @ z, rows * width
+    depth, nearer = out @ z, rest @ z
+    place, other, inside, count = np.zeros(len(out)), np.zeros(len(rest)), nearer > 0, 1
+    for across in (x, np.cross(z, x)):
+        flat, beside = (
+            (far / CELL) * (one @ across) / np.maximum(away, 1e-3)
+            for one, away in ((out, depth), (rest, nearer))
+        )
+        cell, beyond = np.floor(flat - flat.min()), np.floor(beside - flat.min())
+        size = int(cell.max()) + 1
+        inside &= (beyond >= 0) & (beyond < size)
+        place, other, count = place * size + cell, other * size + beyond, count * size
+    return place.astype(int), depth, np.where(inside, other, count).astype(int), nearer, count

@@ -45,9 +45,9 @@ def _gap(u, i):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def look_up(distances, x, y, z):  # pragma: no cover - compiled
+def look_up(distances, x, y, z, enough):  # pragma: no cover - compiled
     """Return distance and gradient (3) at a point: to the nearest of all points where that is within about `_AROUND`, further
-    away to the nearest of those in the cells that are nearest to its 8 nodes.
+    away to the nearest of those in the cells that are nearest to its 8 nodes; to any that is at most `enough` away [m].
     """
     nearest, first, points, low, spacing = distances
     u, v, w = (x - low[0]) / spacing, (y - low[1]) / spacing, (z - low[2]) / spacing
@@ -64,7 +64,7 @@ def look_up(distances, x, y, z):  # pragma: no cover - compiled
                 least, best = _nearest_in(m, first, points, x, y, z, least, best)
             before = m
     reach = np.sqrt(least) / spacing
-    if reach < _AROUND:
+    if reach < _AROUND and least > enough * enough:
         for i in range(
             max(np.int64(np.rint(u - reach)), 0), min(np.int64(np.rint(u + reach)) + 1, size_x)
         ):
@@ -93,7 +93,7 @@ def look_up_all(distances, at, distance, gradient):  # pragma: no cover - compil
     """Fill distance (N,) and gradient (N, 3) at places (N, 3)."""
     for n in range(at.shape[0]):
         distance[n], gradient[n, 0], gradient[n, 1], gradient[n, 2] = look_up(
-            distances, at[n, 0], at[n, 1], at[n, 2]
+            distances, at[n, 0], at[n, 1], at[n, 2], 0.0
         )
 
 
@@ -105,7 +105,7 @@ def fill_nodes(distances, values):  # pragma: no cover - compiled
         for j in range(values.shape[1]):
             for k in range(values.shape[2]):
                 x, y, z = low[0] + spacing * i, low[1] + spacing * j, low[2] + spacing * k
-                values[i, j, k] = look_up(distances, x, y, z)[0]
+                values[i, j, k] = look_up(distances, x, y, z, 0.0)[0]
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -123,7 +123,7 @@ def emptiness_sums(distances, frames, surface, noise, sums):  # pragma: no cover
         b = bone[n]
         to_world(frames, b, local[n], point)
         x, y, z = point[0], point[1], point[2]
-        distance, gx, gy, gz = look_up(distances, x, y, z)
+        distance, gx, gy, gz = look_up(distances, x, y, z, slack)
         residual = (distance - slack) / sigma
         if residual <= 0.0:
             continue

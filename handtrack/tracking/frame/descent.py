@@ -19,7 +19,7 @@ from handtrack.tracking.frame.frame_terms import FrameTerms
 
 _POLISH = PolishSettings(iterations=30, gradient_tolerance=1e-3)
 _LONG = PolishSettings(iterations=200, gradient_tolerance=1e-3)
-_WIDE_GAIN, _LAST_GAIN = 0.5, 0.01
+_WIDE_GAIN, LAST_GAIN = 0.5, 0.01
 """what a step must gain for another to follow. Costs are negative log-likelihoods: a stage that hands over a start ends by a step that moves
 no more than one standard deviation, ½; the last one by a seventh of it. Of three cameras' masks, clouds and stereo 0.6 to 0.8 of the
 evaluations are left of those to the last digit, and the mean error is within 0.08 mm, both ways"""
@@ -77,7 +77,7 @@ def descend(
             if on_iteration is not None:
                 on_iteration(offset + k, x, cost)
 
-        gain = _WIDE_GAIN if stage + 1 < terms.stages else _LAST_GAIN
+        gain = _WIDE_GAIN if stage + 1 < terms.stages else LAST_GAIN
         stage_settings = replace(settings, iterations=share, least_gain=gain * likelihoods)
         summary = solve(problem, params, stage_settings, should_stop, watch)
         params = summary.params

@@ -18,7 +18,7 @@ from handtrack.model.model_file import load_model
 from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
-from handtrack.tracking.frame.descent import Descended, descend, stage_problem
+from handtrack.tracking.frame.descent import LAST_GAIN, Descended, descend, stage_problem
 from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
@@ -101,7 +101,7 @@ def _refined(task: FrameTask, terms: FrameTerms, found: Descended) -> Solved:
     if fine is not terms:
         exact = stage_problem(task.model, fine, fine.stages - 1, found.params)
         share = max(task.settings.solver.iterations // fine.stages, 1)
-        settings = replace(task.settings.solver, iterations=share)
+        settings = replace(task.settings.solver, iterations=share, least_gain=LAST_GAIN)
         summary = solve(exact, found.params, settings, task.control.should_stop)
         found = replace(
             found,

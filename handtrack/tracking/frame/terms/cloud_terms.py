@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from handtrack.observation.observation import Observation
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, PreparedCloud, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, hiding
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
+from handtrack.terms.clouds.distance_map import distance_map
 from handtrack.terms.loss import Loss, geman_mcclure, quadratic, uniform_outliers
 from handtrack.terms.term import ObservationTerm
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM, FOREARM_SEEN_MM
@@ -124,7 +126,7 @@ def see_cloud(
     if settings.cloud.balance < 1:
         margin = settings.cloud.crop_mm * _MM
         filled = points
-        if _is_doubted(seen.cloud_views, settings):
+        if _is_doubted(seen.cloud_views, settings.cloud):
             filled = _lines_of_sight(points, _eye(seen.cloud_views), mesh, margin)
         emptiness = CloudEmptinessTerm.at_start(
             filled, mesh, views, objects=before, margin_m=margin
@@ -149,6 +151,7 @@ def _is_before(mesh: SurfaceMesh, points: Floats, views: Sequence[Floats]) -> Ar
     return KDTree(points[found]).query(points, distance_upper_bound=_OBJECT_M)[0] < _OBJECT_M
 
 
+@lru_cache(maxsize=8)
 def fitted_surface(model: ArticulatedModel, chosen: CloudTermSettings) -> MetaballSurface:
     """Return the merged surface that distances are measured to."""
     return MetaballSurface.of(model, chosen.sharpness_per_mm / _MM, chosen.distance)
@@ -163,9 +166,9 @@ def _asked(views: Sequence[Floats], traits: Traits) -> Sequence[Floats]:
     return () if traits.whole_surface else views
 
 
-def _is_doubted(views: Sequence[Floats], settings: TrackerSettings) -> bool:
+def _is_doubted(views: Sequence[Floats], chosen: CloudTermSettings) -> bool:
     """Return whether lines of sight are all that is believed; each point's must be known."""
-    return settings.cloud.doubt_depth and len(views) == 1
+    return chosen.doubt_depth and len(views) == 1
 
 
 def _eye(views: Sequence[Floats]) -> Floats:
@@ -210,7 +213,7 @@ def cloud_terms(
     hand, and a piece of the hand that no line meets, are two observations: at K = ½ each counts whole.
     """
     chosen, sigma_m = settings.cloud, settings.cloud.sigma_mm * _MM
-    if _is_doubted(seen.views, settings):
+    if _is_doubted(seen.views, chosen):
         rays = CloudRaysTerm(
             np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T),
             _eye(seen.views),
@@ -275,13 +278,15 @@ def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agr
     It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is
     whether that was measured which could be.
     """
-    from scipy.spatial import KDTree
-
     points = np.ascontiguousarray(seen.prepared.points[:, : seen.prepared.count].T)
     off = np.abs(fitted_surface(model, seen.surface).distance(bones, points))
     measured, term = np.nan, seen.emptiness  # of the hand alone
     if term is not None and len(term.bone):
-        surface = bones.to_world(term.bone, term.local)
-        near = KDTree(points).query(surface, distance_upper_bound=NEAR_M)[0] < NEAR_M
-        measured = float(near.mean())
+        distances = term.distances
+        if _is_doubted(seen.views, seen.surface):  # those are of lines of sight
+            distances = distance_map(
+                points, points.min(axis=0) - NEAR_M, points.max(axis=0) + NEAR_M
+            )
+        away = distances.at(bones.to_world(term.bone, term.local))[0]
+        measured = float(np.mean(away < NEAR_M))
     return Agreement(float(np.mean(off < NEAR_M)), measured)
