@@ -55,7 +55,6 @@ FROM_PAGES: Mapping[str, type[Message]] = {
 """messages of a page that the workbench uses, by the name in which they come. Not among them: forms, buttons held down,
 pictures rendered by the page, public tunnels
 """
-_Place = tuple[float, float, float]
 
 
 # ---- handles
@@ -119,12 +118,6 @@ def show_value(client: viser.ClientHandle, widget: Any, value: object) -> None:
     send(client, GuiUpdateMessage(id_of(widget), {"value": value}))
 
 
-def show_pose(client: viser.ClientHandle, node: str, position: _Place, wxyz: tuple[float, ...]) -> None:  # fmt: skip
-    """Show one client a node at a pose."""
-    send(client, messages.SetPositionMessage(node, position))
-    send(client, messages.SetOrientationMessage(node, wxyz))  # type: ignore[arg-type]
-
-
 def show_node(client: viser.ClientHandle, node: str, visible: bool) -> None:
     """Show or hide a node for one client."""
     send(client, messages.SetSceneNodeVisibilityMessage(node, visible))
@@ -154,10 +147,10 @@ def ask_storage(server: viser.ViserServer, name: str, question: str) -> None:
     server._websock_server.queue_message(messages.LocalStorageGetItemRequestMessage(name, question))
 
 
-def on_storage(server: viser.ViserServer, hear: Callable[[int, str], None]) -> None:
-    """Call back with client and question of each answer."""
+def on_storage(server: viser.ViserServer, hear: Callable[[str], None]) -> None:
+    """Call back with the question of each answer."""
     server._websock_server.register_handler(
-        LocalStorageGetItemResponseMessage, lambda client, message: hear(client, message.request_uuid)
+        LocalStorageGetItemResponseMessage, lambda _, message: hear(message.request_uuid)
     )  # fmt: skip
 
 

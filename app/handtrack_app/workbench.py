@@ -18,7 +18,7 @@ from handtrack_app.door.access import Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is_loopback
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.layout import PageLayout
-from handtrack_app.page.page import Editing, Page, UserState
+from handtrack_app.page.page import Page, UserState
 from handtrack_app.page.player import Demo, Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.process.child import EngineChild, EnginePlan, LiveOptions
@@ -105,10 +105,7 @@ class Workbench:
             self.go_to,
             self.door.messages.sent_value,
         )
-        self.door.messages.own, self.door.messages.everyones = (
-            self.page.own_widgets,
-            self.page.everyones,
-        )
+        self.door.messages.own = self.page.own_widgets
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage, self.worker.start_again)
         self._subscribe()
@@ -122,13 +119,6 @@ class Workbench:
         self.server.on_client_connect(self.layout.help.welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
-        self.editing = Editing(self.page)
-        self.door.messages.may_edit, self.door.messages.looked_on = (
-            self.editing.may_edit,
-            self.editing.refuse,
-        )
-        self.server.on_client_connect(self.editing.welcome)
-        self.server.on_client_disconnect(self.editing.leave)
         self.server.on_client_disconnect(lambda _: self.redraw())  # its picture is painted no more
         self.player.start()
         self.worker.start()

@@ -254,10 +254,6 @@ class Rejected(Exception):
     """A message that no page of ours would send."""
 
 
-class ReadOnly(Rejected):
-    """An edit by a page that only looks on: the name of its widget or node."""
-
-
 @dataclass
 class MessageFilter:
     """Which messages reach a viser server, and what its pages sent last."""
@@ -266,16 +262,10 @@ class MessageFilter:
     """None while it starts"""
     refused: int = 0
     """messages"""
-    may_edit: Callable[[int], bool] = lambda _: True
-    """whether a client may do more than look"""
-    looked_on: Callable[[int, str], None] = lambda _client, _name: None
-    """called where it did more"""
     own: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """widgets that each page has for itself: what is called with a client's value, which no other page gets"""
     files: dict[str, Callable[[int, str, bytes | None], None]] = field(default_factory=dict)
     """upload buttons: what is called with a client, a file's name and its content, None where it is too large"""
-    everyones: set[str] = field(default_factory=set)
-    """commands and nodes that also pages use that look on"""
     _values: dict[str, Any] = field(default_factory=dict)
     _begun: dict[tuple[int | None, str], Any] = field(default_factory=dict)
     """files of which the first message came"""
@@ -306,13 +296,12 @@ class MessageFilter:
         names = (getattr(message, one, "") for one in ("uuid", "source_component_uuid", "name"))
         name = next(filter(None, names), "")
         kind: Hashable = object()  # unlike any other: each of these counts
-        looks = name in self.everyones
         match declared.__name__:
             case "GuiUpdateMessage":
                 private = {} if page is None else internals.widgets(page)
                 widget = internals.widgets(self.server).get(name) or private.get(name)
                 value = self._value(widget, message.updates)
-                content, looks = content | {"updates": {"value": value}}, looks or name in private
+                content = content | {"updates": {"value": value}}
                 if not internals.is_button(widget):
                     kind = name
                 if name in self.own and client is not None:
@@ -321,9 +310,9 @@ class MessageFilter:
                 turned = any(message.wxyz) and any(message.up_direction)
                 if not turned or not 0 < message.fov < math.pi or min(message.image_width, message.image_height) < 0:  # fmt: skip
                     raise Rejected("no camera")
-                kind, looks = "camera", True
+                kind = "camera"
             case "LocalStorageGetItemResponseMessage":
-                kind, looks = "storage", True
+                kind = "storage"
             case "CommandTriggerMessage":
                 if not internals.has_command(self.server, name):
                     raise Rejected("an unknown command")
@@ -331,7 +320,6 @@ class MessageFilter:
                 rays = None not in (message.ray_origin, message.ray_direction)
                 if not (rays if message.event_type == "click" else len(message.screen_pos) == 2):
                     raise Rejected("half a click")
-                looks = looks or (message.modifier or "").startswith("cmd/ctrl")  # zooms its view
             case "FileTransferStartUpload" | "FileTransferPart":
                 if name not in self.files:
                     raise Rejected("a file for what takes none")
@@ -346,8 +334,6 @@ class MessageFilter:
                     kind = "control", name
                 elif getattr(message, "phase", "") == "update":
                     kind = "drag", name
-        if not (looks or client is None or self.may_edit(client)):
-            raise ReadOnly(name)
         if declared.__name__.startswith("FileTransfer"):
             return kind, self._file(message, client)
         if declared.__name__ == "GuiUpdateMessage":
@@ -374,9 +360,6 @@ class MessageFilter:
 
     def refuse(self, why: Rejected, client: int | None) -> None:
         """Count a message that does not pass; the log has the 1st, 2nd, 4th, 8th …"""
-        if isinstance(why, ReadOnly) and client is not None:
-            self.looked_on(client, str(why))
-            return
         self.refused += 1
         if self.refused & (self.refused - 1) == 0:
             log.warning(

@@ -66,9 +66,9 @@ class Help:
 
     def __post_init__(self) -> None:
         key = self.page.key
-        key("Help: all keys", "H", self.show, "shift", everyones=True)
-        key("Tour: five things to do", None, self.tour, everyones=True)
-        key("Close the dialog, or leave the camera", "escape", self.escape, everyones=True)
+        key("Help: all keys", "H", self.show, "shift")
+        key("Tour: five things to do", None, self.tour)
+        key("Close the dialog, or leave the camera", "escape", self.escape)
 
     def escape(self, client: viser.ClientHandle) -> None:
         """Close the dialog; where none is open, leave the camera that is looked through."""

@@ -7,7 +7,6 @@ import json
 import logging
 import math
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -104,8 +103,6 @@ class UserState:
     speed: float = 1.0
     follow: bool = True
     """the view follows the tracker"""
-    editor: int | None = None
-    """the client whose changes count"""
     display: Display = field(default_factory=Display)
     looks: dict[int, Look] = field(default_factory=dict)
     """by client, of those that chose"""
@@ -249,8 +246,6 @@ class Page:
     """the value that a page last gave to a widget"""
     own_widgets: dict[str, Callable[[int, object], None]] = field(default_factory=dict)
     """by id: what is called with a client and the value that it gave to a widget that each page has for itself"""
-    everyones: set[str] = field(default_factory=set)
-    """ids of commands that also a page may give that looks on"""
     words: Worded = field(default_factory=Worded)
     heard: list[Callable[[Notice], None]] = field(default_factory=list)
     """called with all that is said"""
@@ -376,7 +371,7 @@ class Page:
         widget: viser.GuiInputHandle[str] | viser.GuiButtonGroupHandle,
         action: Callable[[viser.ClientHandle, str], None],
     ) -> None:
-        """Let each page have a value of its own for a widget, also one that looks on; `action` gets it."""
+        """Let each page have a value of its own for a widget; `action` gets it."""
 
         def call(client_id: int, value: object) -> None:
             client = self.server.get_clients().get(client_id)
@@ -387,9 +382,9 @@ class Page:
 
     def key(
         self, words: str, key: str | None, act: Callable[[viser.ClientHandle], object],
-        modifier: KeyModifier | None = None, everyones: bool = False,
+        modifier: KeyModifier | None = None,
     ) -> None:  # fmt: skip
-        """Let a key of a page do something; the palette (Ctrl-K) has it too, or alone (None). everyones: also of one that looks on."""
+        """Let a key of a page do something; the palette (Ctrl-K) has it too, or alone (None)."""
         hotkey = cast("HotkeyKey | None", key)
         command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
         self.words.on(command, label=words)
@@ -403,8 +398,6 @@ class Page:
         if key is not None:
             shown = _KEY_WORDS.get(key, key)
             self.keys.append((f"{_MODIFIERS.get(modifier or '', '')} {shown}".strip(), words))
-        if everyones:
-            self.everyones.add(internals.id_of(command))
 
     def button(
         self, label: str, act: Callable[..., object], icon: str = "", hint: str = "",
@@ -516,112 +509,3 @@ def clean_interval(values: object, low: float, high: float) -> tuple[float, floa
     if pair[0] is None or pair[1] is None:
         return None
     return (min(pair[0], pair[1]), max(pair[0], pair[1]))
-
-
-# ---- One page edits at a time: the first that came. The others look on, and may take over
-
-
-_AGAIN_S = 5.0
-"""a page that looks on and is used is told at most so often"""
-
-
-@dataclass
-class Editing:
-    """Who edits; `UserState.editor` names the client.
-
-    What a page looks at is its own: the tabs, the view of the scene, the camera looked through and what is painted over its
-    image. What all see together, the frame and how the hand is drawn, is changed by the one that edits.
-    """
-
-    page: Page
-    _buttons: dict[int, viser.GuiButtonHandle] = field(default_factory=dict)
-    _told: dict[int, float] = field(default_factory=dict)
-    _lock: threading.RLock = field(default_factory=threading.RLock)
-
-    def may_edit(self, client_id: int) -> bool:
-        """Return whether what a page sends counts."""
-        return self._editor() in (None, client_id)
-
-    def welcome(self, client: viser.ClientHandle) -> None:
-        """Let the first page edit and a later one look on."""
-        with self._lock:
-            here = self.page.server.get_clients()
-            if client.client_id not in here:  # left again; perhaps before it came, as threads go
-                return
-            self._buttons = {one: button for one, button in self._buttons.items() if one in here}
-            self._told = {one: when for one, when in self._told.items() if one in here}
-            if self._editor() is None:
-                self.page.state.editor = client.client_id
-                return
-            self._look_on(client)
-        self.page.notify(
-            "info",
-            "Another page edits",
-            "You look on: the tabs, your view of the scene and the camera you look through are your own. Take over editing to "
-            "change anything else.",
-            client,
-        )
-
-    def leave(self, client: viser.ClientHandle) -> None:
-        """Pass editing on when the page that edits goes."""
-        with self._lock:
-            self._buttons.pop(client.client_id, None)
-            self._told.pop(client.client_id, None)
-            if self.page.state.editor != client.client_id:
-                return
-            heir = next(iter(self.page.server.get_clients().values()), None)
-            self.page.state.editor = None if heir is None else heir.client_id
-            if heir is not None:
-                self._edit(heir)
-        if heir is not None:
-            self.page.notify("info", "You edit now", "The page that edited was closed.", heir)
-
-    def take_over(self, client: viser.ClientHandle) -> None:
-        """Let a page edit in the place of the one that does."""
-        with self._lock:
-            editor = self._editor()
-            before = None if editor is None else self.page.server.get_clients().get(editor)
-            self.page.state.editor = client.client_id
-            self._edit(client)
-            if before is not None and before.client_id != client.client_id:
-                self._look_on(before)
-        if before is not None and before.client_id != client.client_id:
-            self.page.notify("warning", "Another page took over", "You look on now.", before)
-
-    def refuse(self, client_id: int, name: str) -> None:
-        """Undo in a page that looks on what it did there, and tell it why. name: of the widget or node."""
-        client = self.page.server.get_clients().get(client_id)
-        if client is None:
-            return
-        widget = internals.widgets(self.page.server).get(name)
-        node = internals.nodes(self.page.server).get(name)
-        if widget is not None and not internals.is_button(widget):
-            internals.show_value(client, widget, widget.value)
-        if node is not None:
-            internals.show_pose(
-                client, name, tuple(node.position.tolist()), tuple(node.wxyz.tolist())
-            )
-        now = time.monotonic()
-        if now - self._told.get(client_id, -_AGAIN_S) >= _AGAIN_S:
-            self._told[client_id] = now
-            self.page.notify(
-                "info", "Another page edits", "Take over editing to change this.", client
-            )
-
-    def _editor(self) -> int | None:
-        """Return the client that edits; None where it has gone, though nobody was told yet."""
-        editor = self.page.state.editor
-        return editor if editor in self.page.server.get_clients() else None
-
-    def _look_on(self, client: viser.ClientHandle) -> None:
-        button = client.gui.add_button(
-            "Take over editing", icon=viser.Icon.PENCIL, color="orange", order=-1.0,
-            hint="Another page edits; you look on.",
-        )  # fmt: skip
-        button.on_click(lambda _: self.take_over(client))
-        self._buttons[client.client_id] = button
-
-    def _edit(self, client: viser.ClientHandle) -> None:
-        button = self._buttons.pop(client.client_id, None)
-        if button is not None:
-            button.remove()

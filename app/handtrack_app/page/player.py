@@ -21,13 +21,14 @@ _TIMES = 2
 
 @dataclass(frozen=True)
 class Drawn:
-    """The page that edits has drawn the frame that it was told last."""
+    """A page has drawn the frame that it was told last."""
 
 
 class InFlight:
-    """Frames that are played and that the page which edits has not drawn yet: a slow page gets fewer, each of them whole.
+    """Frames that are played and that no page has drawn yet: a slow page gets fewer, each of them whole.
 
-    The page tells by answering a question that comes behind all that is of the frame: what its browser keeps under a name.
+    A page tells by answering a question that comes behind all that is of the frame: what its browser keeps under a name. The one that
+    answers first counts: another may lie in a hidden tab, where it draws nothing.
     """
 
     def __init__(self, page: Page, drawn: Callable[[Drawn], None]) -> None:
@@ -35,8 +36,8 @@ class InFlight:
         self._page, self._tell = page, drawn
         self._frames = deque[int]()
         self._drawing: int | None = None
-        self._asked: dict[str, tuple[int, int, int]] = {}
-        """by question: the client that is to answer it, the frame, and how often it answered for that"""
+        self._question, self._times = "", 0
+        """asked last, and how often for the frame; empty once it is answered"""
         self._count = 0
         self._lock = threading.Lock()
         internals.on_storage(page.server, self._answered)
@@ -68,28 +69,29 @@ class InFlight:
             self._drawing = None
 
     def show(self, frame: int) -> None:
-        """All that is of a frame was told: ask the page that edits, behind it. Where there is none, nobody is waited for."""
-        editor = self._page.state.editor
-        if editor is None or editor not in self._page.server.get_clients():
+        """All that is of a frame was told: ask the pages, behind it. Where there is none, nobody is waited for."""
+        if not self.is_watched:
             self._drawn(frame)
             return
         with self._lock:
             self._drawing = frame
-        self._ask(editor, frame, 1)
+        self._ask(1)
 
-    def _ask(self, client: int, frame: int, times: int) -> None:
+    def _ask(self, times: int) -> None:
         with self._lock:
             self._count += 1
             question = f"drawn {self._count % 8}"  # viser keeps one of each for those who come
-            self._asked[question] = client, frame, times
+            self._question, self._times = question, times
         internals.ask_storage(self._page.server, _QUESTION, question)
 
-    def _answered(self, client: int, question: str) -> None:
-        of, frame, times = self._asked.get(question, (None, -1, 0))
-        if of != client or frame != self._drawing:
-            return
+    def _answered(self, question: str) -> None:
+        with self._lock:
+            frame, times = self._drawing, self._times
+            if question != self._question or frame is None:
+                return
+            self._question = ""
         if times < _TIMES:
-            self._ask(client, frame, times + 1)
+            self._ask(times + 1)
         else:
             self._drawn(frame)
 
@@ -112,7 +114,7 @@ class Player:
         in_flight: InFlight,
         ended: Callable[[], None] = lambda: None,
     ) -> None:
-        """ask: for a frame with all that is of it. ended: called when playback ends, or whoever edits has ended it."""
+        """ask: for a frame with all that is of it. ended: called when playback ends, or an edit has ended it."""
         self.fps = 25.0
         self._state, self._ask, self._in_flight, self._ended = state, ask, in_flight, ended
         self._stopping = threading.Event()

@@ -37,7 +37,6 @@ def test_a11_c49_a_hostile_client_harms_nobody(bench, tmp_path, capfd, monkeypat
         monkeypatch.setattr(attacks, constant, fewer)
     slider, before = bench.layout.pose.sliders["index_mcp_flex"], callbacks(bench)
     page = attacks.TargetPage(bench.url, list(before))
-    bench.door.messages.may_edit = lambda _: True  # as if the attacker had taken over
     with logging_to(tmp_path / "log"), WireClient(bench.url) as honest:
         memory = resident_mb()
         attacks.ATTACKS[name](page)

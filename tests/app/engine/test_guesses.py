@@ -51,7 +51,7 @@ def search(monkeypatch):
 
 @pytest.fixture
 def client(bench):
-    """One page for a whole test: a second one may only look on until the server has seen the first one go."""
+    """One page for a whole test."""
     with WireClient(bench.url) as one:
         yield one
 

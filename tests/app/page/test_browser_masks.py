@@ -61,7 +61,7 @@ def test_a_user_tries_a_method_and_paints(tmp_path):
         page.keyboard.press("x")
         eventually(lambda: brushes.brush.value == "not hand", "the other brush")
         with WireClient(bench.url):
-            eventually(lambda: len(bench.server.get_clients()) == 2, "another page looks on")
+            eventually(lambda: len(bench.server.get_clients()) == 2, "another page is there")
             other = bench.server.get_clients()[max(bench.server.get_clients())]
             bench.stage.look("cam1", other)
             assert bench.stage._marking, "its look is its own"

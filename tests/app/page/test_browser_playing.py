@@ -64,7 +64,7 @@ def test_no_more_than_two_frames_are_on_their_way(tmp_path):
     assert bench.wait_ready()
     try:
         with WireClient(bench.url, draws=False) as wire:
-            eventually(lambda: bench.state.editor is not None, "it edits")
+            eventually(bench.server.get_clients, "it is there")
             asked, send = list[int](), bench.worker.send
 
             def sent(call):

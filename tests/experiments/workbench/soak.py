@@ -1,4 +1,4 @@
-"""Benchmark: the workbench for five minutes with four clients that edit in turns, of whom one comes and goes: memory and handles."""
+"""Benchmark: the workbench for five minutes with four clients that edit, of whom one comes and goes: memory and handles."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ def soak() -> dict[str, Any]:
         began, taken, sent, came = time.monotonic(), [], 0, 1
         renewed = began
         while (now := time.monotonic()) < began + 60 * _MINUTES:
-            # those that look on are refused, and their pages put back
             for client in (first, *others):
                 client.set_value(frame["uuid"], sent % 100)
                 if sent % int(_RATE) == 0:
@@ -39,12 +38,10 @@ def soak() -> dict[str, Any]:
                 others.pop().__exit__(None, None, None)
                 others.append(WireClient(program.url))
                 came, renewed = came + 1, now
-                take_over((first, *others)[came % _CLIENTS])
                 taken.append((
                     now - began, program.resident_mb(), program.page_mb(), program.open_files(), program.threads(),
                 ))  # fmt: skip
             time.sleep(1 / _RATE)
-        take_over(first)
         waits = latencies_ms(first, sliders[0], 30)
         for client in others:
             client.__exit__(None, None, None)
@@ -68,12 +65,3 @@ def soak() -> dict[str, Any]:
             "threads": f"{int(settled[:, 4].min())} to {int(settled[:, 4].max())}",
             "latency_at_the_end_ms": float(np.median(waits)),
         }
-
-
-def take_over(client: WireClient) -> None:
-    """Let a client edit, if it looks on."""
-    time.sleep(1.0)
-    button = client.button("Take over editing")
-    if button is not None:
-        client.set_value(button, True)
-        time.sleep(0.2)

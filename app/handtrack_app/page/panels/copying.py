@@ -264,8 +264,7 @@ class Library:
 
         def choose(name: str) -> None:
             self.page.close_dialog(client)
-            if self.page.state.editor in (None, client.client_id):
-                self.take(name)
+            self.take(name)
 
         with self.page.dialog(client, "Choose a pose"):
             style = "".join(

@@ -150,7 +150,7 @@ class SessionPanel:
             ("Orbit view", "0", partial(self._show_look, None)),
             ("See the {kind} in all cameras", "B", partial(self._show_look, ALL)),
         ):
-            self.page.key(words, key, act, everyones=True)
+            self.page.key(words, key, act)
         self.stage.looking.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
@@ -195,11 +195,10 @@ class SessionPanel:
         self.stage.look(camera, client, everything)
 
     def _paint(self, client: viser.ClientHandle, chosen: str) -> None:
-        """Paint over what a page looks through; the one that edits also sees it on the small pictures of all."""
+        """Paint over what a page looks through, and over the small pictures of all."""
         paint, state = _PAINT_WORDS[chosen], self.page.state
         self.stage.looking.set_paint(client.client_id, paint)
-        if state.editor == client.client_id:
-            state.display.paint = "plain" if paint == "mask" else paint
+        state.display.paint = "plain" if paint == "mask" else paint
         self.page.redraw()
 
     def _next_paint(self, client: viser.ClientHandle) -> None:
@@ -343,9 +342,9 @@ class Room:
             )  # fmt: skip
         own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
         own(self.text, lambda client, chosen: self.change(client, text=chosen))
-        self.page.key("Hide or show the panel", "T", self.fold, everyones=True)
-        self.page.key("Light or dark", None, self._other_colours, everyones=True)
-        self.page.key("Large or usual text", None, self._other_text, everyones=True)
+        self.page.key("Hide or show the panel", "T", self.fold)
+        self.page.key("Light or dark", None, self._other_colours)
+        self.page.key("Large or usual text", None, self._other_text)
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
@@ -432,7 +431,7 @@ class ZoomKeys:
             ("View: wider", "X", "Out"),
             ("View: the whole image", "V", "All"),
         ):
-            self.page.key(words, key, acts[act], everyones=True)
+            self.page.key(words, key, acts[act])
 
     def _say(self, client: viser.ClientHandle, view: Through | None) -> None:
         line = self._lines.get(client.client_id)

@@ -67,7 +67,6 @@ class Looking:
     def __init__(self, page: Page) -> None:
         self._page = page
         self.views, self.walls = Views(page), Walls(page)
-        page.everyones.add(_SCREEN)  # who looks on turns its own picture, too
         self._cards: dict[str, CameraCard] = {}
         self._screens: dict[int, Screen] = {}
         self._lock = threading.RLock()  # each page has one screen, whichever thread redraws
@@ -174,8 +173,6 @@ class Looking:
         self._drags_turn(client, screen.image, "right")
 
         def tell(through: Sequence[float], phase: str) -> None:
-            if self._page.state.editor not in (None, client.client_id):
-                return
             eye = np.asarray(client.camera.position, dtype=float)
             at = _pixel(card, screen.depth[card.name], eye, np.asarray(through, dtype=float))
             if at is not None:
@@ -639,7 +636,6 @@ class Walls:
         wall = _Wall({}, {})
         for camera in cameras:
             name = f"{_NODE}/{camera}"
-            self.page.everyones.add(name)  # who looks on chooses its own view
             image = client.scene.add_image(
                 name, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
                 receive_shadow=False, visible=False,

@@ -363,8 +363,8 @@ class Stage:
         marking: at the bare image.
         """
         self._end_mark(client)
-        paints = self.looking.heard  # who looks on does not end it
-        if paints in (None, client.client_id) or paints != self.page.state.editor:
+        paints = self.looking.heard  # another page does not end it
+        if paints == client.client_id or paints not in self.page.server.get_clients():
             self._marking = marking
             self.looking.hush()
             self.stopped_painting()
