@@ -7,8 +7,7 @@ from collections.abc import Container, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
-from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.reason import Reason, Status
 
 _JOINED = 5
 """frames without that doubt between two with it that are looked at as one stretch: a fifth of a second at 25 frames a second"""

@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D3, D21, Floats, K
 from handtrack.diagnostics.flexion import flexion_deg
-from handtrack.diagnostics.review import worth_a_look
+from handtrack.diagnostics.review import Stretch, worth_a_look
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -41,7 +41,6 @@ from handtrack_app.protocol.snapshots import (
     PoseName,
     PoseSnapshot,
     SessionSnapshot,
-    StretchCard,
     TimelineChange,
     TimelineSnapshot,
     WorkSnapshot,
@@ -338,13 +337,10 @@ _MOST = 500  # of the queue: nobody looks at more in one go, and what is told do
 _AT_LIMIT_RAD = 1e-3  # bounded steps end at a limit to rounding; a slider's step is 0.1°
 
 
-def queue(document: Document) -> tuple[StretchCard, ...]:
+def queue(document: Document) -> tuple[Stretch, ...]:
     """Return the stretches that are worth a look, the worst first."""
     done = document.accepted | document.by_hand.keys()
-    return tuple(
-        StretchCard(s.first, s.last, s.worst, s.expected, s.brief, s.words)
-        for s in worth_a_look(document.rows.heads(), done)[:_MOST]
-    )
+    return tuple(worth_a_look(document.rows.heads(), done)[:_MOST])
 
 
 def numbers_of(

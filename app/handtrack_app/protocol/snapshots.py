@@ -9,6 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, Array, B, Bytes, E, F, Floats, H, Ints, J, K, M, N, S, T, V, W
 from handtrack.capture.clouds.cloud_filters import FilterReport
+from handtrack.diagnostics.review import Stretch
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.model.shape import ShapeNumber
@@ -154,22 +155,6 @@ shows moved a joint from the one below it; how far a joint lies from the take th
 
 
 @dataclass(frozen=True)
-class StretchCard:
-    """Frames, first to last, that are worth a look."""
-
-    first: int
-    last: int
-    worst: int
-    """the frame that is most probably off"""
-    expected: float
-    """how many of its frames are off, by their probabilities"""
-    brief: str
-    """the reason in a few words"""
-    words: str
-    """and in a clause"""
-
-
-@dataclass(frozen=True)
 class TimelineSnapshot:
     """The whole recording at a glance; rows are frames from `start`."""
 
@@ -189,7 +174,7 @@ class TimelineSnapshot:
     """other numbers by their words, NaN where unknown"""
     accepted: frozenset[int] = frozenset()
     """frames that no tracking changes"""
-    stretches: tuple[StretchCard, ...] = ()
+    stretches: tuple[Stretch, ...] = ()
     """worth a look, the worst first"""
     takes: tuple[Span, ...] = ()
     """what the track is composed of, ascending"""

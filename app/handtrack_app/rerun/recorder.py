@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, P
+from handtrack.arrays import D3, Array, Floats, N, P
 from handtrack.diagnostics.residual_image import predicted_image, residual_image
 from handtrack.diagnostics.residual_points import dots, image_residuals, space_residuals
 from handtrack.model.articulated import ArticulatedModel
@@ -31,13 +31,7 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack_app.protocol.snapshots import Notice, RerunPage
-from handtrack_app.rerun.stream import (
-    CameraPictures,
-    FrameEntry,
-    JudgedFrame,
-    RerunStream,
-    SpaceEntry,
-)
+from handtrack_app.rerun.stream import CameraPictures, RerunStream
 
 log = logging.getLogger(__name__)
 
@@ -78,7 +72,6 @@ class ResidualRecorder:
         self._run = run
         self._closely = closely
         self._steps: list[Step] = []
-        self._results: dict[int, FrameResult] = {}
         self._watched: tuple[_Entry, _Painter] | None = None
         self._failure = ""
         self._waiting: deque[_Entry] = deque()
@@ -172,34 +165,21 @@ class ResidualRecorder:
             painter = _Painter(entry.run, result.frame, params, self._before(entry))
         else:
             self.without_pictures += 1
-        self._stream.log(
-            FrameEntry(
-                frame=result.frame,
-                time_s=result.time_s,
-                energy=result.energy,
-                iterations=result.iterations,
-                status=int(result.status),
-                parameters=_named(model, result.parameters),
-                pictures=() if painter is None else painter.pictures(painter.params),
-                note=result.note,
-                energies=dict(result.energies),
-                judged=JudgedFrame.of(result),
-                error_mm=_error_mm(entry.run, result),
-                overlap={} if painter is None else painter.overlap(),
-                space=None if painter is None else painter.space(),
-            )
-        )
-        self._results[result.frame] = result
+        self._stream.log(result, _named(model, result.parameters), _error_mm(entry.run, result))
+        if painter is not None:
+            self._stream.log_pictures(painter.pictures(painter.params), painter.overlap())
+            self._stream.log_space(model, *painter.space())
         if painter is not None and entry.steps:
             self._watched = entry, painter
 
     def _before(self, entry: _Entry) -> Before | None:
         """Return the frame whose texture is carried into this one, and the first; None where none is, or none is looked at."""
         around = (entry.result.frame - 1, entry.result.frame + 1)
-        last = next((self._results[n] for n in around if n in self._results), None)
+        known = self._stream.results
+        last = next((known[n] for n in around if n in known), None)
         if last is None or entry.run.settings.intensity.weight == 0:
             return None
-        first = next(iter(self._results.values()))
+        first = next(iter(known.values()))
         return replace(_solved(entry.run, last), first=_solved(entry.run, first))
 
     def _record_watched(self) -> None:
@@ -290,18 +270,15 @@ class _Painter:
         names = [silhouette.camera.name for silhouette in self._observation.silhouettes]
         return dict(zip(names, found, strict=True))
 
-    def space(self) -> SpaceEntry:
-        """Return the hand in space."""
+    def space(
+        self,
+    ) -> tuple[BonePoses, Floats[N, D3] | None, dict[str, tuple[Floats[N, D3], Floats[N]]]]:
+        """Return the hand's bones, the cloud, and what is left between them by kind: places and signed values, full at −1 and 1."""
         cloud = self._observation.cloud
-        points = None if cloud is None else cloud.points
         bones = self._model.bones(self.params)
         found = (space_residuals(term, bones) for term in self._last)
-        residuals = {
-            space.kind: (space.points, space.sigmas / _FULL_SIGMAS)
-            for space in found
-            if space is not None
-        }
-        return SpaceEntry.of(self._model, bones, points, residuals)
+        residuals = {s.kind: (s.points, s.sigmas / _FULL_SIGMAS) for s in found if s is not None}
+        return bones, None if cloud is None else cloud.points, residuals
 
 
 def _solved(run: TrackingRun, result: FrameResult) -> Before:

@@ -23,16 +23,15 @@ from urllib.parse import quote
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, Array, Axes, B, Bytes, E, Floats, H, N, W
-from handtrack.diagnostics.review import Judged, Stretch, worth_a_look
+from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W
+from handtrack.diagnostics.review import Stretch, worth_a_look
 from handtrack.errors import HandtrackError
 from handtrack.files.user_folder import user_data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
-from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameResult
 
 # ---- What stands in space of a tracked frame: cameras, skeleton, flesh and cloud; and where the viewer opens
 
@@ -44,53 +43,6 @@ if TYPE_CHECKING:
 _MOST_POINTS = 20_000  # of a cloud, evenly spread: enough to see it by
 _LONG_MM = 80.0  # a camera's picture stands so far before it
 _SHOWN = 20  # stretches of the queue
-
-
-@dataclass(frozen=True, eq=False)
-class SpaceEntry:
-    """A hand in space, world [m]."""
-
-    bones: Floats[B, D2, D3]
-    """where each begins and ends"""
-    centre: Floats[E, D3]
-    half_sizes: Floats[E, D3]
-    quaternion_xyzw: Floats[E, D4]
-    """of the flesh's ellipsoids"""
-    cloud: Floats[N, D3] = field(default_factory=lambda: np.zeros((0, 3)))
-    residuals: Mapping[str, tuple[Floats[N, D3], Floats[N]]] = field(default_factory=dict)
-    """places (N, 3) and signed values (N,), full at −1 and 1, by kind"""
-
-    @classmethod
-    def of(
-        cls,
-        model: ArticulatedModel,
-        bones: BonePoses,
-        cloud: Floats[N, D3] | None,
-        residuals: Mapping[str, tuple[Floats[N, D3], Floats[N]]],
-    ) -> SpaceEntry:
-        """Return a posed model, what a cloud had of it, and what is left between them."""
-        along = bones.rotation[:, :, 1] * model.skeleton.length[:, None]
-        flesh = model.flesh["fine"].posed(bones)
-        points = np.zeros((0, 3)) if cloud is None else cloud[:: max(len(cloud) // _MOST_POINTS, 1)]
-        return cls(
-            np.stack([bones.position, bones.position + along], axis=1), flesh.centre, flesh.radii,
-            quaternion_wxyz(flesh.rotation)[:, [1, 2, 3, 0]], points, residuals,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class JudgedFrame:
-    """How far a frame can be trusted; without its arrays, for there may be many."""
-
-    frame: int
-    status: Status
-    reason: Reason | None
-    p_off_25mm: float
-
-    @classmethod
-    def of(cls, result: FrameResult) -> JudgedFrame:
-        """Return what a result says."""
-        return cls(result.frame, result.status, result.reason, result.p_off_25mm)
 
 
 def log_cameras(recording: RecordingStream, cameras: Sequence[Camera]) -> None:
@@ -106,20 +58,32 @@ def log_cameras(recording: RecordingStream, cameras: Sequence[Camera]) -> None:
         recording.log(f"world/cameras/{camera.name}", eye, static=True)
 
 
-def log_space(recording: RecordingStream, entry: SpaceEntry) -> None:
-    """Record a hand in space, at the time that is set."""
+def log_space(
+    recording: RecordingStream,
+    model: ArticulatedModel,
+    bones: BonePoses,
+    cloud: Floats[N, D3] | None,
+    residuals: Mapping[str, tuple[Floats[N, D3], Floats[N]]],
+) -> None:
+    """Record a posed model, what a cloud had of it, and what is left between them, at the time that is set; world [m].
+
+    residuals: places (N, 3) and signed values (N,), full at −1 and 1, by kind.
+    """
     import rerun as rr
 
-    recording.log("world/skeleton", rr.LineStrips3D(entry.bones, radii=0.0008, colors=[40, 90, 200]))  # fmt: skip
-    flesh = rr.Ellipsoids3D(
-        centers=entry.centre, half_sizes=entry.half_sizes, quaternions=entry.quaternion_xyzw,
-        colors=[230, 180, 150], fill_mode="solid",
+    ends = bones.position + bones.rotation[:, :, 1] * model.skeleton.length[:, None]
+    rods = np.stack([bones.position, ends], axis=1)
+    recording.log("world/skeleton", rr.LineStrips3D(rods, radii=0.0008, colors=[40, 90, 200]))
+    flesh = model.flesh["fine"].posed(bones)
+    turns = quaternion_wxyz(flesh.rotation)[:, [1, 2, 3, 0]]
+    shown = rr.Ellipsoids3D(
+        centers=flesh.centre, half_sizes=flesh.radii, quaternions=turns, colors=[230, 180, 150], fill_mode="solid"
     )  # fmt: skip
-    recording.log("world/flesh", flesh)
-    if len(entry.cloud):
-        cloud = rr.Points3D(entry.cloud, radii=0.0006, colors=[0, 158, 115])
-        recording.log("world/cloud", cloud)
-    for kind, (points, values) in entry.residuals.items():
+    recording.log("world/flesh", shown)
+    if cloud is not None and len(cloud):
+        some = cloud[:: max(len(cloud) // _MOST_POINTS, 1)]
+        recording.log("world/cloud", rr.Points3D(some, radii=0.0006, colors=[0, 158, 115]))
+    for kind, (points, values) in residuals.items():
         found = rr.Points3D(points, radii=0.0012, colors=signed_colours(values))
         recording.log(f"world/residual_{kind}", found)
 
@@ -317,30 +281,6 @@ class CameraPictures:
     """residuals of clouds, edges and texture by kind: signed, full at −1 and 1, NaN where nothing was measured"""
 
 
-@dataclass(frozen=True, eq=False)
-class FrameEntry:
-    """One tracked frame."""
-
-    frame: int
-    time_s: float
-    energy: float
-    iterations: int
-    status: int = 0
-    energies: Mapping[str, float] = field(default_factory=dict)
-    """each term's share, by its name"""
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    """joint parameters [m, rad] by name"""
-    pictures: tuple[CameraPictures, ...] = ()
-    note: str = ""
-    judged: Judged | None = None
-    """what is known of how far it can be trusted"""
-    overlap: Mapping[str, float] = field(default_factory=dict)
-    """of model and mask, intersection over union by camera"""
-    error_mm: float = float("nan")
-    """mean distance of joints to the truth, where there is one"""
-    space: SpaceEntry | None = None
-
-
 class RerunStream:
     """A recording of one tracking run, to a file, to a live viewer on loopback, or to both. One thread begins it, logs and ends it:
     rerun's clock belongs to that.
@@ -358,7 +298,8 @@ class RerunStream:
         self._path = None if path is None else _writable(Path(path))
         self._viewer = RerunViewer() if live else None
         self._name, self._cameras = name, cameras
-        self._queue: dict[int, Judged | None] = {}
+        self.results: dict[int, FrameResult] = {}
+        """of the frames that were written"""
         self._kinds: set[str] = set()
 
     @property
@@ -380,14 +321,51 @@ class RerunStream:
         log_cameras(self._recording, self._cameras)
         return self
 
-    def log(self, entry: FrameEntry) -> None:
-        """Write a frame."""
-        kinds = {kind for view in entry.pictures for kind in view.dots}
+    def log(
+        self,
+        result: FrameResult,
+        parameters: Mapping[str, float],
+        error_mm: float = float("nan"),
+    ) -> None:
+        """Write a frame's numbers; what is written next is of the same frame. parameters: joint parameters [m, rad] by name. error_mm: mean
+        distance of joints to the truth, where there is one.
+        """
+        import rerun as rr
+
+        recording = self._recording
+        recording.set_time("frame", sequence=result.frame)
+        recording.set_time("time", duration=result.time_s)
+        _log_scalars(recording, "energy", {"total": result.energy, **result.energies})
+        _log_scalars(recording, "parameters", parameters)
+        solved = {"iterations": result.iterations, "status": int(result.status)}
+        _log_scalars(recording, "solver", solved)
+        if np.isfinite(error_mm):
+            _log_scalars(recording, "error", {"mm": error_mm})
+        if result.note:
+            words = f"frame {result.frame}: {result.note}"
+            recording.log("log", rr.TextLog(words, level="WARN"))
+        self.results[result.frame] = result
+
+    def log_pictures(
+        self, pictures: tuple[CameraPictures, ...], overlap: Mapping[str, float]
+    ) -> None:
+        """Write what the cameras saw, and the overlap of model and mask, intersection over union by camera."""
+        kinds = {kind for view in pictures for kind in view.dots}
         if not kinds <= self._kinds:
             self._kinds |= kinds
             self._recording.send_blueprint(_layout([], self._kinds))
-        _log_frame(self._recording, entry)
-        self._queue[entry.frame] = entry.judged
+        _log_pictures(self._recording, "cameras", pictures)
+        _log_scalars(self._recording, "overlap", overlap)
+
+    def log_space(
+        self,
+        model: ArticulatedModel,
+        bones: BonePoses,
+        cloud: Floats[N, D3] | None,
+        residuals: Mapping[str, tuple[Floats[N, D3], Floats[N]]],
+    ) -> None:
+        """Write the hand in space (`log_space`)."""
+        log_space(self._recording, model, bones, cloud, residuals)
 
     def log_iteration(
         self,
@@ -410,8 +388,7 @@ class RerunStream:
         """Say what is worth a look, let the viewer open there, and end the recording; the viewer stays."""
         import rerun as rr
 
-        known = [self._queue[frame] for frame in sorted(self._queue)]
-        queue = worth_a_look([judged for judged in known if judged is not None])
+        queue = worth_a_look([self.results[frame] for frame in sorted(self.results)])
         text = rr.TextDocument(queue_text(queue), media_type=rr.MediaType.MARKDOWN)
         self._recording.log("queue", text, static=True)
         self._recording.send_blueprint(_layout(queue, self._kinds))
@@ -425,24 +402,6 @@ class RerunStream:
 
 
 # ---- entries → entities ----------------------------------------------------------------------------
-
-
-def _log_frame(recording: RecordingStream, entry: FrameEntry) -> None:
-    import rerun as rr
-
-    recording.set_time("frame", sequence=entry.frame)
-    recording.set_time("time", duration=entry.time_s)
-    _log_scalars(recording, "energy", {"total": entry.energy, **entry.energies})
-    _log_scalars(recording, "parameters", entry.parameters)
-    _log_scalars(recording, "solver", {"iterations": entry.iterations, "status": entry.status})
-    _log_pictures(recording, "cameras", entry.pictures)
-    _log_scalars(recording, "overlap", entry.overlap)
-    if np.isfinite(entry.error_mm):
-        _log_scalars(recording, "error", {"mm": entry.error_mm})
-    if entry.space is not None:
-        log_space(recording, entry.space)
-    if entry.note:
-        recording.log("log", rr.TextLog(f"frame {entry.frame}: {entry.note}", level="WARN"))
 
 
 def _log_scalars(recording: RecordingStream, root: str, values: Mapping[str, float]) -> None:

@@ -1,9 +1,10 @@
-"""Why a frame is doubtful or lost: kind, place and numbers, and the one place where they become words."""
+"""How far a frame can be trusted, and why it is doubtful or lost: kind, place and numbers, and the one place where they become words."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import IntEnum
 
 NEAR_M = 0.006
 """a cloud's point this near to the surface was measured on it: three times the usual error of a point"""
@@ -14,6 +15,15 @@ SMALLEST_ADULT_MM = 151.0
 """3 standard deviations below the mean of women, 181 ± 10 mm (ANSUR II): a shorter hand is a child's"""
 NEAR_SIGMAS = 4.0
 """a keypoint this near is where it was seen; twice that a normal error rarely is, for detectors err more often"""
+
+
+class Status(IntEnum):
+    """How far a frame's pose can be trusted, and where it comes from."""
+
+    TRACKED = 0
+    DOUBTFUL = 1
+    LOST = 2
+    KEYFRAME = 3
 
 
 @dataclass(frozen=True)

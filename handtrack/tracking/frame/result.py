@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from enum import IntEnum
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
@@ -15,7 +14,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, keypoint_names
-from handtrack.tracking.frame.reason import Reason
+from handtrack.tracking.frame.reason import Reason, Status
 from handtrack.tracking.frame.result_fields import (
     Column,
     column,
@@ -32,15 +31,6 @@ from handtrack.tracking.frame.tables.track_model import model_of
 
 PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
-
-
-class Status(IntEnum):
-    """How far a frame's pose can be trusted, and where it comes from."""
-
-    TRACKED = 0
-    DOUBTFUL = 1
-    LOST = 2
-    KEYFRAME = 3
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from handtrack.diagnostics.review import Stretch
 from handtrack_app.page.panels.review import undoubted
-from handtrack_app.protocol.snapshots import Notice, StretchCard, TimelineSnapshot
+from handtrack_app.protocol.snapshots import Notice, TimelineSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
@@ -48,8 +49,8 @@ def test_what_is_found_out_about_a_recording_stays_until_it_is_tracked_anew(benc
     assert not about.content
 
 
-def _card(first: int, last: int, brief: str = "thumb") -> StretchCard:
-    return StretchCard(first, last, first, 1.0, brief, "the thumb may be off <b>")
+def _card(first: int, last: int, brief: str = "thumb") -> Stretch:
+    return Stretch(first, last, first, 1.0, brief, "the thumb may be off <b>")
 
 
 def test_the_queue_goes_on_and_around(bench):

@@ -15,7 +15,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack_app.rerun import recorder as residual_recorder
 from handtrack_app.rerun.recorder import LiveRecorder, ResidualRecorder
-from handtrack_app.rerun.stream import SpaceEntry, log_cameras
+from handtrack_app.rerun.stream import log_cameras, log_space
 from tests.app.cloud_session import cloud_recording
 from tests.app.command_line import CommandLine, small_recording
 from tests.app.desk import a_desk
@@ -83,15 +83,19 @@ def test_frames_and_the_iterations_of_one(run, results, tmp_path):
 def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run):
     pytest.importorskip("rerun")
     bones = run.model.bones(run.initial()[1])
-    entry = SpaceEntry.of(run.model, bones, None, {})
+    told: dict[str, Any] = {}
+    recording: Any = SimpleNamespace(
+        log=lambda name, what, static=False: told.setdefault(name, what)
+    )
+    log_space(recording, run.model, bones, None, {})
     names = run.model.skeleton.bone_names
     at, after = names.index("index_proximal"), names.index("index_intermediate")
-    np.testing.assert_allclose(entry.bones[at, 1], bones.position[after], atol=1e-12)
+    rods = told["world/skeleton"].strips.as_arrow_array().to_pylist()
+    np.testing.assert_allclose(rods[at][1], bones.position[after], atol=1e-7)
     posed = run.model.flesh["fine"].posed(bones)
-    turned = matrix_from_quaternion(entry.quaternion_xyzw[:, [3, 0, 1, 2]])
-    np.testing.assert_allclose(turned, posed.rotation, atol=1e-9)
-    told: dict[str, Any] = {}
-    recording = SimpleNamespace(log=lambda name, what, static: told.setdefault(name, what))
+    turns = np.array(told["world/flesh"].quaternions.as_arrow_array().to_pylist())
+    turned = matrix_from_quaternion(turns[:, [3, 0, 1, 2]])
+    np.testing.assert_allclose(turned, posed.rotation, atol=1e-6)
     rotation = rotation_matrix(np.array([0.3, -0.2, 0.5]))
     camera = replace(run.session.rig.cameras[0], rotation=rotation)
     log_cameras(recording, [camera])

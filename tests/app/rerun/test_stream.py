@@ -6,13 +6,15 @@ import re
 import subprocess
 import sys
 import urllib.request
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from handtrack.tracking.frame.reason import Status
 from handtrack_app.rerun.stream import (
     CameraPictures,
-    FrameEntry,
     RerunStream,
     RerunViewer,
     silent_environment,
@@ -44,8 +46,12 @@ def picture(path, entity) -> np.ndarray:
     raise LookupError(entity)
 
 
-def frame_entry(frame: int, **more) -> FrameEntry:
-    return FrameEntry(frame, frame / 25, energy=10.0 + frame, iterations=3 + frame, **more)
+def result(frame: int, note: str = "", **energies: float) -> Any:
+    """Return what the stream reads of a FrameResult."""
+    return SimpleNamespace(
+        frame=frame, time_s=frame / 25, energy=10.0 + frame, iterations=3 + frame, status=Status.TRACKED, energies=energies,
+        note=note, reason=None, p_off_25mm=float("nan"),
+    )  # fmt: skip
 
 
 def half(value, left=0.0) -> np.ndarray:
@@ -59,15 +65,10 @@ def test_a_recording_holds_what_was_handed_in(tmp_path):
     views = (CameraPictures("cam0", half(1.0), half(0.5), half(-1.0, 0.0)),)
     with RerunStream(path) as stream:
         for k in range(3):
-            stream.log(
-                frame_entry(
-                    k,
-                    energies={"silhouettes": float(k)},
-                    parameters={"index_mcp_flex": 0.1 * k},
-                    pictures=views,
-                    note="too few pixels" if k == 2 else "",
-                )
-            )
+            note = "too few pixels" if k == 2 else ""
+            stream.log(result(k, note, silhouettes=float(k)), {"index_mcp_flex": 0.1 * k})
+            stream.log_pictures(views, {"cam0": 0.5})
+    assert scalars(path, "/overlap/cam0") == {0: 0.5, 1: 0.5, 2: 0.5}
     assert scalars(path, "/energy/total") == {0: 10.0, 1: 11.0, 2: 12.0}
     assert scalars(path, "/energy/silhouettes") == {0: 0.0, 1: 1.0, 2: 2.0}
     assert scalars(path, "/solver/iterations") == {0: 3, 1: 4, 2: 5}
@@ -85,7 +86,7 @@ def test_a_live_viewer_and_a_file_at_once(tmp_path):
     path = tmp_path / "run.rrd"
     stream = RerunStream(path, live=True)
     with stream:
-        stream.log(frame_entry(3))
+        stream.log(result(3), {})
         assert stream.url.startswith("http://127.0.0.1:")
         page = urllib.request.urlopen(stream.url.partition("?")[0], timeout=60).read()
         assert b"<html" in page[:500].lower()

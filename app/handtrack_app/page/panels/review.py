@@ -10,12 +10,13 @@ from functools import partial
 import numpy as np
 import viser
 
+from handtrack.diagnostics.review import Stretch
 from handtrack.store.spans import Span
 from handtrack_app.page.html import text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
-from handtrack_app.protocol.snapshots import StretchCard, TimelineSnapshot
+from handtrack_app.protocol.snapshots import TimelineSnapshot
 
 _ROWS = 8  # of the list, on one page
 _GO: tuple[str, ...] = ("Previous", "Next")
@@ -72,12 +73,12 @@ class ReviewPanel:
     # ---- the queue
 
     @property
-    def stretches(self) -> tuple[StretchCard, ...]:
+    def stretches(self) -> tuple[Stretch, ...]:
         """The queue."""
         return () if self.strip is None else self.strip.stretches
 
     @property
-    def current(self) -> StretchCard | None:
+    def current(self) -> Stretch | None:
         """The stretch that was gone to, as long as the frame shown lies in it."""
         frame = self.page.state.frame
         if self.at is None or self.at >= len(self.stretches):
@@ -195,7 +196,7 @@ class ReviewPanel:
             there = place < len(self.stretches)
             if there:
                 stretch = self.stretches[place]
-                put(row, label=row_words(stretch), hint=stretch.words)
+                put(row, label=str(stretch), hint=stretch.words)
                 put(row, color="blue" if place == self.at else "gray")
             put(row, visible=there)
         left = len(self.stretches) - first - _ROWS
@@ -203,12 +204,6 @@ class ReviewPanel:
         shown = f"<div style='padding:.1em .9em .5em;font-size:.9em;opacity:.75'>{words}</div>"
         put(self.more, content=shown if left > 0 or first else "")
         self.show_frame()
-
-
-def row_words(stretch: StretchCard) -> str:
-    """Return a stretch in a line: frames, reason and size."""
-    frames = str(stretch.first) if stretch.first == stretch.last else f"{stretch.first}–{stretch.last}"  # fmt: skip
-    return f"{frames}, {stretch.brief}"
 
 
 def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) -> str:
@@ -232,12 +227,12 @@ def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) ->
     return text(look + locked, faint=False)
 
 
-def here_words(frame: int, accepted: bool, stretch: StretchCard | None) -> str:
+def here_words(frame: int, accepted: bool, stretch: Stretch | None) -> str:
     """Return what is to be said of the frame shown."""
     said = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
     if stretch is not None:
         said += (
-            f"<b>{row_words(stretch).partition(',')[0]}</b>: ≈ {stretch.expected:.0f} frames wrong; worst {stretch.worst}: "
+            f"<b>{str(stretch).partition(',')[0]}</b>: ≈ {stretch.expected:.0f} frames wrong; worst {stretch.worst}: "
             f"{html.escape(stretch.words)}."
         )
     return f"<div class='handtrack-queue'>{text(said, faint=False)}</div>"
