@@ -254,13 +254,12 @@ def _row(
     word: str, text: str, colour: tuple[int, int, int] | None, after: int, most: int, lost: str
 ) -> str:
     dot = "" if colour is None else chip(rgb(colour))
-    share = 100 * after / most
+    bar = f"linear-gradient(90deg,rgba(86,180,233,.35) {100 * after / most:.1f}%,rgba(128,128,128,.12) 0)"
     return (
-        f"<tr title='{html.escape(text)}'><td style='white-space:nowrap;padding-right:.5em'>{dot}{html.escape(word)}</td>"
-        f"<td style='width:34%'><div style='height:.5em;border-radius:2px;background:rgba(128,128,128,.22)'>"
-        f"<div style='height:.5em;border-radius:2px;background:#56b4e9;width:{share:.1f}%'></div></div></td>"
-        f"<td style='text-align:right;white-space:nowrap;opacity:.65;padding-left:.4em'>{lost}</td>"
-        f"<td style='text-align:right;white-space:nowrap;padding-left:.5em'>{_grouped(after)}</td></tr>"
+        f"<tr title='{html.escape(text)}' style='background:{bar}'>"
+        f"<td style='white-space:nowrap;padding-left:.2em'>{dot}{html.escape(word)}</td>"
+        f"<td style='text-align:right;white-space:nowrap;opacity:.75;padding-left:.4em'>{lost}</td>"
+        f"<td style='text-align:right;white-space:nowrap;padding:0 .3em 0 .5em'>{_grouped(after)}</td></tr>"
     )
 
 
