@@ -7,6 +7,7 @@ import socket
 import sys
 import threading
 import webbrowser
+from collections.abc import Hashable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,6 +36,16 @@ _STOP_S = 5.0  # what is done is on disk; an engine that is deep in a compilatio
 _LIVE_STOP_S = 15.0  # a recording of running cameras is completed at the end
 
 
+def _kind_of(snapshot: object) -> Hashable | None:
+    """Return what a newer snapshot has in common with one that still waits, and that it replaces; None: it replaces none. Of progress
+    each state is told: who waits for a job's beginning or end misses neither, however quick the job.
+    """
+    if isinstance(snapshot, snapshots.Notice | snapshots.Download | snapshots.TimelineChange):
+        return None
+    is_progress = isinstance(snapshot, snapshots.ProgressSnapshot)
+    return type(snapshot), snapshot.state if is_progress else ""
+
+
 class Workbench:
     """A session in the browser. `start` returns at once; the page fills while the session opens."""
 
@@ -59,7 +70,7 @@ class Workbench:
         self._open_pages = open_pages
         self.folder, self.host, self.wanted_port = Path(session_folder), host, port
         self.state = UserState()
-        self._snapshots: Mailbox[snapshots.Snapshot | Drawn] = Mailbox(snapshots.kind_of)
+        self._snapshots: Mailbox[snapshots.Snapshot | Drawn] = Mailbox(_kind_of)
         self._held: snapshots.PoseSnapshot | None = None
         """of a frame that is played, until the page has drawn the one before"""
         self.worker: Worker | EngineProcess

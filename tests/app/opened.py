@@ -9,7 +9,7 @@ from handtrack.store.current_track import TakeFrames
 from handtrack.store.spans import Span
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.store import edits
+from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import fake_document
 
@@ -24,7 +24,7 @@ def opened(folder: Path, **options: Any) -> Persistence:
 def posed(store: Persistence, frame: int, by: float = 0.0, found: bool = False) -> None:
     """Set a frame's pose: the first one, every parameter moved by so much."""
     values = (store.document.start + by).tolist()
-    store.do(f"Pose of frame {frame}", edits.pose(store.document, frame, values, found))
+    store.do(f"Pose of frame {frame}", pose_edit(store.document, frame, values, found))
 
 
 def did(store: Persistence, edit: Edit) -> None:

@@ -322,17 +322,16 @@ class MaskService(PreviewService):
     def want_masks(self, on: bool) -> None:
         """Show masks over all cameras' images or not."""
         self._on_all = on
-        self.show()
+        self.look()
 
     def want_screens(self, screens: tuple[tuple[str, str], ...]) -> None:
         """Show the masks of these cameras whose large pictures are looked at."""
         names = self.document.run.session.rig.names
         wanted = (name for name, paint in screens if paint == "mask")
         self._screens = tuple(name for name in wanted if name in names)
-        self.show()
+        self.look()
 
-    @property
-    def _is_wanted(self) -> bool:
+    def _wants(self) -> bool:
         return self._on_all or bool(self._screens)
 
     def _show(self, hurried: bool) -> None:
@@ -340,7 +339,7 @@ class MaskService(PreviewService):
 
     def picture(self) -> MaskPicture | None:
         """Return what the page wants of the frame shown; None where it wants nothing. Takes its time."""
-        if not self._is_wanted:
+        if not self.is_wanted:
             return None
         made = self.opened.render_thread.wait_for("masks", self._make())
         return made if isinstance(made, MaskPicture) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence, Sized
 from dataclasses import replace
 from functools import partial
@@ -39,6 +40,7 @@ from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
     Snapshot,
+    TimelineSnapshot,
     WorkSnapshot,
 )
 from handtrack_app.rerun.recorder import LiveRecorder
@@ -86,7 +88,7 @@ class OpenSession:
         self.publish = publish
         self.painter = Painter(document, publish, waiting)
         self.jobs = JobControl(
-            document, self.store, self._announce,
+            document, self.store, self.announce,
             lambda job, event: post(partial(self._take, job, event)),
             recorder.show, compiles, self._live,
         )  # fmt: skip
@@ -168,7 +170,7 @@ class OpenSession:
         later.
         """
         if self.store.write_what_rests(at_once=True):
-            self._announce(timeline_snapshot(self.document))
+            self.announce(timeline_snapshot(self.document))
         self.document.show(frame)
         self.show_pose(is_played)
 
@@ -417,7 +419,7 @@ class OpenSession:
         """Write edits once none came for a while; what fails is told, and tried again with the next."""
         try:
             if self.store.write_what_rests():
-                self._announce(timeline_snapshot(self.document))
+                self.announce(timeline_snapshot(self.document))
         finally:
             self._tell_work()
 
@@ -437,20 +439,23 @@ class OpenSession:
     def _say(self, level: str, title: str, text: str) -> None:
         self.publish(Notice(level, title, text))
 
-    def _announce(self, snapshot: Snapshot) -> None:
+    def announce(self, snapshot: Snapshot) -> None:
         """Publish; a pose shown makes the pictures stale."""
         self.publish(snapshot)
-        self._review.seen(snapshot)
+        if isinstance(snapshot, TimelineSnapshot) and self._review.names:
+            self._review.tell_curves()
         if isinstance(snapshot, PoseSnapshot):
+            if self._review.number is not None:
+                self._review.show()
             whole = snapshot.beside is not None
             self.painter.is_stale, self.painter.hurried = not whole, self.jobs.busy
-            self._score.shown()
+            self._score.since = time.monotonic()
             guesses = self.jobs.guesses.snapshot()
             if guesses is not None:
                 self.publish(guesses)
-            self._clouds.show(hurried=self.jobs.busy)
-            if not whole:
-                self._masks.show(hurried=self.jobs.busy)
+            for shown in (self._clouds,) if whole else (self._clouds, self._masks):
+                if shown.is_wanted:
+                    shown.show(hurried=self.jobs.busy)
 
     def _show_session(self) -> None:
         self.publish(session_snapshot(self.document))
@@ -461,11 +466,11 @@ class OpenSession:
         if is_played:
             made = self.painter.painted(), self._masks.picture()
             pose = replace(pose, beside=tuple(one for one in made if one is not None))
-        self._announce(pose)
+        self.announce(pose)
 
     def show_all(self) -> None:
         self.show_pose()
-        self._announce(timeline_snapshot(self.document))
+        self.announce(timeline_snapshot(self.document))
 
     @property
     def rest_s(self) -> float:
@@ -488,7 +493,7 @@ class OpenSession:
             self._record_next()
         elif not self.document.rows.is_whole:  # of a long track, while nobody waits
             if not read_more(self.document):
-                self._announce(timeline_snapshot(self.document))
+                self.announce(timeline_snapshot(self.document))
         else:
             self.jobs.tick()
 
@@ -505,7 +510,7 @@ class OpenSession:
     def _watch_live(self, live: LiveControl) -> None:
         """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
         if live.tell() and not self.jobs.busy:
-            self._announce(timeline_snapshot(self.document))
+            self.announce(timeline_snapshot(self.document))
         follow = self.jobs.follow
         if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
             self.show_pose()

@@ -9,11 +9,13 @@ import numpy as np
 
 from handtrack.arrays import D2, Floats, K, P, S
 from handtrack.errors import HandtrackError
+from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Observation
 from handtrack.observation.pins import Pin
 from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.session_state import (
     NOTHING,
+    DecidedPose,
     Edit,
     SessionState,
     decide,
@@ -26,10 +28,10 @@ from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, pinning
 from handtrack_app.engine.document_snapshots import pose_picture, pose_titles, words_of
+from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.edits import set_pose
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice
 
@@ -63,14 +65,14 @@ class PosingService(Service):
         however long it takes. words: what is done, for undo.
         """
         if version >= self.document.version:
-            self.opened.edit(frame, edits.pose(self.document, frame, values), words, tag, is_stroke)
+            self.opened.edit(frame, pose(self.document, frame, values), words, tag, is_stroke)
 
     @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
     def take_pose(self, frame: int, source: str, version: int) -> None:
         """Set a frame's pose by hand to the one that shows there (`shown`: a keyframe), to `start` (the first-frame pose), `previous`
         (the frame before), or a pose of the library, for the fingers.
         """
-        taken = edits.taken_pose(self.document, frame, source)
+        taken = taken_pose(self.document, frame, source)
         self.opened.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"))
 
     @command(
@@ -90,9 +92,7 @@ class PosingService(Service):
         tag: str = "",
     ) -> None:
         """Bend a finger or limb so that a joint, or a point of a bone [m], comes to a target in world [m]. tag: of the drag."""
-        pulled = edits.pulled_place(
-            self.document, frame, target, Pin("", (0.0, 0.0), joint, bone, point)
-        )
+        pulled = pulled_place(self.document, frame, target, Pin("", (0.0, 0.0), joint, bone, point))
         self.opened.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
 
     @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
@@ -170,6 +170,57 @@ class PosingService(Service):
             raise HandtrackError(
                 "Running cameras go on: a pin would be of an image that is gone. Record a session, and correct that."
             )
+
+
+def pose(document: Document, frame: int, values: Sequence[float], found: bool = False) -> Edit:
+    """Set a frame's pose, moved into the limits in force. found: a search gave it."""
+    model, given = document.model, np.asarray(values, dtype=float)
+    if given.shape != (len(model.parameter_names),):
+        return NOTHING  # sent before the model changed
+    return set_pose(
+        document, frame, model.joint_params(solver_params_of(model, given)), found=found
+    )
+
+
+def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Edit:
+    """Set a frame's pose as it is, within limits. how: `found` by a search, `pinned`, or `refitted`."""
+    frame = document.clamped(frame)
+    known = document.decided_pose(frame).parameters  # of other models, too
+    now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
+    return decide(pose={frame: DecidedPose({**known, **now}, **how)})
+
+
+def taken_pose(document: Document, frame: int, source: str) -> Edit:
+    """Set a frame's pose to what it shows (`shown`), the first-frame pose (`start`), the one before (`previous`), or the library's
+    fingers.
+    """
+    current, model = document.pose_at(frame), document.model
+    if source in document.pose_names:
+        taken = named_pose(model, source)
+        taken[:6] = current[:6]
+    elif source == "previous":
+        earlier = range(frame - 1, document.frames.start - 1, -1)
+        known = (f for f in earlier if f in document.by_hand or f in document.results)
+        before = next(known, None)
+        taken = document.start if before is None else document.pose_at(before)
+    elif source == "shown":
+        taken = current
+    else:
+        taken = document.start
+    return pose(document, frame, taken.tolist())
+
+
+def pulled_place(
+    document: Document, frame: int, target: tuple[float, float, float], place: Pin
+) -> Edit:
+    """Bend a finger or limb so that a place of it comes to a point. Raises HandtrackError for what is no such place."""
+    model, meant = document.model, np.asarray(target, dtype=float)
+    (bone,), (point,) = pinned_places(model, [place])
+    if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
+        raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
+    params = solver_params_of(model, document.pose_at(document.clamped(frame)))
+    reached = reach(model, params, int(bone), point, meant)
+    return pose(document, frame, model.joint_params(reached).tolist())
 
 
 _SAME = 1e-9

@@ -25,10 +25,8 @@ from handtrack_app.protocol.snapshots import (
     ComparedSnapshot,
     Curve,
     CurvesSnapshot,
-    PoseSnapshot,
     ScoreSnapshot,
     Snapshot,
-    TimelineSnapshot,
 )
 
 
@@ -48,17 +46,13 @@ class ReviewService(Service):
         named = f"Frame {min(frames, default=0)}" if len(frames) == 1 else f"{len(frames)} frames"
         if self.store.do(f"{named} {'accepted' if on else 'let go'}", values):
             self.publish(pose_snapshot(self.document))
-            self._tell(timeline_snapshot(self.document))
+            self.opened.announce(timeline_snapshot(self.document))
 
     @command(view=True, latest=())
     def want_curves(self, names: tuple[str, ...]) -> None:
         """Show the course of these joint parameters over the recording."""
         self.names = names
-        self.publish(self._curves())
-
-    def _tell(self, snapshot: Snapshot) -> None:
-        self.publish(snapshot)
-        self.seen(snapshot)
+        self.tell_curves()
 
     @command(view=True, latest=())
     def compare_take(self, number: int | None) -> None:
@@ -75,7 +69,7 @@ class ReviewService(Service):
         self.number = number
         document.rows.compare(take)
         self.show()
-        self._tell(timeline_snapshot(document))
+        self.opened.announce(timeline_snapshot(document))
 
     def show(self) -> None:
         """Tell how the take that is compared has the frame shown."""
@@ -93,14 +87,8 @@ class ReviewService(Service):
             )
         )  # fmt: skip
 
-    def seen(self, snapshot: Snapshot) -> None:
-        """Tell what goes with a pose or a timeline that was told."""
-        if isinstance(snapshot, TimelineSnapshot) and self.names:
-            self.publish(self._curves())
-        elif isinstance(snapshot, PoseSnapshot) and self.number is not None:
-            self.show()
-
-    def _curves(self) -> CurvesSnapshot:
+    def tell_curves(self) -> None:
+        """Show the course of the joint parameters that are looked at."""
         document = self.document
         known, rows = document.model.parameter_names, document.rows
         count, curves = len(rows.frames), list[Curve]()
@@ -119,7 +107,7 @@ class ReviewService(Service):
                     values[row], std[row] = pose[at], np.nan
             curves.append(Curve(name, values, std, rows.other[:, at].copy(), truth))
         fps = float(document.run.session.fps)
-        return CurvesSnapshot(rows.frames.start, fps, tuple(curves), self.number)
+        self.publish(CurvesSnapshot(rows.frames.start, fps, tuple(curves), self.number))
 
 
 _RESTS_S = 0.2  # a frame's masks are made for the score once it is looked at for so long
@@ -134,29 +122,25 @@ class LiveScore:
 
     document: Document
     publish: Callable[[Snapshot], None]
-    _since: float | None = None
+    since: float | None = None
     """when a pose was shown that has no score yet"""
     _frame: int | None = None
     """scored last: what was seen of it is at hand"""
     _fitted: tuple[FrameResult, TrackingRun, Score] | None = None
     """judged by the settings in force, as what is compared with it"""
 
-    def shown(self) -> None:
-        """Another pose is shown."""
-        self._since = time.monotonic()
-
     @property
     def is_due(self) -> bool:
         """Whether there is a pose to score, and it may be done now."""
-        if self._since is None or self.document.run.session.live is not None:
+        if self.since is None or self.document.run.session.live is not None:
             return False
         at_hand = self._frame == self.document.frame
         rests_s = _FIRST_S if self._frame is None else _RESTS_S
-        return at_hand or time.monotonic() - self._since > rests_s
+        return at_hand or time.monotonic() - self.since > rests_s
 
     def tell(self) -> None:
         """Score the pose shown, and the one that was fitted to its frame last."""
-        document, self._since = self.document, None
+        document, self.since = self.document, None
         self._frame = frame = document.frame
         params = solver_params_of(document.model, document.seen)
         now, result = self._score(frame, params), document.results.get(frame)

@@ -29,12 +29,13 @@ _HURRIED_S = 0.6  # while tracking runs, previews are shown at most this often
 class PreviewService(Service, ABC):
     """Pictures on request, and settings whose change the frame shown follows; what takes time is made on the render thread or by a job."""
 
+    is_wanted = False
+    """the page looks at something of it"""
     _shown_at = 0.0
 
-    @property
     @abstractmethod
-    def _is_wanted(self) -> bool:
-        """Whether the page wants anything."""
+    def _wants(self) -> bool:
+        """Return whether the page looks at something that there is."""
 
     @abstractmethod
     def _show(self, hurried: bool) -> None:
@@ -47,12 +48,18 @@ class PreviewService(Service, ABC):
     def show(self, hurried: bool = False) -> None:
         """Have made what the page wants of the frame shown. hurried: tracking runs, which comes first."""
         now = time.monotonic()
-        if self._is_wanted and not (hurried and now - self._shown_at < _HURRIED_S):
+        if self.is_wanted and not (hurried and now - self._shown_at < _HURRIED_S):
             self._shown_at = now
             self._show(hurried)
 
+    def look(self) -> None:
+        """The page looks at something else."""
+        self.is_wanted = self._wants()
+        self.show()
+
     def tell(self) -> None:
         """Publish the settings in force."""
+        self.is_wanted = self._wants()
         self.publish(self.card())
 
     def _change(self, change: Callable[[], object]) -> None:
@@ -62,7 +69,7 @@ class PreviewService(Service, ABC):
             try:
                 self.jobs.require_idle()
                 change()
-                self.show()
+                self.look()
             finally:
                 self.tell()  # the page shows what holds
 

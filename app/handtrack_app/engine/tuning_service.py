@@ -19,9 +19,9 @@ from handtrack.session.session_state import Edit
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import session_snapshot
+from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.edits import set_pose
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import Notice
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -638,12 +637,3 @@ Snapshot = (
     | ComparedSnapshot | CurvesSnapshot | ScoreSnapshot | LibrarySnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
     | Opened
 )  # fmt: skip
-
-
-def kind_of(snapshot: object) -> Hashable | None:
-    """Return what a newer snapshot has in common with one that still waits, and that it replaces; None: it replaces none. Of progress
-    each state is told: who waits for a job's beginning or end misses neither, however quick the job.
-    """
-    if isinstance(snapshot, Notice | Download | TimelineChange):
-        return None
-    return type(snapshot), snapshot.state if isinstance(snapshot, ProgressSnapshot) else ""

@@ -20,6 +20,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.session_state import SessionState, name_of, written
 from handtrack.store.history import History
 from handtrack.store.store import Store
+from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import FRAMES, fake_document
@@ -100,7 +101,7 @@ class Session:
         document, rng = self.store.document, self.rng
         frame = rng.randrange(FRAMES)
         values = document.start + rng.uniform(-0.1, 0.1)
-        pose = edits.pose(document, frame, values.tolist(), found=rng.random() < 0.2)
+        pose = pose_edit(document, frame, values.tolist(), found=rng.random() < 0.2)
         tag = rng.choice(("", "slider"))
         self.store.do("Pose", pose, tag, waits=rng.random() < 0.5)
 
@@ -146,7 +147,7 @@ class Session:
         other.restore()
         # where the first found no room for its lease, the second may write
         assert other.warning or self.store.store is None
-        other.do("Pose", edits.pose(other.document, 2, other.document.start.tolist()))
+        other.do("Pose", pose_edit(other.document, 2, other.document.start.tolist()))
         other.close()
 
 

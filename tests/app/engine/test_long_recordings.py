@@ -11,7 +11,7 @@ from handtrack_app.engine.document_snapshots import (
     timeline_change,
     timeline_snapshot,
 )
-from handtrack_app.engine.store import edits
+from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import fake_document
 
@@ -44,7 +44,7 @@ def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
     document.results = CurrentTrack([(document.frames, take)])
     strip = timeline_snapshot(document)
     result = document.run._result  # type: ignore[attr-defined]
-    document.apply(edits.pose(document, 5, (document.start + 0.01).tolist()))
+    document.apply(pose_edit(document, 5, (document.start + 0.01).tolist()))
     for frame in (3, 4, 5, 4):
         take.put(replace(result(frame, document.model.rest_params(), 0), energies={"rest": 2.0}), None)  # fmt: skip
         strip = timeline_change(document).over(strip)
@@ -62,7 +62,7 @@ def test_c60_an_edit_is_written_alone(tmp_path, known):
     (tmp_path / "session.toml").write_text("")
     store = Persistence.open(document)
     document.apply(decide(pose={1000 + n: DecidedPose({}) for n in range(known)}))
-    store.do("Pose", edits.pose(document, 5, (document.start + 0.01).tolist()), waits=True)
+    store.do("Pose", pose_edit(document, 5, (document.start + 0.01).tolist()), waits=True)
     store.flush()
     store.close()
     (log,) = (tmp_path / "tracks" / "actions").iterdir()

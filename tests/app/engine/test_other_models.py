@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.session.session_state import decide
+from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
@@ -48,7 +49,7 @@ def test_what_was_changed_with_the_other_model_stays_changed(tmp_path):
     posed(store, 6, 0.02)
     fingers = document.by_hand[5][6:].copy()
     _use(store, "ball6")
-    did(store, edits.pose(document, 5, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    did(store, pose_edit(document, 5, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))
     did(store, edits.forgotten_pose(6))
     _use(store, "hand26")
     assert document.by_hand[5][0] == 0.5

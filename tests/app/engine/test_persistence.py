@@ -12,6 +12,7 @@ from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.session.layout import POSES_FILE
 from handtrack.store.spans import Span
+from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import export_beside, exported, file_stem, whole_track
 from tests.app.fake_run import FRAMES, fake_document
@@ -142,7 +143,7 @@ def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path)
     at = store.document.model.parameter_names.index("index_pip_flex")
     values = store.document.start.copy()
     values[at] = 1.2
-    did(store, edits.pose(store.document, 5, values.tolist()))
+    did(store, pose_edit(store.document, 5, values.tolist()))
     for interval in ((0.0, 0.5), None, (0.0, 0.6)):
         did(store, edits.limits(store.document, "index_pip_flex", interval))
     assert store.document.by_hand[5][at] == pytest.approx(1.2)

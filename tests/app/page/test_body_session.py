@@ -9,6 +9,7 @@ from handtrack.model.model_file import load_model
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.engine.document_snapshots import pose_snapshot, truth_at
 from handtrack_app.engine.inverse_kinematics import reach, stem_bones
+from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.palette import limb_of
 from handtrack_app.workbench import Workbench
@@ -56,12 +57,12 @@ def test_a_slider_moves_the_limb(opened):
 def test_the_error_against_true_joints_is_told(opened):
     document = opened.worker.document
     assert truth_at(document, 0).shape == (len(BODY.joint_names), 3)
-    document.apply(edits.pose(document, 0, document.start.tolist()))
+    document.apply(pose_edit(document, 0, document.start.tolist()))
     document.show(0)
     assert pose_snapshot(document).error_mm < 1.0  # it started from the exact pose
     moved = document.start.copy()
     moved[0] += 0.05
-    document.apply(edits.pose(document, 0, moved.tolist()))
+    document.apply(pose_edit(document, 0, moved.tolist()))
     document.show(0)
     assert pose_snapshot(document).error_mm == pytest.approx(50.0, abs=1.0)
     document.apply(edits.forgotten_pose(0))

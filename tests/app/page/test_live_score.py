@@ -1,6 +1,7 @@
 """The card's score is that of the pose shown, with its change since the last fit, and of no other pose."""
 
 import dataclasses
+import time
 
 import pytest
 
@@ -39,10 +40,10 @@ def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):
     assert not live.is_due, "nothing was shown yet"
     posed(store, 5, by=0.05)
     document.show(5)
-    live.shown()
+    live.since = time.monotonic()
     live.tell()
     (found,) = told
     assert (found.frame, found.values) == (5, tuple(document.shown.tolist()))
     assert not live.is_due
-    live.shown()
+    live.since = time.monotonic()
     assert live.is_due, "what was seen of this frame is at hand"

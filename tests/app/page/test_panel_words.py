@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import timeline_snapshot
-from handtrack_app.engine.store import edits
+from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture, whole
 from handtrack_app.protocol import snapshots
@@ -51,7 +51,7 @@ def test_of_frames_drawn_in_one_place_the_worst_is_seen():
 def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path):
     document = fake_document(tmp_path)
     moved = document.start + np.eye(26)[0] * 0.01
-    document.apply(edits.pose(document, 5, moved.tolist()))
+    document.apply(pose_edit(document, 5, moved.tolist()))
     error = timeline_snapshot(document).error_mm
     assert error[5] == pytest.approx(10.0)
     assert np.isnan(error[6])

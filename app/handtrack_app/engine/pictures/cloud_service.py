@@ -280,20 +280,20 @@ class CloudService(PreviewService):
     def want_surface(self, on: bool) -> None:
         """Show the solver's surface or not."""
         self._surface = on
-        self.show()
+        self.look()
 
     @command(view=True, latest=())
     def want_cloud(self, view: CloudSelection) -> None:
         """Show this of clouds from now on."""
         self._wanted = view
-        self.show()
+        self.look()
 
     @property
     def _wants_cloud(self) -> bool:
-        return self._has_clouds and (self._wanted.points or self._wanted.picture == "images")
+        shown = self._wanted.points or self._wanted.picture == "images"
+        return shown and self.document.run.session.has_clouds
 
-    @property
-    def _is_wanted(self) -> bool:
+    def _wants(self) -> bool:
         return self._surface or self._wants_cloud or self._wanted.picture == "stereo"
 
     def _show(self, hurried: bool) -> None:
@@ -322,10 +322,6 @@ class CloudService(PreviewService):
             frame, document.version, session, model, bones, previous, session.cloud_filters,
             self._wanted, document.run.settings.cloud,
         )  # fmt: skip
-
-    @property
-    def _has_clouds(self) -> bool:
-        return self.document.run.session.has_clouds
 
     # ---- settings
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
-from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
-from handtrack.model.pose_library import named_pose
 from handtrack.model.size import with_number
-from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.session_state import (
     NOTHING,
     CloudTable,
-    DecidedPose,
     DecidedSize,
     Edit,
     accepting,
@@ -25,66 +21,13 @@ from handtrack.session.session_state import (
     in_turn,
 )
 from handtrack.store.spans import Span, beside_accepted, resolved
-from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.inverse_kinematics import reach
 
 
 def is_slid(*values: object) -> bool:
     """Return whether values are numbers, of which a drag of a slider gives many: a click gives one, and is a step of its own."""
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
-
-
-def pose(document: Document, frame: int, values: Sequence[float], found: bool = False) -> Edit:
-    """Set a frame's pose, moved into the limits in force. found: a search gave it."""
-    model, given = document.model, np.asarray(values, dtype=float)
-    if given.shape != (len(model.parameter_names),):
-        return NOTHING  # sent before the model changed
-    return set_pose(
-        document, frame, model.joint_params(solver_params_of(model, given)), found=found
-    )
-
-
-def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Edit:
-    """Set a frame's pose as it is, within limits. how: `found` by a search, `pinned`, or `refitted`."""
-    frame = document.clamped(frame)
-    known = document.decided_pose(frame).parameters  # of other models, too
-    now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
-    return decide(pose={frame: DecidedPose({**known, **now}, **how)})
-
-
-def taken_pose(document: Document, frame: int, source: str) -> Edit:
-    """Set a frame's pose to what it shows (`shown`), the first-frame pose (`start`), the one before (`previous`), or the library's
-    fingers.
-    """
-    current, model = document.pose_at(frame), document.model
-    if source in document.pose_names:
-        taken = named_pose(model, source)
-        taken[:6] = current[:6]
-    elif source == "previous":
-        earlier = range(frame - 1, document.frames.start - 1, -1)
-        known = (f for f in earlier if f in document.by_hand or f in document.results)
-        before = next(known, None)
-        taken = document.start if before is None else document.pose_at(before)
-    elif source == "shown":
-        taken = current
-    else:
-        taken = document.start
-    return pose(document, frame, taken.tolist())
-
-
-def pulled_place(
-    document: Document, frame: int, target: tuple[float, float, float], place: Pin
-) -> Edit:
-    """Bend a finger or limb so that a place of it comes to a point. Raises HandtrackError for what is no such place."""
-    model, meant = document.model, np.asarray(target, dtype=float)
-    (bone,), (point,) = pinned_places(model, [place])
-    if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
-        raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
-    params = solver_params_of(model, document.pose_at(document.clamped(frame)))
-    reached = reach(model, params, int(bone), point, meant)
-    return pose(document, frame, model.joint_params(reached).tolist())
 
 
 def forgotten_pose(frame: int) -> Edit:

@@ -228,18 +228,18 @@ class PosePanel:
                 start = float(np.clip(0.0, low, high))
                 low, high = float(math.floor(low)), float(math.ceil(high))
                 slider = gui.add_slider(label_of(name, self.length[0]), low, high, 0.1, start)
-                self.page.on(slider, lambda event, name=name: self._moved(name, event))
+                words = f"{group} {label_of(name, '').removesuffix('°').strip()}"
+                self.page.on(slider, partial(self._moved, name, self._unit(name), words))
                 self.sliders[name] = slider
 
-    def _moved(self, name: str, event: UserEvent) -> None:
+    def _moved(self, name: str, unit: float, words: str, event: UserEvent) -> None:
         slider = event.target
         value = number(event.value, slider.min, slider.max)
         if value is None:
-            slider.value = round(self.page.state.value_of(name) / self._unit(name), 1)
+            slider.value = round(self.page.state.value_of(name) / unit, 1)
             return
-        words = f"{group_of(name)} {label_of(name, '').removesuffix('°').strip()}"
         # nobody tells when a slider is let go: moves of it, and nothing else between, are one drag
-        self.page.edit_pose({name: value * self._unit(name)}, words, f"slider {name}", True)
+        self.page.edit_pose({name: value * unit}, words, f"slider {name}", True)
 
     def show(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Say where a pose comes from, and move the sliders to it.
