@@ -9,7 +9,7 @@ from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import SessionState, accepted_frames, readable
+from handtrack.session.session_state import SessionState, marked_frames, readable
 from handtrack.store.store import Store
 from handtrack.tracking.frame.result import FrameResult, Status
 
@@ -47,7 +47,7 @@ def posed_frames(
             guides[frame] = pose
         else:
             fixed[frame] = keyframe_result(run, frame, pose)
-    accepted = accepted_frames(state)
+    accepted = marked_frames(state)["accepted"]
     for frame in accepted & guides.keys():
         fixed[frame] = keyframe_result(run, frame, guides.pop(frame))
     fixed |= _tracked(store, model, accepted.intersection(frames) - fixed.keys())

@@ -106,6 +106,8 @@ def _own_form(default: Any, of: Callable[[Any], Any], write: Callable[[Any], Val
     return field(default=default, metadata={"read": of, "write": write})
 
 
+Frames = tuple[tuple[int, int], ...]
+"""a mark: the frames that have it, half-open"""
 Key = tuple[str, Any]
 """a kind of decision, and the entry of its table; None of a kind without one"""
 
@@ -129,8 +131,8 @@ class SessionState:
     forearm: bool | float | None = None
     """whether the model has one, or its length [m]"""
     start: StartPose | None = None
-    accepted: tuple[tuple[int, int], ...] = ()
-    """frames that a person accepted, half-open: no tracking changes what shows there"""
+    accepted: Frames = ()
+    """frames that a person accepted: no tracking changes what shows there"""
     spans: tuple[Span, ...] = _own_form((), spans_of, lambda spans: [astuple(s) for s in spans])
     """what the current track is composed of, the uppermost last"""
 
@@ -177,6 +179,7 @@ Edit = Callable[[SessionState], SessionState]
 _HINTS: dict[str, Any] = get_type_hints(SessionState)
 _OWN_FORMS = {one.name: one.metadata for one in fields(SessionState) if one.metadata}
 _TABLES = {kind: get_args(hint) for kind, hint in _HINTS.items() if get_origin(hint) is Mapping}
+_MARKS = [kind for kind, hint in _HINTS.items() if hint == Frames]
 _DEFAULTS = {kind: getattr(SessionState(), kind) for kind in _HINTS}
 
 
@@ -206,20 +209,24 @@ NOTHING = in_turn()
 """the edit that changes nothing"""
 
 
-def accepting(frames: Iterable[int]) -> Edit:
-    """Return the edit by which these frames are accepted, and no others."""
+def marking(kind: str, frames: Iterable[int]) -> Edit:
+    """Return the edit by which these frames have a mark, such as `accepted`, and no others."""
     runs: list[tuple[int, int]] = []
     for frame in sorted(frames):
         if runs and runs[-1][1] == frame:
             runs[-1] = runs[-1][0], frame + 1
         else:
             runs.append((frame, frame + 1))
-    return decide(accepted=tuple(runs))
+    return decide(**{kind: tuple(runs)})
 
 
-def accepted_frames(state: SessionState) -> frozenset[int]:
-    """Return the frames that are accepted."""
-    return frozenset(frame for first, stop in state.accepted for frame in range(first, stop))
+def marked_frames(state: SessionState) -> dict[str, frozenset[int]]:
+    """Return the frames that have each mark."""
+    spans: dict[str, Frames] = {kind: getattr(state, kind) for kind in _MARKS}
+    return {
+        kind: frozenset(frame for first, stop in runs for frame in range(first, stop))
+        for kind, runs in spans.items()
+    }
 
 
 # ---- as the store has it

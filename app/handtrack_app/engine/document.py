@@ -36,8 +36,8 @@ from handtrack.session.session_state import (
     MaskSource,
     SessionState,
     StartPose,
-    accepted_frames,
     decide,
+    marked_frames,
 )
 from handtrack.session.sources.corrected_masks import CorrectedMasks, decoded
 from handtrack.session.sources.session_pins import SessionPins
@@ -457,8 +457,8 @@ class Document:
         """likewise, of takes with another model than the one in force, which cannot show"""
         self.rows = TrackedRows(self.frames)
         """what the timeline knows of them"""
-        self.accepted: frozenset[int] = frozenset()
-        """frames that the user has accepted: neither tracking nor refining changes them"""
+        self.marked = marked_frames(self.state)
+        """frames by the marks that the user has given them"""
         self.limits: dict[str, tuple[float, float]] = {}
         self.own_interval = run.model.limits.interval.copy()
         self.own_settings = dict(run.settings.flat())
@@ -490,6 +490,11 @@ class Document:
     @property
     def model(self) -> ArticulatedModel:
         return self.run.model
+
+    @property
+    def accepted(self) -> frozenset[int]:
+        """Frames that the user has accepted: neither tracking nor refining changes them."""
+        return self.marked["accepted"]
 
     def files_read(self) -> dict[str, str]:
         """Return a digest of all that the session is read from; looked at once, for what was read once stays in memory."""
@@ -562,8 +567,8 @@ class Document:
             self._use(run, resized="size" in kinds)
         if "spans" in kinds:
             self._lay()
-        if "accepted" in kinds:
-            self.accepted = accepted_frames(state)
+        if kinds & self.marked.keys():
+            self.marked = marked_frames(state)
         for kind, entry in changed:
             if kind == "pose":
                 self._derive_pose(entry)

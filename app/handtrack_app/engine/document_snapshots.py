@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats, K
+from handtrack.arrays import D3, D21, Floats
 from handtrack.diagnostics.flexion import flexion_deg
 from handtrack.diagnostics.review import Stretch, worth_a_look
 from handtrack.geometry.camera import Camera
@@ -15,6 +15,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import named_pose, pose_names, pose_title, pose_turn
 from handtrack.model.size import shape_numbers
+from handtrack.session.formats.truth import mean_error_mm
 from handtrack.session.posed_frames import driving_joints, solver_params_of
 from handtrack.session.session import Session
 from handtrack.store.spans import resolved
@@ -199,7 +200,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
     lanes = {word: row.copy() for word, row in told.items() if np.isfinite(row).any()}
     return TimelineSnapshot(
         document.frames.start, rows.status.copy(), rows.energy.copy(), error, hand, terms, found, lanes,
-        document.accepted, queue(document), resolved(document.laid, document.takes.frames_of),
+        document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
         resolved(document.hidden, document.takes.frames_of), document.is_posed,
     )  # fmt: skip
 
@@ -264,15 +265,7 @@ def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
 def truth_at(document: Document, frame: int) -> Floats[D21, D3] | None:
     """Return the true keypoints of a frame, or joints (J, 3) of a body, world [m]."""
     truth = document.run.session.truth
-    points = None if truth is None else truth.keypoints21
-    if truth is not None and points is None and truth.joint_names == document.model.joint_names:
-        points = truth.joint_positions
-    if truth is None or points is None:
-        return None
-    row = frame - int(truth.frame[0]) if len(truth.frame) else 0  # where none is left out
-    if not (0 <= row < len(truth.frame) and truth.frame[row] == frame):
-        row = next(iter(np.flatnonzero(truth.frame == frame)), -1)
-    return points[row] if row >= 0 else None
+    return None if truth is None else truth.points_at(frame, document.model.joint_names)
 
 
 # ---- facts of a frame
@@ -283,14 +276,6 @@ def status_note(result: FrameResult) -> str:
     if result.is_simplified:
         return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
     return result.note[:1].upper() + result.note[1:]
-
-
-def mean_error_mm(found: Floats[K, D3] | None, truth: Floats[K, D3] | None) -> float:
-    """Return the mean distance of keypoints [mm]; NaN where there is nothing to compare."""
-    if found is None or truth is None or found.shape != truth.shape:
-        return float("nan")
-    distance = np.linalg.norm(found - truth, axis=1)
-    return float(np.nanmean(distance) * 1e3) if np.isfinite(distance).any() else float("nan")
 
 
 def energy_parts(energies: Mapping[str, float]) -> dict[str, float]:

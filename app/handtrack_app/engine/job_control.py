@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from handtrack.arrays import Floats, S
+from handtrack.diagnostics.review import Judged
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.pins import Pin
@@ -22,6 +22,7 @@ from handtrack.session.track_session import (
     FramesRefined,
     FrameTracked,
     PassBegan,
+    Progress,
     ProvisionalFrame,
     SizeFitted,
     TrackingRequest,
@@ -42,12 +43,9 @@ from handtrack_app.engine.document_snapshots import (
 )
 from handtrack_app.engine.jobs import (
     BackgroundJob,
-    Carried,
-    Found,
     JobEnded,
     JobEvent,
     Post,
-    Tried,
     Watch,
     Work,
 )
@@ -166,19 +164,7 @@ def one_frame(result: FrameResult, fit: OutlineFit | None) -> Notice:
     )
 
 
-class Outcome(NamedTuple):
-    """What is told of a frame in the end; without its arrays, for there may be many."""
-
-    status: Status
-    poor_cloud: bool
-    is_simplified: bool
-
-    @classmethod
-    def of(cls, result: FrameResult) -> Outcome:
-        return cls(result.status, result.poor_cloud, result.is_simplified)
-
-
-def summary(results: Sequence[Outcome], total: int, by_hand: int, seconds: float) -> str:
+def summary(results: Sequence[Judged], total: int, by_hand: int, seconds: float) -> str:
     """Return how a run of tracking went, in one sentence or two.
 
     total: frames that were to be tracked. by_hand: frames that stayed as they were given.
@@ -189,10 +175,11 @@ def summary(results: Sequence[Outcome], total: int, by_hand: int, seconds: float
     odd = [
         f"{counts[i]} {word}" for i, word in ((1, "with low confidence"), (2, "lost")) if counts[i]
     ]
-    poor = sum(result.poor_cloud for result in results)
+    reasons = [result.reason for result in results if result.reason is not None]
+    poor = [reason for reason in reasons if reason.kind == "poor cloud"]
     if poor:
-        odd.append(f"{poor} with a poor cloud")
-    held = sum(result.is_simplified for result in results)
+        odd.append(f"{len(poor)} with a poor cloud")
+    held = sum(bool(reason.part) for reason in poor)
     if held:
         odd.append(f"{held} with the fingers fixed, because the cloud is too poor")
     quality = ", ".join(odd) if odd else "none with low confidence"
@@ -257,7 +244,7 @@ def end_words(
     job: BackgroundJob,
     end: JobEnded,
     document: Document,
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[Judged],
     moved: Moved,
     live: LiveControl | None,
 ) -> Notice | None:
@@ -325,7 +312,8 @@ class JobControl:
         self._document, self._store, self._live = document, store, live
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
-        self._outcomes: dict[int, Outcome] = {}
+        self._outcomes: dict[int, Judged] = {}
+        """what is told of frames in the end; without their arrays, for there may be many"""
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moved = Moved()
         self._offered: SizeFitted | None = None  # fitted after tracking
@@ -498,7 +486,7 @@ class JobControl:
         match event:
             case ProvisionalFrame(result) | FrameTracked(result):
                 self._tracked(result)
-            case Tried(result):
+            case Progress(tracked=FrameResult() as result):
                 self._tried(result)
             case PassBegan() as began:
                 self._pass_began(job, began)
@@ -508,11 +496,11 @@ class JobControl:
                 self._sized(sized)
             case Warned(text):
                 self._publish(Notice.about_recording(text))
-            case Found(candidates):
-                self._found(candidates)
-            case Carried(corrections):
-                self._store.do("Corrected masks carried on", decide(correction=corrections))
-                many = f"To {len(corrections)} frames; undo takes it back."
+            case list():
+                self._found(event)
+            case dict():
+                self._store.do("Corrected masks carried on", decide(correction=event))
+                many = f"To {len(event)} frames; undo takes it back."
                 self._publish(Notice("done", "The correction is carried on", many))
             case JobEnded() as end:
                 self._ended(job, end)
@@ -546,11 +534,10 @@ class JobControl:
         while len(self._latest) > _COMES_AGAIN:
             del self._latest[next(iter(self._latest))]
         document.see_frames()
-        self._outcomes[result.frame] = Outcome.of(result)
         if self._live is not None:
             self._live.note(result)
             self._outcomes.pop(result.frame - _COMES_AGAIN, None)
-        self._store.add(result)
+        self._add(result)
         if self.follow and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
             document.show(result.frame)
@@ -559,6 +546,12 @@ class JobControl:
             self._stripped = now
             self._publish(timeline_change(document))
         self.show_progress()
+
+    def _add(self, result: FrameResult) -> None:
+        try:
+            self._store.add(result)
+        finally:
+            self._outcomes[result.frame] = self._document.results.head(result.frame) or result
 
     def _refined(self, job: BackgroundJob, done: FramesRefined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
@@ -570,8 +563,7 @@ class JobControl:
             self._store.begin_take(frames, first, params, _fixed(job), True, done.refinement)
         for result in done.results:
             self._moved.note(document.results.get(result.frame), result)
-            self._outcomes[result.frame] = Outcome.of(result)
-            self._store.add(result)
+            self._add(result)
         self._refined_with = replace(self._given, spans=document.state.spans)
         self._publish(timeline_change(document))
 

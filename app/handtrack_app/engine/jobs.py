@@ -45,31 +45,14 @@ class JobEnded:
     internal: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Tried:
-    """A frame was tracked to fit the size; nothing is kept of it."""
-
-    result: FrameResult
-
-
-@dataclass(frozen=True)
-class Found:
-    """Poses that explain a frame, the most probable first."""
-
-    candidates: list[FirstPoseCandidate]
-
-
-@dataclass(frozen=True)
-class Carried:
-    """Corrections of masks, carried to the frames beside."""
-
-    corrections: dict[tuple[str, int], Correction]
-    """of the session's state"""
-
-
+FirstPoses = list[FirstPoseCandidate]
+"""poses that explain a frame, the most probable first"""
+Corrections = dict[tuple[str, int], Correction]
+"""of masks, carried to the frames beside: as the session's state has them"""
 Work = Callable[["BackgroundJob"], None]
 """does a job; asks its `should_stop` between solver steps"""
-JobEvent = Event | ProvisionalFrame | Tried | Found | Carried | JobEnded
+JobEvent = Event | ProvisionalFrame | Progress | FirstPoses | Corrections | JobEnded
+"""`Progress` of a frame that is tracked to fit the size: nothing is kept of it"""
 Post = Callable[["BackgroundJob", JobEvent], None]
 """hands something that a job did over to the worker"""
 Watch = Callable[[TrackingRun, FrameResult], None]
@@ -203,7 +186,7 @@ def track(
             return
         job.show_progress(now.share, _SIZING + now.message)
         if now.tracked is not None:
-            job.report(Tried(now.tracked))
+            job.report(now)
 
     control = Control(job.should_stop, waits=not job.is_live)
     for event in track_session(run, request, control, progressed):
@@ -268,4 +251,4 @@ def find(job: BackgroundJob, run: TrackingRun, frame: int | None, fetch: bool) -
             raise
     found = find_first_poses(run, frame, job.should_stop, job.show_progress)
     if not job.should_stop():
-        job.report(Found(found))
+        job.report(found)

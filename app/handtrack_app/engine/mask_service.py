@@ -27,7 +27,7 @@ from handtrack.session.session_state import NOTHING, Correction, Edit, MaskSourc
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import MaskChoice, View
 from handtrack_app.engine.document import Document, source_of, usual_values
-from handtrack_app.engine.jobs import BackgroundJob, Carried
+from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
 from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
@@ -130,7 +130,7 @@ def carry(
             "There is nothing to carry: no camera is corrected in this frame and has images of the frames beside, or those "
             "are corrected themselves."
         )
-    job.report(Carried(found))
+    job.report(found)
 
 
 def _carried(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -171,8 +172,8 @@ class TimelineSnapshot:
     """those of `by_hand` that a search gave"""
     lanes: dict[str, Floats[F]] = field(default_factory=dict)
     """other numbers by their words, NaN where unknown"""
-    accepted: frozenset[int] = frozenset()
-    """frames that no tracking changes"""
+    marked: Mapping[str, frozenset[int]] = field(default_factory=dict)
+    """frames by the marks that the user has given them"""
     stretches: tuple[Stretch, ...] = ()
     """worth a look, the worst first"""
     takes: tuple[Span, ...] = ()
@@ -181,6 +182,11 @@ class TimelineSnapshot:
     """likewise, of takes that cannot show: they were tracked with another model than the one in force"""
     is_posed: bool = False
     """somebody said where the model is: by a first pose, by hand, or by tracking"""
+
+    @property
+    def accepted(self) -> frozenset[int]:
+        """Frames that no tracking changes."""
+        return self.marked.get("accepted", frozenset())
 
 
 @dataclass(frozen=True)

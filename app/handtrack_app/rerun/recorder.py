@@ -22,6 +22,7 @@ from handtrack.diagnostics.residual_points import dots, image_residuals, space_r
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
+from handtrack.session.formats.truth import mean_error_mm
 from handtrack.session.run import TrackingRun
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
@@ -290,18 +291,9 @@ def _solved(run: TrackingRun, result: FrameResult) -> Before:
 
 def _error_mm(run: TrackingRun, result: FrameResult) -> float:
     truth = run.session.truth
-    row = -1 if truth is None else next(iter(np.flatnonzero(truth.frame == result.frame)), -1)
-    if truth is None or row < 0:
-        return float("nan")
-    true, found = truth.keypoints21, result.keypoints21
-    if true is None or found is None:
-        same = truth.joint_positions is not None and truth.joint_names == run.model.joint_names
-        if not same:
-            return float("nan")
-        true, found = truth.joint_positions, result.joint_positions
-    assert true is not None
-    away = np.linalg.norm(true[row] - found, axis=1)
-    return float(1e3 * np.nanmean(away)) if np.isfinite(away).any() else float("nan")
+    true = None if truth is None else truth.points_at(result.frame, run.model.joint_names)
+    found = result.joint_positions if result.keypoints21 is None else result.keypoints21
+    return mean_error_mm(found, true)
 
 
 def _within(spans: Array, width: int) -> Array:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J
+from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, K
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
 
@@ -28,6 +29,24 @@ class Truth:
     """world [m], NaN where a joint is not known."""
     keypoint_definition: str | None = None
     """whose points they are, as exports say it: `joints`, `mediapipe21`, …; None where the file does not"""
+
+    def points_at(self, frame: int, joint_names: Sequence[str]) -> Floats[K, D3] | None:
+        """Return the 21 keypoints of a frame, else the joints of a model with these names, world [m]; None where it has none."""
+        points = self.keypoints21
+        if points is None and self.joint_names == joint_names:
+            points = self.joint_positions
+        row = frame - int(self.frame[0]) if len(self.frame) else -1  # where none is left out
+        if not (0 <= row < len(self.frame) and self.frame[row] == frame):
+            row = next(iter(np.flatnonzero(self.frame == frame)), -1)
+        return None if points is None or row < 0 else points[row]
+
+
+def mean_error_mm(found: Floats[K, D3] | None, true: Floats[K, D3] | None) -> float:
+    """Return the mean distance of points [mm]; NaN where there is nothing to compare."""
+    if found is None or true is None or found.shape != true.shape:
+        return float("nan")
+    away = np.linalg.norm(found - true, axis=1)
+    return float(np.nanmean(away) * 1e3) if np.isfinite(away).any() else float("nan")
 
 
 def read_truth(path: Path) -> Truth:

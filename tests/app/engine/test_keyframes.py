@@ -66,5 +66,5 @@ def test_frames_that_are_all_set_by_hand_are_not_tracked(tmp_path):
 )
 def test_between_which_frames(by_hand, accepted, frame, ends):
     none = np.full(12, np.nan)
-    strip = snapshots.TimelineSnapshot(0, np.zeros(12, int), none, none, by_hand, accepted=frozenset(accepted))  # fmt: skip
+    strip = snapshots.TimelineSnapshot(0, np.zeros(12, int), none, none, by_hand, marked={"accepted": frozenset(accepted)})  # fmt: skip
     assert frozen_ends(strip, frame) == ends

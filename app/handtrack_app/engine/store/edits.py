@@ -16,9 +16,9 @@ from handtrack.session.session_state import (
     CloudTable,
     DecidedSize,
     Edit,
-    accepting,
     decide,
     in_turn,
+    marking,
 )
 from handtrack.store.spans import Span, beside_accepted, resolved
 from handtrack.tracking.frame.methods import METHODS
@@ -39,7 +39,7 @@ def accepted(document: Document, frames: Iterable[int], on: bool) -> Edit:
     """Accept frames as they are, or let them go; those alone that have a pose."""
     named = document.accepted.union(frames) if on else document.accepted.difference(frames)
     now = {f for f in named if f in document.by_hand or f in document.results}
-    return NOTHING if now == document.accepted else accepting(now)
+    return NOTHING if now == document.accepted else marking("accepted", now)
 
 
 def restored(document: Document, number: int, frames: range | None) -> Edit:

@@ -15,8 +15,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
-
 from handtrack.arrays import Floats, P
 from handtrack.errors import HandtrackError
 from handtrack.export.registry import ExportFormat, export_format
@@ -25,6 +23,7 @@ from handtrack.files.atomic import remove_abandoned
 from handtrack.model.articulated import HandScale
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE, TRACKS_FOLDER
+from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.session_state import (
     DecidedSize,
     Edit,
@@ -44,7 +43,7 @@ from handtrack.store.lease import LeaseTaken
 from handtrack.store.spans import Span, resolved
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeAbout, TakeWriter
-from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.result import FrameResult, TrackResult
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.document import CorrectionFiles, Document, TakeShelf, changed_elsewhere
 from handtrack_app.engine.store import edits
@@ -536,31 +535,14 @@ class Persistence:
 def whole_track(document: Document) -> TrackResult:
     """Return all frames as one TrackResult; poses set by hand are keyframes."""
     frames = dict(document.results)
-    frames.update({frame: _keyframe(document, frame) for frame in document.by_hand})
+    given = document.by_hand.items()
+    frames |= {frame: keyframe_result(document.run, frame, pose) for frame, pose in given}
     if not frames:
         raise HandtrackError(
             f"There is nothing to save yet: track some frames, or pose the {document.model.kind}, first."
         )
     track = document.run.result(sorted(frames.values(), key=lambda result: result.frame))
     return replace(track, refinement=document.results.refinement)
-
-
-def _keyframe(document: Document, frame: int) -> FrameResult:
-    model, values = document.model, np.asarray(document.by_hand[frame], dtype=float)
-    bones = model.bones(model.transform.solver_params(values))
-    return FrameResult(
-        frame=frame,
-        time_s=float(document.run.session.time_s(frame)),
-        parameters=values,
-        status=Status.KEYFRAME,
-        energy=float("nan"),
-        iterations=0,
-        parameter_std=np.full(len(values), np.inf),
-        joint_covariance=np.tile(np.eye(3), (len(model.joint_names), 1, 1)),
-        T_world_bone=bones.T_world_bone,
-        joint_positions=model.joint_positions(bones),
-        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-    )
 
 
 def track_file(folder: Path) -> TakeFrames | None:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 import viser
@@ -522,32 +522,20 @@ def _table(guesses: GuessesSnapshot) -> str:
 # ---- Nudges: move and turn the hand by small steps as the user sees it, by button or key
 
 
-class Nudge(NamedTuple):
-    """A step along a view's axes: to the right, down, away from the viewer; moved by a length or turned by an angle."""
-
-    move: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-NUDGES: dict[str, Nudge] = {
-    "left": Nudge(move=(-1, 0, 0)),
-    "right": Nudge(move=(1, 0, 0)),
-    "up": Nudge(move=(0, -1, 0)),
-    "down": Nudge(move=(0, 1, 0)),
-    "nearer": Nudge(move=(0, 0, -1)),
-    "farther": Nudge(move=(0, 0, 1)),
-    "roll left": Nudge(turn=(0, 0, -1)),
-    "roll right": Nudge(turn=(0, 0, 1)),
-    "tilt up": Nudge(turn=(-1, 0, 0)),
-    "tilt down": Nudge(turn=(1, 0, 0)),
-    "turn left": Nudge(turn=(0, 1, 0)),
-    "turn right": Nudge(turn=(0, -1, 0)),
-}
+NUDGES: dict[str, tuple[int, int, int, int, int, int]] = {
+    "left": (-1, 0, 0, 0, 0, 0), "right": (1, 0, 0, 0, 0, 0),
+    "up": (0, -1, 0, 0, 0, 0), "down": (0, 1, 0, 0, 0, 0),
+    "nearer": (0, 0, -1, 0, 0, 0), "farther": (0, 0, 1, 0, 0, 0),
+    "roll left": (0, 0, 0, 0, 0, -1), "roll right": (0, 0, 0, 0, 0, 1),
+    "tilt up": (0, 0, 0, -1, 0, 0), "tilt down": (0, 0, 0, 1, 0, 0),
+    "turn left": (0, 0, 0, 0, 1, 0), "turn right": (0, 0, 0, 0, -1, 0),
+}  # fmt: skip
+"""steps along and about a view's axes, to the right, down, away from the viewer: a move and a turn"""
 
 
 def nudged(
     root: Floats[D6],
-    nudge: Nudge,
+    nudge: tuple[int, int, int, int, int, int],
     view: Floats[D3, D3],
     pivot: Floats[D3],
     step_m: float,
@@ -558,8 +546,8 @@ def nudged(
     root: [m, rad]. view: rotation from the view's axes (x right, y down, z away) to the world.
     pivot: world [m], the point that stays when the hand turns.
     """
-    turn = view @ np.array(nudge.turn, dtype=float) * step_rad
-    return moved_root(root, pivot, turn, view @ np.array(nudge.move, dtype=float) * step_m)
+    turn = view @ np.array(nudge[3:], dtype=float) * step_rad
+    return moved_root(root, pivot, turn, view @ np.array(nudge[:3], dtype=float) * step_m)
 
 
 _STEPS = (0.5, 0.5), (2.0, 2.0), (10.0, 10.0), (50.0, 10.0)
