@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import viser
 
 from handtrack_app.page.help import Help, add_work_keys
-from handtrack_app.page.html import escaped
+from handtrack_app.page.html import dress, escaped
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.copying import Library
@@ -27,7 +27,6 @@ from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPa
 from handtrack_app.page.panels.view import WIDTH, SessionPanel, colours, head
 from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.page.style import dress
 from handtrack_app.page.time.timeline import TimelinePanel
 from handtrack_app.protocol.palette import ASIDE
 from handtrack_app.protocol.snapshots import (

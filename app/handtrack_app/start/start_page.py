@@ -28,9 +28,8 @@ from handtrack.session.session import Session
 from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
 from handtrack_app.log import LOG_FILE, logging_to
-from handtrack_app.page.html import escaped, table, text
+from handtrack_app.page.html import dress, escaped, table, text
 from handtrack_app.page.page import put
-from handtrack_app.page.style import dress
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.start.found_files import (
     CALIBRATIONS,

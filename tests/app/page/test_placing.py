@@ -28,13 +28,13 @@ def test_a_move_goes_along_the_view(name, way, rng):
     np.testing.assert_allclose(after[3:], root[3:], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", [name for name in NUDGES if any(NUDGES[name].turn)])
+@pytest.mark.parametrize("name", [name for name in NUDGES if any(NUDGES[name][3:])])
 def test_a_turn_leaves_the_middle_and_its_opposite_undoes_it(name, rng):
     root, pivot = rng.normal(size=6), rng.normal(size=3)
     after = applied(name, root, pivot)
     inside = rotation_matrix(root[3:]).T @ (pivot - root[:3])  # the middle, as the hand carries it
     np.testing.assert_allclose(after[:3] + rotation_matrix(after[3:]) @ inside, pivot, atol=1e-9)
-    opposite = next(n for n, nudge in NUDGES.items() if nudge.turn == tuple(-v for v in NUDGES[name].turn) and n != name)  # fmt: skip
+    opposite = next(n for n, nudge in NUDGES.items() if nudge[3:] == tuple(-v for v in NUDGES[name][3:]) and n != name)  # fmt: skip
     np.testing.assert_allclose(applied(opposite, after, pivot), root, atol=1e-9)
 
 

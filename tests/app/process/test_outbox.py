@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from handtrack_app.engine.worker import RULES
-from handtrack_app.process.outbox import Outbox, named
+from handtrack_app.process.engine_process import Outbox, named
 from handtrack_app.protocol.calls import Call
 from handtrack_app.protocol.snapshots import WorkSnapshot
 from tests.app.calls import call
