@@ -313,7 +313,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--seed", type=int, default=0, help="of motion and noise"),
         _JSON,
     )),
-    "retarget": _Command("retarget:run", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
+    "retarget": _Command("simulate:retarget", "Fit a model's size and joint angles to a motion file (BVH, AMC, TRC, C3D).", (
         _option("file", type=Path, metavar="FILE"),
         _option("--out", type=Path, required=True, metavar="SESSION|POSES.npz", help="a session's folder to make, or a file of poses"),
         _option("--model", metavar="NAME", help="body34, hand26 or another (default: what the file's names are of)"),
@@ -352,7 +352,7 @@ COMMANDS: dict[str, _Command] = {
         _option("file", nargs="?", type=Path, metavar="FILE",
                 help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"), _JSON,
     )),
-    "stereo": _Command("stereo:run", "Match calibrated pairs of images and write point clouds.", (
+    "stereo": _Command("detection:match_stereo", "Match calibrated pairs of images and write point clouds.", (
         _SESSION, _FRAMES,
         _option("--out", type=Path, metavar="FOLDER", help="of the .ply files (default: SESSION/clouds)"), _JSON,
     )),

@@ -1,19 +1,49 @@
-"""`handtrack simulate`: a recording with truth."""
+"""`handtrack simulate` and `retarget`: a recording with truth; a model fitted to a motion file."""
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from handtrack.arrays import F, Floats, P
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.model.model_file import load_model
-from handtrack.simulation.captured import known_motion, staged
+from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.model_file import load_model, read_scale
+from handtrack.session.formats.tables import write_npz
+from handtrack.simulation.captured import (
+    Captured,
+    captured,
+    known_motion,
+    model_builder,
+    result_of,
+    staged,
+    write_captured,
+)
 from handtrack.simulation.motion import MOTIONS
+from handtrack.simulation.motion_files.clip import MotionClip
+from handtrack.simulation.motion_files.joint_tables import matched_joints, read_table
+from handtrack.simulation.motion_files.read_motion import (
+    RawMotion,
+    axis_words,
+    in_metres,
+    read_motion,
+    upright_axis,
+)
+from handtrack.simulation.own_motion import own_params
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack_app.commands.retarget import clip_of, fitted, model_of, read_given
-from handtrack_app.commands.terminal.output import answer, check_new, new_folder, progress_bar
+from handtrack_app.commands.terminal.output import (
+    answer,
+    check_new,
+    new_folder,
+    output_file,
+    progress_bar,
+    say,
+)
 
 _LARGEST_IMAGE = 8192
 _HAND, _BODY = ("open_fist_open", 0.5), ("dance", 3.5)
@@ -121,3 +151,136 @@ def _check(args: argparse.Namespace, is_named: bool) -> None:
         raise HandtrackError(f"--frames {args.frames}: expected 1 at least.")
     if args.seed < 0:
         raise HandtrackError(f"--seed {args.seed}: expected a whole number from 0.")
+
+
+# ---- `handtrack retarget`: a model fitted to a motion file
+
+
+def retarget(args: argparse.Namespace) -> int:
+    """Fit size and every frame; write poses, or a session with them; tell how near each joint is."""
+    is_file = args.out.suffix.lower() == ".npz"
+    if is_file:
+        output_file(args.out, (".npz",), "poses are")
+    else:
+        check_new(args.out)
+    raw = read_given(args, args.file)
+    name = model_of(args, raw, args.file)
+    if "/" in name or name.endswith(".toml"):
+        raise HandtrackError(
+            f"--model {name}: expected the name of a model, such as body34 or hand26."
+        )
+    clip, unit_m = clip_of(args, raw, load_model(name, side=args.side), args.file)
+    motion = fitted(
+        name, args.side, clip, args.scale, lambda model: own_params(model, raw.clip, unit_m)
+    )
+    if is_file:
+        write_npz(args.out, result_of(motion, args.file.name))
+    else:
+        with new_folder(args.out) as folder:
+            write_captured(folder, motion, args.file.stem)
+    errors = 1e3 * motion.errors_m
+    table = residuals(motion)
+    lines = [
+        f"{args.out}: {len(motion.params)} frames of {name}; joints are {np.nanmedian(errors):.1f} mm from the file's (median), "
+        f"{np.nanpercentile(errors, 95):.1f} mm in 95 %.",
+        "median of each joint [mm]: " + ", ".join(f"{joint} {mm:g}" for joint, mm in table.items()),
+    ]
+    if not is_file:
+        lines.append(
+            f"Open it with: handtrack open {args.out}; export it with: handtrack export {args.out}/tracks/poses.npz --to FORMAT"
+        )
+    told = {
+        "out": args.out, "model": name, "frames": len(motion.params), "fps": clip.fps, "scale": motion.model.scale.overall,
+        "median_mm": round(float(np.nanmedian(errors)), 2), "p95_mm": round(float(np.nanpercentile(errors, 95)), 2),
+        "joints_mm": table,
+    }  # fmt: skip
+    answer(args, told, *lines)
+    return 0
+
+
+# ---- The motion file that a command is given, on a model: what was told of names, unit and size, and what was
+# assumed, said
+
+
+Posed = Callable[[ArticulatedModel], Floats[F, P] | None]
+_HAND_JOINTS = 12
+"""of a hand's 21, from which on a file is a hand's where it is no body's"""
+
+
+def read_given(args: argparse.Namespace, path: Path) -> RawMotion:
+    """Return what the file says, after `--skeleton`, `--motion-fps` and `--positions`. Raises HandtrackError."""
+    raw = read_motion(path, args.skeleton, args.motion_fps, args.positions)
+    for note in raw.notes:
+        say(f"note: {note}")
+    return raw
+
+
+def model_of(args: argparse.Namespace, raw: RawMotion, path: Path) -> str:
+    """Return the model's name: the user's, else a body's or a hand's, whichever the file's names are of."""
+    if args.model is not None:
+        return args.model
+    if args.names is not None:
+        return "body34"
+    try:
+        matched_joints(load_model("body34"), raw.clip.names, str(path))
+    except HandtrackError as unknown:
+        try:
+            found = matched_joints(load_model("hand26"), raw.clip.names, str(path))
+        except HandtrackError:
+            raise unknown from None
+        if len(found.names) < _HAND_JOINTS:
+            raise unknown from None
+        return "hand26"
+    return "body34"
+
+
+def clip_of(
+    args: argparse.Namespace, raw: RawMotion, model: ArticulatedModel, path: Path
+) -> tuple[MotionClip, float]:
+    """Return the file's joints by the model's names [m], and the metres in its unit; say how. Raises HandtrackError."""
+    names = raw.clip.names
+    found = (
+        matched_joints(model, names, str(path))
+        if args.names is None
+        else read_table(args.names, model, names)
+    )
+    say(
+        f"{path}: {raw.family}, {len(raw.clip.positions)} frames at {raw.clip.fps:.4g} a second; {found.words}"
+    )
+    clip, unit_m, notes = in_metres(raw, found.names, model.kind, args.unit_m, str(path))
+    axis = upright_axis(clip)
+    up = (
+        []
+        if axis is None
+        else [f"up is {axis_words(axis)}, as the shoulders stand above the hips."]
+    )
+    for note in (*notes, *up):
+        say(note)
+    return clip, unit_m
+
+
+def fitted(
+    name: str,
+    side: str,
+    clip: MotionClip,
+    scale: Path | None = None,
+    posed: Posed = lambda _: None,
+) -> Captured:
+    """Return the clip on the model, with a bar; its size fitted unless a saved one is given."""
+    build = model_builder(name, side)
+    with progress_bar(len(clip.positions), "fitting") as bar:
+
+        def tell() -> None:
+            bar.update()
+
+        return captured(build, clip, None if scale is None else read_scale(scale), tell, posed)
+
+
+def residuals(motion: Captured) -> dict[str, float]:
+    """Return the median distance of each joint to the file's [mm]; of joints that are known in some frame."""
+    errors = 1e3 * motion.errors_m
+    return {
+        name: round(float(np.nanmedian(column)), 1)
+        for name, column in zip(motion.clip.names, errors.T, strict=True)
+        if np.isfinite(column).any()
+    }

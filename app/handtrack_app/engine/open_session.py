@@ -28,10 +28,11 @@ from handtrack_app.engine.jobs import BackgroundJob, JobEvent
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
+from handtrack_app.engine.pictures.camera_pictures import Painter
 from handtrack_app.engine.pictures.cloud_service import CloudService
-from handtrack_app.engine.pictures.preview_service import Painter, RenderThread
 from handtrack_app.engine.posing_service import PosingService
 from handtrack_app.engine.review_service import LiveScore, ReviewService
+from handtrack_app.engine.service import RenderThread
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence, export_beside
 from handtrack_app.engine.tuning_service import TuningService

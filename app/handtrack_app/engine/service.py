@@ -1,14 +1,18 @@
-"""What the services of an open session have in common: what they work on, and how what they change is shown."""
+"""What the services of an open session have in common: what they work on, how what they change is shown, and the thread that makes what is only shown."""
 
 from __future__ import annotations
 
+import logging
+import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Edit
 from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.protocol.calls import Mailbox
 from handtrack_app.protocol.snapshots import Notice, Snapshot
 
 if TYPE_CHECKING:
@@ -84,3 +88,73 @@ class PreviewService(Service, ABC):
     def _save(self, save: Callable[[Persistence], str], title: str) -> None:
         """Write settings into session.toml, and say so."""
         self._change(lambda: self.publish(Notice("done", title, save(self.store))))
+
+
+# ---- The render thread: makes beside the worker what is only shown: clouds, surfaces, pictures of them
+
+
+log = logging.getLogger(__name__)
+Make = Callable[[], Snapshot | None]
+
+
+class RenderThread:
+    """Makes snapshots one after the other; of each kind only the newest order counts."""
+
+    def __init__(self, publish: Callable[[Snapshot], None]) -> None:
+        self._publish = publish
+        self._mail: Mailbox[tuple[str, Make]] = Mailbox(lambda order: order[0])
+        self._stopping = threading.Event()
+        self._said: Notice | None = None
+        self._thread = threading.Thread(target=self._work, name="render", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """End the thread, after what it is making."""
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout)
+
+    def ask(self, kind: str, make: Make) -> None:
+        """Have something made and published; a waiting order of this kind is dropped."""
+        self._mail.put((kind, make))
+
+    def wait_for(self, kind: str, make: Make) -> Snapshot | None:
+        """Have something made, and wait for it; None where it cannot be."""
+        made, done = list[Snapshot | None](), threading.Event()
+
+        def make_and_tell() -> None:
+            try:
+                made.append(make())
+            finally:
+                done.set()
+
+        self.ask(f"{kind}, waited for", make_and_tell)
+        while not done.wait(0.1):
+            if self._stopping.is_set():
+                return None
+        return made[0] if made else None
+
+    def _work(self) -> None:
+        while not self._stopping.is_set():
+            order = self._mail.take(0.2)
+            if order is not None:
+                self._serve(*order)
+
+    def _serve(self, kind: str, make: Make) -> None:
+        try:
+            snapshot = make()
+        except HandtrackError as error:
+            self._say(Notice("error", "That cannot be shown", str(error)))
+        except Exception as error:  # the page must go on, and the user must know
+            log.exception("could not make %s", kind)
+            self._say(Notice.of_mistake(error))
+        else:
+            if snapshot is not None:
+                self._publish(snapshot)
+
+    def _say(self, notice: Notice) -> None:
+        if notice != self._said:  # the next frame would say the same
+            self._said = notice
+            self._publish(notice)

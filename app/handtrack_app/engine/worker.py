@@ -17,10 +17,11 @@ from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession
 from handtrack_app.engine.opening import Opening
+from handtrack_app.engine.pictures.camera_pictures import Painter
 from handtrack_app.engine.pictures.cloud_service import CloudService
-from handtrack_app.engine.pictures.preview_service import Painter, RenderThread
 from handtrack_app.engine.posing_service import PosingService
 from handtrack_app.engine.review_service import ReviewService
+from handtrack_app.engine.service import RenderThread
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol.calls import Call, Caller, Engine, Mailbox, command, rules_of
