@@ -10,7 +10,7 @@ from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Observation
+from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
@@ -94,3 +94,27 @@ def test_masks_that_outline_nothing_are_not_searched_and_the_frame_says_so(known
     assert GlobalObjective.of(seen, JUMPS) is None
     some = GlobalObjective.of(replace(good, silhouettes=(*good.silhouettes[:2], spoilt[2])), JUMPS)
     assert [len(source.whole) for source in some.sources] == [2]
+
+
+def test_a_hand_whose_joints_two_cameras_see_there_is_not_looked_for_elsewhere(known):
+    good = mask_views(MODEL, posed(), RIG.cameras, 1)
+    beside = np.zeros_like(good.silhouettes[0].mask)
+    beside[:80, :100] = 1.0  # something else of skin's colour
+    spoilt = [replace(one, mask=np.maximum(one.mask, beside)) for one in good.silhouettes]
+    places = MODEL.joint_positions(MODEL.bones(posed()))
+    joints = [
+        ImageKeypoints(camera, MODEL.joint_names, camera.project(places), 2.0)
+        for camera in RIG.cameras
+    ]
+
+    def searched(*seen_joints):
+        found = []
+        control = Control(on_search=lambda report: found.append(report.search.situation))
+        seen = replace(good, silhouettes=tuple(spoilt), keypoints=seen_joints)
+        result = Tracker(MODEL, JUMPS).step(TrackerState.resumed([known]), seen, control)[1]
+        assert not result.fits
+        return lost_hand.LOST_HAND.situation in found
+
+    assert searched()
+    assert searched(joints[0])
+    assert not searched(*joints[:2])

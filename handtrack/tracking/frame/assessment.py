@@ -293,6 +293,17 @@ def _by_keypoints(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason |
     return Status.TRACKED, None
 
 
+def is_where_joints_are(terms: FrameTerms, bones: BonePoses) -> bool:
+    """Return whether detectors see the joints in two cameras or more where the model has them: whatever does not fit, the hand is not
+    elsewhere.
+    """
+    detected = (t.observed for t in terms.keypoints if isinstance(t.observed, ImageKeypoints))
+    return (
+        len({one.camera.name for one in detected}) > 1
+        and _by_keypoints(terms, bones)[0] == Status.TRACKED
+    )
+
+
 def _by_cloud(terms: FrameTerms, bones: BonePoses) -> tuple[Status, Reason | None]:
     if terms.cloud is None:
         return Status.TRACKED, None

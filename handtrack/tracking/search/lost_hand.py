@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.tracking.frame.assessment import assess
+from handtrack.tracking.frame.assessment import assess, is_where_joints_are
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import frame_terms
@@ -33,6 +33,10 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     model, result = task.model, solved.result
     why = why_hand_may_be_lost(result, task.previous)
     if not why or not model.has_keypoints21:
+        return solved
+    params = model.transform.solver_params(result.parameters)
+    bones = model.bones(params)
+    if is_where_joints_are(frame_terms(model, task.settings, task.observation, bones, None), bones):
         return solved
     if not task.control.searches:
         return replace(solved, search_due=True)
@@ -71,7 +75,6 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
                 found[n] = replace(one, cost=np.inf)
         return found
 
-    params = model.transform.solver_params(result.parameters)
     standing = objective.measured(Candidate(model, params, origin="standing pose", shape=here))
     number = task.observation.frame
     best = improved(LOST_HAND, objective, standing, task.control, number, why, compared)
