@@ -29,7 +29,9 @@ _NEAR_M, _SPEED_M = (0.10, 0.03)
 
 
 def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
-    """Return a frame as it was solved, or at another pose that fits what was seen clearly better, where it is in doubt."""
+    """Return a frame as it was solved, or at another pose that fits what was seen clearly better, where it is in doubt and no two
+    cameras see the joints there.
+    """
     model, result = task.model, solved.result
     why = why_hand_may_be_lost(result, task.previous)
     if not why or not model.has_keypoints21:
