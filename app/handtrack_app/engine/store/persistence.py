@@ -72,41 +72,6 @@ class OpenTake:
     is_told: bool = False
     """that frames cannot be written"""
 
-    @classmethod
-    def begin(
-        cls,
-        document: Document,
-        store: WritableStore | None,
-        frames: range,
-        first: int,
-        params: Floats[P],
-        keyframes: tuple[int, ...] = (),
-        is_refined: bool = False,
-        shared: Refinement | None = None,
-    ) -> OpenTake:
-        """Begin a take; tracking starts at frame `first` with solver parameters. is_refined: it is of all frames together;
-        shared: what these share. Raises HandtrackError.
-        """
-        run, scale = document.run, None if shared is None else shared.scale
-        labels = (run if scale is None else run.with_scale(scale)).labels
-        labels = replace(labels, refinement=None if shared is None else shared.text)
-        settings = run.settings.flat()
-        shelf = TakeFrames(run.model.parameter_names, {}, labels.refinement, settings)
-        about = TakeAbout(
-            by=refined_by(PROGRAM) if is_refined else PROGRAM,
-            begun=datetime.now(UTC).isoformat(timespec="seconds"),
-            frames=(frames.start, frames.stop),
-            labels=labels,
-            inputs={} if store is None else document.files_read(),
-            start={"frame": first, "parameters": params.tolist()},
-            keyframes=keyframes,
-            versions=versions_in_use(),
-        )
-        writer = None if store is None else store.begin(about)
-        number = document.takes.next_number if writer is None else writer.take.number
-        document.takes.put(number, shelf)
-        return cls(number, frames, first, shelf, writer, is_refined=is_refined, scale=scale)
-
     def keep(self, result: FrameResult) -> None:
         """Keep a frame, and those that could not be written before. Raises HandtrackError where they cannot now."""
         self.shelf.put(result, None)
@@ -370,11 +335,31 @@ class Persistence:
         is_refined: bool = False,
         shared: Refinement | None = None,
     ) -> None:
-        """Begin a take; shared: what its frames do, of which a hand's size holds with it. It shows over what was tracked before from
-        its first frame on.
+        """Begin a take; tracking starts at frame `first` with solver parameters. It shows over what was tracked before from its first
+        frame on. is_refined: it is of all frames together; shared: what these share, of which a hand's size holds with it. Raises
+        HandtrackError.
         """
-        self._take = OpenTake.begin(
-            self.document, self.store, frames, first, params, keyframes, is_refined, shared
+        document, store = self.document, self.store
+        run, scale = document.run, None if shared is None else shared.scale
+        labels = (run if scale is None else run.with_scale(scale)).labels
+        labels = replace(labels, refinement=None if shared is None else shared.text)
+        settings = run.settings.flat()
+        shelf = TakeFrames(run.model.parameter_names, {}, labels.refinement, settings)
+        about = TakeAbout(
+            by=refined_by(PROGRAM) if is_refined else PROGRAM,
+            begun=datetime.now(UTC).isoformat(timespec="seconds"),
+            frames=(frames.start, frames.stop),
+            labels=labels,
+            inputs={} if store is None else document.files_read(),
+            start={"frame": first, "parameters": params.tolist()},
+            keyframes=keyframes,
+            versions=versions_in_use(),
+        )
+        writer = None if store is None else store.begin(about)
+        number = document.takes.next_number if writer is None else writer.take.number
+        document.takes.put(number, shelf)
+        self._take = OpenTake(
+            number, frames, first, shelf, writer, is_refined=is_refined, scale=scale
         )
 
     def add(self, result: FrameResult) -> None:
