@@ -178,6 +178,8 @@ def assess(
         return Status.DOUBTFUL, Reason("given keypoints")
     found = [_by_outline(terms, bones), _by_cloud(terms, bones)]
     status, reason = max(found, key=lambda one: one[0])
+    if status == Status.LOST and is_where_joints_are(terms, bones):
+        status = Status.DOUBTFUL  # masks or points show something else, too
     if status == Status.TRACKED and len(_posed(previous)) < FEWEST_FRAMES:
         reason = _beside(terms, bones)
         status = Status.TRACKED if reason is None else Status.DOUBTFUL
