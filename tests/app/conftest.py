@@ -78,6 +78,12 @@ def tracked(recorded, tmp_path_factory):
 
 
 @pytest.fixture
+def session(recorded, tmp_path):
+    """The small recording, which the test may change."""
+    return Path(shutil.copytree(recorded, tmp_path / "session"))
+
+
+@pytest.fixture
 def cloudy(tmp_path):
     """A workbench with a recording that has clouds, the first of them shown."""
     workbench = Workbench(cloudy_session(tmp_path), port=0).start()

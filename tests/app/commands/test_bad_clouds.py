@@ -1,4 +1,4 @@
-"""Bad clouds, depth and pairs, end to end: clear words, nothing lost; a bad frame is one frame's matter."""
+"""Bad clouds and depth, end to end: clear words, nothing lost; a bad frame is one frame's matter."""
 
 import shutil
 import tracemalloc
@@ -10,9 +10,13 @@ import pytest
 
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack.geometry.camera import Camera
+from handtrack.model.model_file import load_model
+from handtrack.model.pose_library import named_pose
 from handtrack.session.formats.tables import read_npz
+from handtrack.simulation.render import pixel_rays, render
 from tests.app.cloud_session import FRAMES, STEP_M, cloud_file, cloud_recording, points_of
-from tests.app.command_line import Ended, refused
+from tests.app.command_line import Ended
 from tests.session.small_session import edit
 
 TRACKED, LOST = 0, 2
@@ -37,10 +41,6 @@ def statuses(ended: Ended, folder: Path) -> list[int]:
     return track.status.tolist()
 
 
-def one_bad(frame: int) -> list[int]:
-    return [LOST if k == frame else TRACKED for k in range(FRAMES)]
-
-
 def test_the_recording_is_good_before_it_is_damaged(handtrack, clouds):
     ended = handtrack("track", clouds)
     assert statuses(ended, clouds) == [TRACKED] * FRAMES
@@ -49,23 +49,42 @@ def test_the_recording_is_good_before_it_is_damaged(handtrack, clouds):
     np.testing.assert_allclose(moved, STEP_M * np.arange(FRAMES), atol=5e-4)
 
 
-# ---- one frame is bad: it is lost, the others are not ------------------------------------------------
+def nothing(folder: Path) -> None:
+    np.savez(cloud_file(folder, 2), points=np.zeros((0, 3)))
 
 
-def test_empty_clouds_and_clouds_without_a_number_are_lost_frames(handtrack, clouds):
-    """Fault C19."""
-    np.savez(cloud_file(clouds, 1), points=np.zeros((0, 3)))
-    np.savez(cloud_file(clouds, 3), points=np.tile([[np.nan], [np.inf], [-np.inf]], (700, 3)))
+def no_numbers(folder: Path) -> None:
+    np.savez(cloud_file(folder, 2), points=np.tile([[np.nan], [np.inf], [-np.inf]], (700, 3)))
+
+
+def missing(folder: Path) -> None:
+    cloud_file(folder, 2).unlink()
+
+
+def cut_npz(folder: Path) -> None:
+    whole = cloud_file(folder, 2).read_bytes()
+    cloud_file(folder, 2).write_bytes(whole[: len(whole) // 2])
+
+
+def cut_ply(folder: Path) -> None:
+    missing(folder)
+    path = folder / "clouds/002.ply"
+    write_cloud(path, PointCloud(np.zeros((1000, 3))))
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+@pytest.mark.parametrize(
+    ("damage", "told"),
+    [(nothing, "lost: frames 2"), (no_numbers, "2100 of 2100 points"), (missing, ""), (cut_npz, "002.npz"), (cut_ply, "002.ply")],
+)  # fmt: skip
+def test_a_bad_cloud_is_one_lost_frame(damage, told, handtrack, clouds):
+    damage(clouds)
     ended = handtrack("track", clouds)
-    assert statuses(ended, clouds) == [TRACKED, LOST, TRACKED, LOST, TRACKED]
-    assert "lost: frames 1, 3; the first: the cloud has hardly any points within" in ended.err
-    assert "003.npz: 2100 of 2100 points are not finite numbers and are left out." in ended.err
-    doctor = handtrack("doctor", clouds)
-    assert "fewer than 300 are left in frames" in doctor.out
+    assert statuses(ended, clouds) == [TRACKED, TRACKED, LOST, TRACKED, TRACKED]
+    assert told in ended.err
 
 
 def test_single_points_without_numbers_cost_nothing_else(handtrack, clouds):
-    """Fault C20."""
     points = points_of(clouds, 1).copy()
     points[::10, 1] = np.nan
     points[5::10] = np.inf
@@ -73,22 +92,7 @@ def test_single_points_without_numbers_cost_nothing_else(handtrack, clouds):
     np.savez(cloud_file(clouds, 1), points=points)
     ended = handtrack("track", clouds)
     assert statuses(ended, clouds) == [TRACKED] * FRAMES
-    assert "001.npz: 600 of 3000 points are not finite numbers and are left out." in ended.err
-
-
-def test_a_damaged_or_missing_cloud_is_a_lost_frame(handtrack, clouds):
-    cloud_file(clouds, 2).unlink()
-    whole = cloud_file(clouds, 1).read_bytes()
-    cloud_file(clouds, 1).write_bytes(whole[: len(whole) // 2])
-    cloud_file(clouds, 3).unlink()
-    write_cloud(clouds / "clouds/003.ply", PointCloud(np.zeros((1000, 3))))
-    part = (clouds / "clouds/003.ply").read_bytes()
-    (clouds / "clouds/003.ply").write_bytes(part[:5000])
-    ended = handtrack("track", clouds)
-    assert statuses(ended, clouds) == [TRACKED, LOST, LOST, LOST, TRACKED]
-    assert "001.npz: not a readable .npz" in ended.err
-    assert "003.ply: announces 1000 points, but holds" in ended.err
-    assert "the file is cut off. Write it again. Frame 3 counts as missing." in ended.err
+    assert "600 of 3000 points" in ended.err
 
 
 def test_ten_million_points_take_bounded_memory(handtrack, clouds, rng):
@@ -109,37 +113,8 @@ def test_ten_million_points_take_bounded_memory(handtrack, clouds, rng):
     finally:
         tracemalloc.stop()
     assert statuses(ended, clouds) == [TRACKED] * 2
-    assert "001.ply: 10000000 points; an even part of 1000000 is used. Thin the clouds" in ended.err
     assert peak < 250 * MEGABYTE  # 81 MB: a tenth of it is kept, cropped, thinned
     (clouds / "clouds/001.ply").unlink()  # pytest would keep it
-
-
-# ---- all of it is bad: refused, or asked -------------------------------------------------------------
-
-
-def in_millimetres(folder: Path) -> None:
-    for frame in range(FRAMES):
-        np.savez(cloud_file(folder, frame), points=1000.0 * points_of(folder, frame))
-
-
-def test_the_unit_that_was_suggested_is_right(handtrack, clouds):
-    in_millimetres(clouds)
-    edit(clouds / "session.toml", "fps = 10.0", "fps = 10.0\nworld_unit_m = 0.001")
-    edit(clouds / "calibration.toml", "[0.0, 0.0, 0.5]", "[0.0, 0.0, 500.0]")
-    ended = handtrack("track", clouds)
-    assert statuses(ended, clouds) == [TRACKED] * FRAMES
-    assert "note:" not in ended.err
-
-
-def test_a_header_that_announces_what_no_memory_holds(handtrack, clouds):
-    for frame in range(FRAMES):
-        cloud_file(clouds, frame).unlink()
-    axes = "".join(f"property float {axis}\n" for axis in "xyz")
-    for kind in ("ascii", "binary_little_endian"):
-        text = f"ply\nformat {kind} 1.0\nelement vertex 1000000000000\n{axes}end_header\n0 0 0\n"
-        (clouds / "clouds/000.ply").write_text(text)
-        expected = ["000.ply: announces 1000000000000 points, but holds", "the file is cut off"]
-        refused(handtrack, clouds.parent, ["track", clouds], expected)
 
 
 # ---- depth -------------------------------------------------------------------------------------------
@@ -165,11 +140,6 @@ MATRIX = "[[400.0, 0.0, 159.5], [0.0, 400.0, 59.5]"  # the hand, fingers up in y
 
 def depth_image(frame: int) -> np.ndarray:
     """(240, 320) uint16, 0.1 mm a unit: the model's hand 0.5 m before the camera, nothing behind it."""
-    from handtrack.geometry.camera import Camera
-    from handtrack.model.model_file import load_model
-    from handtrack.model.pose_library import named_pose
-    from handtrack.simulation.render import pixel_rays, render
-
     model = load_model()
     joint = named_pose(model, "open")
     joint[0] = STEP_M * frame
@@ -180,27 +150,12 @@ def depth_image(frame: int) -> np.ndarray:
     return np.where(front >= 0, np.nan_to_num(z, posinf=0.0) * 1e4, 0).round().astype(np.uint16)
 
 
-def test_eight_bits_are_no_depth(handtrack, depth):
-    """Fault C24."""
-    for frame in range(FRAMES):
-        eight = (depth_image(frame) // 40).astype(np.uint8)
-        cv2.imwrite(str(depth / "depth" / f"{frame}.png"), eight)
-    expected = ["0.png: depth must be one channel of 16 bits; found uint8", "export 16 bit PNG"]
-    refused(handtrack, depth.parent, ["track", depth], expected)
-    refused(handtrack, depth.parent, ["doctor", depth], expected)
-
-
 def test_an_image_of_another_size_in_the_middle_loses_nothing(handtrack, depth):
     """It is an error, since it may be another camera's; but what was tracked before it is saved and named."""
     cv2.imwrite(str(depth / "depth/3.png"), depth_image(3)[::2, ::2])
     ended = handtrack("track", depth)
     assert ended.code == 2
-    assert (
-        "3.png, frame 3: the image is 160 x 120, but the camera is calibrated for 320 x 240"
-        in ended.err
-    )
-    assert "Tracking ended there; the 3 frames tracked before it are in" in ended.err
-    assert "3 of 5 frames: 3 tracked" in ended.out
+    assert "3.png" in ended.err and "160 x 120" in ended.err
     assert read_npz(depth / "tracks/poses.npz").status.tolist() == [TRACKED] * 3
 
 
@@ -209,50 +164,4 @@ def test_missing_and_damaged_depth_are_lost_frames(handtrack, depth):
     (depth / "depth/3.png").write_bytes((depth / "depth/3.png").read_bytes()[:500])
     ended = handtrack("track", depth)
     assert statuses(ended, depth) == [TRACKED, LOST, TRACKED, LOST, TRACKED]
-    assert "3.png: the PNG is cut off; frame 3 counts as missing" in ended.err
-
-
-def test_a_wrong_scale_of_depth_is_noticed(handtrack, depth):
-    """Fault C23."""
-    edit(depth / "session.toml", "depth_scale_m = 0.0001", "depth_scale_m = 0.1")
-    ended = handtrack("doctor", depth)
-    assert ended.code == 0
-    assert "the median depth is 4" in ended.out
-    assert "with depth_scale_m = 0.1. Is the scale right?" in ended.out
-    tracked = handtrack("track", depth)
-    assert set(statuses(tracked, depth)) == {LOST}
-
-
-# ---- pairs -------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def pair(data_dir, tmp_path):
-    """The first five frames of a stereo recording."""
-    source, target = data_dir / "sessions" / "webxr_stereo_768", tmp_path / "pair"
-    if not source.is_dir():
-        pytest.skip("no webxr_stereo_768 among the shared data")
-    late = {f"{frame:06d}.{kind}" for frame in range(FRAMES, 1000) for kind in ("jpg", "png")}
-    shutil.copytree(source, target, ignore=lambda _, names: late & set(names) | {"truth_depth"})
-    edit(target / "session.toml", 'scale = "fit"', "scale = 1.0")
-    return target
-
-
-def test_exchanged_images_are_noticed(handtrack, pair):
-    text = (pair / "session.toml").read_text()
-    for kind in ("left/*.jpg", "right/*.jpg"):
-        assert kind in text
-    text = text.replace("left/*.jpg", "?").replace("right/*.jpg", "left/*.jpg")
-    (pair / "session.toml").write_text(text.replace('"?"', '"right/*.jpg"'))
-    asked = "Are the two cameras' images, or their calibrations, exchanged?"
-    ended = handtrack("track", pair, "--frames", "0:1", "--use", "cloud")
-    assert ended.code == 0
-    assert asked in ended.err
-
-
-def test_an_image_missing_in_the_middle_is_a_missing_cloud(handtrack, pair):
-    (pair / "left/000002.jpg").unlink()
-    ended = handtrack("track", pair, "--use", "cloud")
-    assert statuses(ended, pair) == one_bad(2)
-    masks = handtrack("track", pair, "--frames", "1:3")
-    assert LOST not in statuses(masks, pair)
+    assert "3.png" in ended.err

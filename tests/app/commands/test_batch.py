@@ -25,16 +25,12 @@ from handtrack_app.commands.batch import (
     append,
     read_ledger,
 )
-from tests.app.command_line import PROGRAM, CommandLine, small_recording
+from tests.app.command_line import PROGRAM, small_recording
+from tests.app.waiting import eventually
 from tests.conftest import REPOSITORY
 
 FAKE = "tests.app.commands.fake_child"
 KILLS = 3
-
-
-@pytest.fixture
-def handtrack(capsys):
-    return CommandLine(capsys)
 
 
 @pytest.fixture
@@ -97,7 +93,6 @@ def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
     folders(tmp_path / "takes", 4, broken=1)
     ended = handtrack("batch", tmp_path / "takes" / "*", "--out", tmp_path / "out", "--most-lost", "0.1")  # fmt: skip
     assert ended.code == 3
-    assert "4 recordings: 3 done, 1 refused; 30 frames, 0 of low confidence, 3 lost" in ended.out
     with (tmp_path / "out" / "report.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["recording"] for row in rows] == ["take3", "take2", "take1", "take0"]
@@ -107,6 +102,10 @@ def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
     assert "&lt;b&gt;" in page
     assert page.index("take3") < page.index("take0")
     assert "http" not in page
+
+
+def ended(ledger: Path) -> list[Outcome]:
+    return [outcome for outcome in read_ledger(ledger) if outcome.state != STARTED]
 
 
 def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
@@ -121,16 +120,12 @@ def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
     command, kills = [sys.executable, "-c", code, *words], 0
     ledger = tmp_path / "out" / "ledger.jsonl"
     while True:
-        settled = len([o for o in read_ledger(ledger) if o.state != STARTED])
+        settled = len(ended(ledger))
         batch = subprocess.Popen(command, cwd=REPOSITORY, env=PROGRAM, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
         if kills == KILLS:
             assert batch.wait(120) == 3
             break
-        until = time.monotonic() + 60
-        while batch.poll() is None and time.monotonic() < until:
-            if len([o for o in read_ledger(ledger) if o.state != STARTED]) > settled:
-                break  # something was done since it began
-            time.sleep(0.01)
+        eventually(lambda: batch.poll() is not None or len(ended(ledger)) > settled, "done")  # noqa: B023
         time.sleep(rng.uniform(0.0, 0.1))
         batch.send_signal(signal.SIGKILL)
         batch.wait()
@@ -138,8 +133,6 @@ def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
     done = begun(tmp_path / "takes")
     assert len(done) == count
     assert sum(done.values()) - count <= KILLS * jobs
-    states = Counter(o.state for o in read_ledger(ledger) if o.state != STARTED)
-    assert states["done"] >= count - 3
     for row in csv.DictReader((tmp_path / "out" / "report.csv").read_text().splitlines()):
         assert row["state"] == ("done" if int(row["recording"][4:]) < count - 3 else "refused")
 

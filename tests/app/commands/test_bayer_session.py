@@ -8,7 +8,6 @@ import pytest
 
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
-from tests.app.command_line import refused
 from tests.capture.mosaics import mosaic_of
 from tests.session.small_session import edit
 
@@ -63,22 +62,3 @@ def test_the_doctor_says_when_the_pattern_is_wrong(handtrack, mosaics):
     ended = handtrack("doctor", mosaics)
     assert ended.code == 0
     assert "RGGB" in ended.out and "GRBG" in ended.out
-
-
-def test_settings_that_do_not_fit(handtrack, mosaics):
-    shutil.copyfile(bundled_session("open_fist_open") / "cam0.mp4", mosaics / "cam0.mp4")
-    for old, new, word in (
-        ('bayer = "grbg"', 'bayer = "rgbg"', "rgbg"),
-        ('"cam0/*.png"', '"cam0.mp4"', "is a video"),
-        ('bayer = "grbg"', 'demosaic = "bilinear"', "`bayer`"),
-        ("white_level", "white_levels", "'white_levels'"),
-    ):
-        edit(mosaics / "session.toml", old, new)
-        refused(handtrack, mosaics.parent, ["track", mosaics], [word])
-        edit(mosaics / "session.toml", new, old)
-
-
-def test_colour_files_are_no_mosaics(handtrack, mosaics):
-    picture = np.zeros((480, 640, 3), np.uint8)
-    cv2.imwrite(str(mosaics / "cam1" / "000000.png"), picture)
-    refused(handtrack, mosaics.parent, ["track", mosaics], ["cam1/000000.png"])

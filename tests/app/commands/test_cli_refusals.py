@@ -1,13 +1,11 @@
 """Command lines that cannot be meant: one readable paragraph that names what was given, exit code 2, and nothing written."""
 
 import shutil
-import socket
 
 import pytest
 
 from handtrack.session.bundled import bundled_session
 from tests.app.command_line import refused
-from tests.session.small_session import edit
 
 VIDEO = bundled_session("open_fist_open") / "cam0.mp4"
 LINES = {
@@ -112,27 +110,3 @@ def test_words_that_cannot_be_meant(line, handtrack, folder):
     session = folder / "session"
     places = {"s": session, "p": session / "tracks/poses.npz", "t": folder / "empty", "v": VIDEO}
     refused(handtrack, folder, [word.format(**places) for word in line.split()], [LINES[line]])
-
-
-def test_a_port_that_is_taken(handtrack, folder):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen(1)
-        port = taken.getsockname()[1]
-        words = ["open", folder / "session", "--port", port, "--no-browser"]
-        refused(handtrack, folder, words, [f"--port {port}"])
-
-
-def test_new_with_videos_of_another_size(handtrack, recorded, tmp_path):
-    calibration = shutil.copy(recorded / "calibration.toml", tmp_path)
-    edit(tmp_path / "calibration.toml", "[640, 480]", "[320, 240]")
-    words = [
-        "new",
-        "--out",
-        tmp_path / "made",
-        "--calibration",
-        calibration,
-        "--video",
-        f"cam0={VIDEO}",
-    ]
-    refused(handtrack, tmp_path, words, ["640 x 480"])

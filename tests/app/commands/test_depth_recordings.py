@@ -1,10 +1,7 @@
 """The recipes of docs/how-to/depth_and_stereo.md do what they say, on recordings made by others' libraries."""
 
-import shutil
-import subprocess
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -83,74 +80,3 @@ def test_a_realsense_recording_becomes_a_session(
         [0.5, 0.501, None, 0.502]
     )
     assert len(session.measured_cloud(0)) > 1000
-
-
-def test_an_azure_kinect_recording_becomes_files(tmp_path: Path) -> None:
-    """Of its kind: colour as MJPEG, then depth and infrared as 16 bit grey, most significant byte first. In another container:
-    ffmpeg reads this kind of Matroska, but cannot write it.
-    """
-    program = shutil.which("ffmpeg")
-    if program is None:
-        pytest.skip("there is no ffmpeg")
-    width, height = SIZE
-    grey = np.stack([np.full((height, width), 700 + i) for i in range(3)])
-    (tmp_path / "grey.raw").write_bytes(grey.astype(">u2").tobytes())
-    raw = [
-        "-f",
-        "rawvideo",
-        "-pix_fmt",
-        "gray16be",
-        "-s",
-        f"{width}x{height}",
-        "-r",
-        "30",
-        "-i",
-        "grey.raw",
-    ]
-    colour = ["-f", "lavfi", "-i", f"testsrc=size={width}x{height}:rate=30:duration=0.1"]
-    maps = [
-        "-map",
-        "0:v",
-        "-map",
-        "1:v",
-        "-map",
-        "2:v",
-        "-c:v:0",
-        "mjpeg",
-        "-pix_fmt:v:0",
-        "yuvj420p",
-    ]
-    maps += [
-        "-c:v:1",
-        "copy",
-        "-c:v:2",
-        "copy",
-        "-tag:v:1",
-        "b16g",
-        "-tag:v:2",
-        "b16g",
-        "-f",
-        "mov",
-    ]
-    subprocess.run(
-        [program, *colour, *raw, *raw, *maps, "recording.mkv"],
-        cwd=tmp_path,
-        check=True,
-        capture_output=True,
-    )
-    lines = next(body for body in blocks(PAGE, "") if "ffmpeg" in body).splitlines()
-    for line in lines:
-        words = line.split()
-        subprocess.run(
-            [program if words[0] == "ffmpeg" else words[0], *words[1:]],
-            cwd=tmp_path,
-            check=True,
-            capture_output=True,
-        )
-    found = [
-        cv2.imread(str(tmp_path / f"depth/{i:06d}.png"), cv2.IMREAD_UNCHANGED) for i in range(3)
-    ]
-    assert [(f.dtype, f.shape, int(f[0, 0])) for f in found] == [
-        (np.uint16, (height, width), 700 + i) for i in range(3)
-    ]
-    assert len(list((tmp_path / "infrared").iterdir())) == 3

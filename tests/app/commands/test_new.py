@@ -17,6 +17,14 @@ from tests.app.command_line import refused
 from tests.session.small_session import edit
 from tests.session.test_truth import moving, trc
 
+SOURCE = bundled_session()
+CALIBRATION = SOURCE / "calibration.toml"
+SIZE = Session.open(SOURCE).rig["cam0"].size
+
+
+def new(out: Path, *words: object) -> list[object]:
+    return ["new", "--out", out, "--calibration", CALIBRATION, *words]
+
 
 def video(path: Path, fps: float, count: int, size: tuple[int, int]) -> Path:
     """Write a video whose frame n is n grey levels bright, times 8."""
@@ -28,67 +36,43 @@ def video(path: Path, fps: float, count: int, size: tuple[int, int]) -> Path:
 
 
 def test_c11_scaled_videos_are_taken_where_that_is_said(handtrack, tmp_path):
-    calibration = bundled_session() / "calibration.toml"
-    width, height = Session.open(bundled_session()).rig["cam0"].size
+    width, height = SIZE
     small = video(tmp_path / "small.avi", 25, 3, (width // 2, height // 2))
     cut = video(tmp_path / "cut.avi", 25, 3, (width, height // 2))
-    words = ["new", "--out", tmp_path / "made", "--calibration", calibration, "--masks", "none"]
-    refused = handtrack(*words, "--video", f"cam0={small}")
-    assert refused.code == 2
-    assert "0.5 times as large" in refused.err
-    refused = handtrack(*words, "--scaled", "--video", f"cam0={cut}")
-    assert refused.code == 2
+    words = new(tmp_path / "made", "--masks", "none")
+    refused(handtrack, tmp_path, [*words, "--video", f"cam0={small}"], ["0.5 times"])
+    refused(handtrack, tmp_path, [*words, "--scaled", "--video", f"cam0={cut}"], ["cam0"])
     assert handtrack(*words, "--scaled", "--video", f"cam0={small}").code == 0
     assert Session.open(tmp_path / "made").rig["cam0"].size == (width // 2, height // 2)
 
 
 def test_c7_videos_of_different_rates_are_joined_by_time(handtrack, tmp_path):
-    calibration = bundled_session() / "calibration.toml"
-    size = Session.open(bundled_session()).rig["cam0"].size
-    slow, fast = (video(tmp_path / f"{fps}.avi", fps, fps // 5, size) for fps in (25, 100))
-    ended = handtrack(
-        "new", "--out", tmp_path / "made", "--calibration", calibration, "--masks", "none",
-        "--video", f"cam0={slow}", "--video", f"cam1={fast}",
-    )  # fmt: skip
-    assert ended.code == 0
-    assert "the video of camera 'cam1' says 100 frames a second, the first 25" in ended.err
+    slow, fast = (video(tmp_path / f"{fps}.avi", fps, fps // 5, SIZE) for fps in (25, 100))
+    videos = ["--video", f"cam0={slow}", "--video", f"cam1={fast}"]
+    assert handtrack(*new(tmp_path / "made", "--masks", "none", *videos)).code == 0
     session = Session.open(tmp_path / "made")
     assert [camera.fps for camera in session.file.cameras] == [None, 100.0]
-    seen = [session.image(name, 4) for name in session.camera_names]
-    levels = [-1 if image is None else round(float(image.mean()) / 8) for image in seen]
+    levels = [round(session.image(name, 4).mean() / 8) for name in session.camera_names]
     assert levels == [4, 16]
 
 
-def pictures(folder: Path, count: int, size: tuple[int, int], first: int = 0) -> Path:
+def pictures(folder: Path, count: int) -> Path:
     """Write numbered images; number n is n grey levels bright, times 8."""
     folder.mkdir(parents=True)
     for i in range(count):
-        cv2.imwrite(
-            str(folder / f"shot_{first + i:04d}.png"),
-            np.full((size[1], size[0], 3), 8 * i, np.uint8),
-        )
-    return folder
-
-
-def depths(folder: Path, count: int, size: tuple[int, int]) -> Path:
-    """Write numbered depth files of 2000 units."""
-    folder.mkdir(parents=True)
-    for i in range(count):
-        cv2.imwrite(str(folder / f"{i}.png"), np.full((size[1], size[0]), 2000, np.uint16))
+        cv2.imwrite(str(folder / f"shot_{i:04d}.png"), np.full((*SIZE[::-1], 3), 8 * i, np.uint8))
     return folder
 
 
 def test_image_folders_and_depth_make_a_session(handtrack, tmp_path):
-    calibration = bundled_session() / "calibration.toml"
-    size = Session.open(bundled_session()).rig["cam0"].size
-    images, depth = pictures(tmp_path / "left", 3, size), depths(tmp_path / "deep", 2, size)
-    words = [
-        "new", "--out", tmp_path / "made", "--calibration", calibration, "--images", f"cam0={images}/*.png",
-        "--depth", f"cam1={depth}", "--fps", 30,
-    ]  # fmt: skip
-    refused(handtrack, tmp_path, words, ["--depth cam1="])
-    refused(handtrack, tmp_path, [*words[:-2], "--depth-scale", 0.0005], ["give it with --fps"])
-    assert handtrack(*words, "--depth-scale", 0.0005).code == 0
+    images, depth = pictures(tmp_path / "left", 3), tmp_path / "deep"
+    depth.mkdir()
+    for i in range(2):
+        cv2.imwrite(str(depth / f"{i}.png"), np.full(SIZE[::-1], 2000, np.uint16))
+    words = new(tmp_path / "made", "--images", f"cam0={images}/*.png", "--depth", f"cam1={depth}")
+    refused(handtrack, tmp_path, [*words, "--fps", 30], ["--depth cam1="])
+    refused(handtrack, tmp_path, [*words, "--depth-scale", 0.0005], ["--fps"])
+    assert handtrack(*words, "--fps", 30, "--depth-scale", 0.0005).code == 0
     session = Session.open(tmp_path / "made")
     assert session.frame_count == 3
     assert session.image("cam0", 2)[0, 0, 0] == 16
@@ -99,38 +83,26 @@ def test_image_folders_and_depth_make_a_session(handtrack, tmp_path):
 
 def test_links_are_read_by_who_made_them_alone(handtrack, tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-    calibration = bundled_session() / "calibration.toml"
-    size = Session.open(bundled_session()).rig["cam0"].size
-    film, images = video(tmp_path / "a.avi", 25, 3, size), pictures(tmp_path / "left", 3, size)
-    made = tmp_path / "made"
-    words = ["new", "--out", made, "--calibration", calibration, "--link", "--masks", "none"]
-    assert (
-        handtrack(*words, "--video", f"cam0={film}", "--images", f"cam1={images}/*.png").code == 0
-    )
+    film, images = video(tmp_path / "a.avi", 25, 3, SIZE), pictures(tmp_path / "left", 3)
+    made, others = tmp_path / "made", tmp_path / "sent"
+    sources = ["--video", f"cam0={film}", "--images", f"cam1={images}/*.png"]
+    assert handtrack(*new(made, "--link", "--masks", "none", *sources)).code == 0
     assert sorted(path.name for path in made.iterdir()) == ["calibration.toml", "session.toml"]
     session = Session.open(made)
-    assert session.file.cameras[0].images == str(film)
     assert [round(session.image(n, 2).mean() / 8) for n in ("cam0", "cam1")] == [2, 2]
     assert handtrack("doctor", made).code == 0
 
-    other = (
-        tmp_path / "sent"
-    )  # the same words in another folder, as somebody else's session would have them
-    shutil.copytree(made, other)
+    shutil.copytree(made, others)  # as somebody else's session would have the same words
+    for other in (CALIBRATION, f"{tmp_path}/left/../../{tmp_path.parent.name}/a.avi"):
+        changed = Path(shutil.copytree(made, tmp_path / "changed", dirs_exist_ok=True))
+        edit(changed / "session.toml", str(film), str(other))
+        (changed / "session.toml").replace(made / "session.toml")
+        with pytest.raises(HandtrackError):
+            Session.open(made)
+        shutil.copyfile(others / "session.toml", made / "session.toml")
     with pytest.raises(HandtrackError):
-        Session.open(other)
-    edit(made / "session.toml", str(film), str(calibration))  # another folder than the linked one
-    with pytest.raises(HandtrackError):
-        Session.open(made)
-    edit(
-        made / "session.toml",
-        str(calibration),
-        f"{tmp_path}/left/../../{tmp_path.parent.name}/a.avi",
-    )
-    with pytest.raises(HandtrackError):
-        Session.open(made)
+        Session.open(others)
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "somebody"))
-    edit(made / "session.toml", f"{tmp_path}/left/../../{tmp_path.parent.name}/a.avi", str(film))
     with pytest.raises(HandtrackError):
         Session.open(made)
 
@@ -149,38 +121,27 @@ class OneHand:
 
 
 def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypatch):
-    done: list[list[str]] = []
+    done: list[tuple[object, ...]] = []
     monkeypatch.setattr(HandDetector, "open", lambda *_: OneHand())
-    monkeypatch.setattr(
-        detection,
-        "detect",
-        lambda args: done.append(["detect", str(args.session), args.write, args.masks]),
-    )
-    monkeypatch.setattr(
-        track, "run", lambda args: done.append(["track", str(args.session), args.init])
-    )
-    calibration = bundled_session() / "calibration.toml"
-    images = pictures(tmp_path / "left", 3, Session.open(bundled_session()).rig["cam0"].size)
-    words = ["new", "--calibration", calibration, "--images", f"cam0={images}", "--fps", 30]
+    monkeypatch.setattr(detection, "detect", lambda a: done.append((a.session, a.write, a.masks)))
+    monkeypatch.setattr(track, "run", lambda a: done.append((a.session, a.init)))
+    images = ["--images", f"cam0={pictures(tmp_path / 'left', 3)}", "--fps", 30]
     monkeypatch.setattr(OneHand, "right", 0.03)
-    ended = handtrack(*words, "--out", tmp_path / "a", "--track")
+    out = tmp_path / "a"
+    ended = handtrack(*new(out, *images, "--track"))
     assert ended.code == 0
-    assert "side: left, 97 % sure (a hand is detected in 2 of 3 images)." in ended.err
-    assert Session.open(tmp_path / "a").file.hand.side == "left"
-    assert done == [
-        ["detect", str(tmp_path / "a"), True, True],
-        ["track", str(tmp_path / "a"), "auto"],
-    ]
+    assert "97 % sure" in ended.err
+    assert Session.open(out).file.hand.side == "left"
+    assert done == [(out, True, True), (out, "auto")]
 
     monkeypatch.setattr(OneHand, "right", 0.6)
-    made = handtrack(*words, "--out", tmp_path / "b")
-    assert "side: right, 60 % sure" in made.err
-    assert f"masks by them, are found with: handtrack detect {tmp_path / 'b'} --write" in made.err
-    assert "which hand" not in handtrack(*words, "--out", tmp_path / "c", "--side", "left").err
+    assert handtrack(*new(tmp_path / "b", *images)).code == 0
+    assert Session.open(tmp_path / "b").file.hand.side == "right"
+    assert handtrack(*new(tmp_path / "c", *images, "--side", "left")).code == 0
     assert Session.open(tmp_path / "c").file.hand.side == "left"
     assert len(done) == 2
-    handtrack(*words, "--out", tmp_path / "d", "--track", "--masks", "skin_ycrcb")
-    assert done[2] == ["detect", str(tmp_path / "d"), True, False]
+    handtrack(*new(tmp_path / "d", *images, "--track", "--masks", "skin_ycrcb"))
+    assert done[2] == (tmp_path / "d", True, False)
 
 
 def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_must_be_some(
@@ -190,37 +151,17 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
     monkeypatch.setattr(track, "run", lambda args: done.append(args.init))
-    calibration = bundled_session() / "calibration.toml"
-    words = [
-        "new",
-        "--out",
-        tmp_path / "made",
-        "--calibration",
-        calibration,
-        "--video",
-        f"cam0={bundled_session()}/cam0.mp4",
-        "--track",
-    ]
-    refused(handtrack, tmp_path, [*words, "--detector", calibration], ["calibration.toml"])
+    words = new(tmp_path / "made", "--video", f"cam0={SOURCE}/cam0.mp4", "--track")
+    refused(handtrack, tmp_path, [*words, "--detector", CALIBRATION], ["calibration.toml"])
     refused(handtrack, tmp_path, [*words, "--masks", "seeded"], ["no weights"])
     for yes in ([], ["--yes"]):  # that agrees to fetch it, and there is no network
-        ended = handtrack(*words, *yes)
-        assert (ended.code, done.pop()) == (0, "auto")
+        assert (handtrack(*words, *yes).code, done.pop()) == (0, "auto")
         shutil.rmtree(tmp_path / "made")
 
 
 def test_new_takes_truth_along(handtrack, tmp_path):
-    source = bundled_session()
-    words = [
-        "--calibration",
-        source / "calibration.toml",
-        "--video",
-        f"cam0={source}/cam0.mp4",
-        "--masks",
-        "none",
-    ]
-    ended = handtrack("new", "--out", tmp_path / "made", *words, "--truth", trc(tmp_path / "t.trc"))
-    assert ended.code == 0
-    np.testing.assert_allclose(
-        read_truth(tmp_path / "made/truth.npz").keypoints21, moving(), atol=1e-7
-    )
+    words = ["--video", f"cam0={SOURCE}/cam0.mp4", "--masks", "none"]
+    truth = trc(tmp_path / "t.trc")
+    assert handtrack(*new(tmp_path / "made", *words, "--truth", truth)).code == 0
+    found = read_truth(tmp_path / "made/truth.npz").keypoints21
+    np.testing.assert_allclose(found, moving(), atol=1e-7)

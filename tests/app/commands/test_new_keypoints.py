@@ -1,7 +1,6 @@
 """`handtrack new` with 2D joints of others: in a session as its own, or refused in one sentence before anything is written."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,7 +18,7 @@ from tests.capture.joints.hostile import HDF5, HOSTILE
 from tests.capture.joints.writers import WITH_CONFIDENCE, WITHOUT, hand
 from tests.session.small_session import keypoints
 
-CALIBRATION = bundled_session() / "calibration.toml"
+RIG = ["--calibration", bundled_session() / "calibration.toml", "--fps", 30]
 
 
 def test_a_session_of_joints_alone(handtrack, tmp_path):
@@ -27,8 +26,7 @@ def test_a_session_of_joints_alone(handtrack, tmp_path):
         WITH_CONFIDENCE[form](tmp_path, hand()) for form in ("openpose", "deeplabcut csv")
     )
     ended = handtrack(
-        "new", "--out", tmp_path / "made", "--calibration", CALIBRATION, "--fps", 30,
-        "--keypoints", f"cam0={left}", "--keypoints", f"cam1={right}",
+        "new", "--out", tmp_path / "made", *RIG, "--keypoints", f"cam0={left}", "--keypoints", f"cam1={right}",
     )  # fmt: skip
     assert ended.code == 0, ended.err
     assert "DeepLabCut's CSV, a hand in 3 frames; not a hand's, so left out: elbow." in ended.err
@@ -43,7 +41,7 @@ def test_a_session_of_joints_alone(handtrack, tmp_path):
 def test_masks_are_made_by_the_joints_of_most_images(handtrack, tmp_path):
     size = Session.open(bundled_session()).rig["cam0"].size
     joints = WITH_CONFIDENCE["openpose"](tmp_path, hand())
-    words = ["new", "--calibration", CALIBRATION, "--fps", 30]
+    words = ["new", *RIG]
     for number, count in enumerate((6, 7)):  # joints are in 3
         (tmp_path / f"{count}").mkdir()
         for frame in range(count):
@@ -63,15 +61,11 @@ def test_masks_are_made_by_the_joints_of_most_images(handtrack, tmp_path):
     assert all(isinstance(camera.masks, SkinYCrCb) for camera in named)
 
 
-def _new(folder: Path) -> list[object]:
-    return ["new", "--out", folder / "made", "--calibration", CALIBRATION, "--fps", 30]
-
-
 def test_shares_are_of_the_camera_s_image(handtrack, tmp_path):
     points = hand()
     points[1, 7] = (50, 60, 1)
     path = WITHOUT["mediapipe"](tmp_path, points)
-    words = [*_new(tmp_path), "--side", "left"]
+    words = ["new", "--out", tmp_path / "made", *RIG, "--side", "left"]
     assert handtrack(*words, "--keypoints", f"cam0={path}").code == 0
     session = Session.open(tmp_path / "made")
     assert (session.file.hand.side, session.file.cameras[0].keypoint_layout) == (
@@ -97,17 +91,7 @@ def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
     path = write(folder)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
-    words = [
-        "new",
-        "--out",
-        tmp_path / "out",
-        "--calibration",
-        CALIBRATION,
-        "--fps",
-        30,
-        "--keypoints",
-        f"cam0={path}",
-    ]
+    words = ["new", "--out", tmp_path / "out", *RIG, "--keypoints", f"cam0={path}"]
     refused(handtrack, tmp_path / "out", words, expected)
     assert not (tmp_path / "harmed").exists()
 
@@ -142,17 +126,7 @@ def test_own_markers_are_refused_with_a_table_that_then_names_them(handtrack, tm
     path.write_text(
         "frame,palm_x,palm_y,D2_base_x,D2_base_y,D2_tip_x,D2_tip_y\n0,10,20,30,40,50,60\n"
     )
-    words = [
-        "new",
-        "--out",
-        tmp_path / "made",
-        "--calibration",
-        CALIBRATION,
-        "--fps",
-        30,
-        "--side",
-        "right",
-    ]
+    words = ["new", "--out", tmp_path / "made", *RIG, "--side", "right"]
     words += ["--keypoints", f"cam0={path}", "--keypoints", f"cam1={path}"]
     assert handtrack(*words).code == 2
     assert not (tmp_path / "made").exists()

@@ -1,23 +1,15 @@
 """Masks that show more than the hand: a face, another arm, everything."""
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from handtrack.arrays import Bytes
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
 from handtrack.tracking.frame.result import Status
-
-
-@pytest.fixture
-def session(recorded, tmp_path):
-    """A small recording of its own for each test."""
-    return Path(shutil.copytree(recorded, tmp_path / "session"))
 
 
 def paint(

@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.session.session import Session
 from tests.app.command_line import PROGRAM, listing
 from tests.session.test_hostile_sessions import contains
 
@@ -32,15 +30,6 @@ def no_more_files() -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)
-
-
-def test_c61_no_more_files_is_no_missing_frame(recorded):
-    session = Session.open(recorded)
-    with no_more_files(), pytest.raises(HandtrackError) as caught:
-        session.observation(2)
-    contains(str(caught.value), "Too many open files")
-    assert len(session.observation(2).silhouettes) == len(session.views)
-    assert session.warnings == []
 
 
 def test_c61_track_says_so_and_goes_on_later(handtrack, tracked, tmp_path):

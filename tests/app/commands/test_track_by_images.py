@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,12 +9,6 @@ import pytest
 from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.frame.result import Status
-
-
-@pytest.fixture
-def session(recorded, tmp_path):
-    """A recording that may be changed."""
-    return Path(shutil.copytree(recorded, tmp_path / "small"))
 
 
 @pytest.fixture

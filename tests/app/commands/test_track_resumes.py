@@ -2,10 +2,10 @@
 
 import os
 import random
-import shutil
 import signal
 import warnings
 from collections.abc import Callable
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -24,18 +24,18 @@ from tests.app.commands.test_cli_interrupts import Interrupter
 POSES = "tracks/poses.npz"
 
 
-@pytest.fixture
-def session(tracked, tmp_path):
-    """A small recording, not tracked yet."""
-    return Path(
-        shutil.copytree(tracked, tmp_path / "session", ignore=shutil.ignore_patterns("tracks"))
-    )
-
-
 @pytest.fixture(scope="session")
 def whole(tracked):
     """The poses.npz of an undisturbed run."""
     return (tracked / POSES).read_bytes()
+
+
+@contextmanager
+def interrupted(monkeypatch, after: int, number: int = signal.SIGINT):
+    """Let tracking be sent a signal after some frames."""
+    with monkeypatch.context() as patch:
+        patch.setattr(track, "progress_bar", lambda *_: Interrupter(after, number=number))
+        yield
 
 
 def frames_of(session: Path, take: int = 1) -> tuple[int, ...]:
@@ -103,17 +103,10 @@ def test_a1_killed_at_random_moments_the_same_command_ends_with_the_same_bytes(
 
 
 def test_a1_signals_to_end_are_clean_stops(handtrack, session, whole, monkeypatch):
-    class Ended(Interrupter):
-        def update(self, frames=1):
-            before, self.left = self.left, self.left - frames
-            if before > 0 >= self.left:  # frames that were solved ahead come at once
-                os.kill(os.getpid(), self.presses)
-
     for frames, number in ((2, signal.SIGTERM), (3, signal.SIGHUP)):
         if (handler := signal.getsignal(number)) == signal.SIG_IGN:
             continue  # these tests run under `nohup`, which is respected
-        with monkeypatch.context() as patch:
-            patch.setattr(track, "progress_bar", lambda *_: Ended(frames, number))  # noqa: B023
+        with interrupted(monkeypatch, frames, number):
             ended = handtrack("track", session)
         assert signal.getsignal(number) is handler
         assert ended.code == 130
@@ -127,16 +120,9 @@ def test_a1_signals_to_end_are_clean_stops(handtrack, session, whole, monkeypatc
 def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
     handtrack, session, monkeypatch
 ):
-    class Ended(Interrupter):
-        def update(self, frames=1):
-            before, self.left = self.left, self.left - frames
-            if before > 0 >= self.left:
-                os.kill(os.getpid(), signal.SIGTERM)
-
     assert handtrack("track", session).code == 0
     before = read_npz(session / POSES)
-    with monkeypatch.context() as patch:
-        patch.setattr(track, "progress_bar", lambda *_: Ended(2))
+    with interrupted(monkeypatch, 2):
         ended = handtrack("track", session, "--set", "silhouettes.weight=1.3")
     assert ended.code == 130
     for kept in (read_npz(session / POSES), Store(session / "tracks").current_track()):
@@ -155,8 +141,7 @@ def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
 ):
     assert handtrack("track", session).code == 0
     before = (session / POSES).read_bytes()
-    with monkeypatch.context() as patch:
-        patch.setattr(track, "progress_bar", lambda *_: Interrupter(2))
+    with interrupted(monkeypatch, 2):
         ended = handtrack("track", session, "--set", "model.forearm=true")
     assert ended.code == 130
     assert (session / POSES).read_bytes() == before
@@ -168,8 +153,7 @@ def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
 
 def test_what_is_finished_or_begun_anew_is_a_new_take(handtrack, session, monkeypatch):
     words = ("track", session, "--frames", "0:2")
-    with monkeypatch.context() as patch:
-        patch.setattr(track, "progress_bar", lambda *_: Interrupter(1))
+    with interrupted(monkeypatch, 1):
         assert handtrack(*words).code == 130
     for more in (["--restart"], []):
         ended = handtrack(*words, *more)
@@ -209,8 +193,7 @@ def test_a_result_that_goes_elsewhere_leaves_the_session_alone(
 ):
     out = tmp_path / "results" / "one.npz"
     words = ("track", session, "--frames", "0:2", "--out", out)
-    with monkeypatch.context() as patch:
-        patch.setattr(track, "progress_bar", lambda *_: Interrupter(1))
+    with interrupted(monkeypatch, 1):
         assert handtrack(*words).code == 130
     assert (tmp_path / "results" / "one.npz.unfinished").is_dir()
     ended = handtrack(*words)
@@ -222,8 +205,7 @@ def test_a_result_that_goes_elsewhere_leaves_the_session_alone(
 def test_damage_in_what_is_resumed_is_told_and_tracked_again(
     handtrack, session, whole, monkeypatch
 ):
-    with monkeypatch.context() as patch:
-        patch.setattr(track, "progress_bar", lambda *_: Interrupter(3))
+    with interrupted(monkeypatch, 3):
         assert handtrack("track", session).code == 130
     log = session / "tracks/takes/0001/000001.log"
     content = bytearray(log.read_bytes())
