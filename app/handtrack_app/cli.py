@@ -199,6 +199,7 @@ COMMANDS: dict[str, _Command] = {
     )),
     "new": _Command("new_session.new:make_session", "Make a session folder from recordings and a calibration.", (
         _NEW,
+        _option("folder", nargs="?", help=argparse.SUPPRESS),  # refused, and --project named
         _option("--project", type=Path, metavar="FOLDER",
                 help="a Pose2Sim project or trial: its calibration, videos, 2D joints and rate, where you name no others"),
         _option("--calibration", type=Path, action="append", default=[], metavar="FILE",

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
 
 from handtrack.arrays import D3, Array, Bytes, C, Floats, H, W
-from handtrack.capture.calibration.rig_file import read_rig
+from handtrack.capture.calibration.rig_file import read_rig, rig_json
 from handtrack.capture.clouds.cloud_filters import CloudFilters, FilterReport, HandDistance
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.frames import files_by_frame, frames_of
@@ -29,6 +30,7 @@ from handtrack.session.layout import (
     CALIBRATION_FILE,
     INIT_FILE,
     SESSION_FILE,
+    TRACKS_FOLDER,
     TRUTH_FILE,
     check_written,
     inside,
@@ -41,11 +43,13 @@ from handtrack.session.session_file import (
     is_definition,
     read_session_file,
 )
+from handtrack.session.session_state import CameraCorrection, readable
 from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
 from handtrack.session.sources.lru_cache import LRUCache, most_clouds, most_observations
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice, View, scaled_camera
+from handtrack.store.store import Store
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
 
@@ -62,8 +66,13 @@ class Session:
         """Use `Session.open`."""
         self.folder = folder
         self.file = file
+        self.calibrated = rig
+        """the session's cameras, in the order of session.toml, as calibration.toml has them."""
         self.rig = rig
-        """the session's cameras, in the order of session.toml."""
+        """the same, corrected by `corrections`."""
+        self.corrections: Mapping[str, CameraCorrection] = {}
+        """what of the cameras was corrected, by name."""
+        self._lags = {camera.name: camera.lag_s for camera in file.cameras}
         self.settings = self._read_settings()
         """of the tracker: the usual ones, and what [tracking] sets."""
         self._line, self._camera_times = self._read_times()
@@ -103,7 +112,8 @@ class Session:
             )
         check_written(folder)
         file = read_session_file(folder / SESSION_FILE)
-        return cls(folder, file, session_rig(folder, file))
+        state = readable(Store(folder / TRACKS_FOLDER).history().state)
+        return cls(folder, file, session_rig(folder, file)).with_cameras(state.camera)
 
     @property
     def name(self) -> str:
@@ -181,7 +191,12 @@ class Session:
     def warnings(self) -> list[str]:
         """Oddities met so far, in plain sentences; `doctor` looks for more."""
         clouds = [] if self._clouds is None else self._clouds.warnings
-        return [*(text for v in self.views for text in v.warnings), *clouds]
+        stale = [n for n, one in self.corrections.items() if not self.is_of_calibration(n, one)]
+        dropped = [
+            f"camera '{name}': its correction does not apply, for its calibration has changed since."
+            for name in stale
+        ]
+        return [*(text for v in self.views for text in v.warnings), *clouds, *dropped]
 
     def view(self, camera: str) -> View:
         """Return a camera's view. Raises HandtrackError naming the known cameras."""
@@ -285,6 +300,50 @@ class Session:
         changed._clouds = cloud_source(changed.file, self.cloud_files, changed.views, self.rig)
         changed._measured, changed._observations = LRUCache(), LRUCache()
         return changed
+
+    def with_cameras(self, corrections: Mapping[str, CameraCorrection]) -> Session:
+        """Return this session with its cameras' errors corrected, by name, and no others; its files stay as they are. An error against
+        a calibration that is another by now is left out, with a warning.
+        """
+        if corrections == self.corrections:
+            return self
+        changed = copy(self)
+        changed.corrections = dict(corrections)
+        errors = {
+            name: one for name, one in corrections.items() if self.is_of_calibration(name, one)
+        }
+        changed.rig = CameraRig(
+            tuple(
+                errors[c.name].error.corrected(c) if c.name in errors else c
+                for c in self.calibrated
+            )
+        )
+        lags = dict(self._lags)
+        for name in errors.keys() & lags.keys():
+            lags[name] = (lags[name] or 0.0) + errors[name].error.late_frames / self.fps
+        cameras = tuple(replace(c, lag_s=lags[c.name]) for c in self.file.cameras)
+        changed.file = replace(self.file, cameras=cameras)
+        changed._line, changed._camera_times = changed._read_times()
+        changed.views = tuple(
+            view.with_camera(changed.rig[name], changed._camera_times.get(name), lags[name])
+            for view in self.views
+            for name in [view.name]
+        )
+        changed._clouds = cloud_source(changed.file, self.cloud_files, changed.views, changed.rig)
+        changed.pins = self.pins.with_cameras(changed.rig)
+        changed._measured, changed._observations = LRUCache(), LRUCache()
+        changed.__dict__.pop("frame_count", None)
+        return changed
+
+    def calibration_digest(self, camera: str) -> str:
+        """Return a digest of a camera as calibration.toml and `lag_s` have it."""
+        text = f"{rig_json(CameraRig((self.calibrated[camera],)))} {self._lags[camera]}"
+        return sha256(text.encode()).hexdigest()[:16]
+
+    def is_of_calibration(self, camera: str, correction: CameraCorrection) -> bool:
+        """Return whether a correction is of the calibration that a camera has."""
+        known = camera in self.calibrated
+        return known and correction.calibration == self.calibration_digest(camera)
 
     def look_again(self) -> None:
         """Forget what was seen: masks were corrected, which may cut clouds, too."""

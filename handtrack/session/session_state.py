@@ -21,6 +21,7 @@ from handtrack.observation.pins import Pin
 from handtrack.store.history import Value
 from handtrack.store.spans import Span
 from handtrack.store.store import spans_of
+from handtrack.tracking.whole.refinement import CameraError
 
 
 class DecidedPose(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -67,6 +68,16 @@ class CloudTable(msgspec.Struct, frozen=True):
     """The table [clouds]; None: there is none."""
 
     table: dict[str, Any] | None
+
+
+class CameraCorrection(msgspec.Struct, frozen=True):
+    """A camera's error against calibration.toml and `lag_s`, which counts as corrected."""
+
+    error: CameraError
+    take: int
+    """whose estimate it is"""
+    calibration: str
+    """`Session.calibration_digest` of the camera that it corrects"""
 
 
 class StartPose(msgspec.Struct, frozen=True):
@@ -125,6 +136,8 @@ class SessionState:
     """by camera"""
     correction: Mapping[tuple[str, int], Correction] = field(default_factory=dict)
     """by camera and its own frame"""
+    camera: Mapping[str, CameraCorrection] = field(default_factory=dict)
+    """by name"""
     pins: Mapping[int, FramePins] = field(default_factory=dict)
     size: DecidedSize | None = _own_form(None, DecidedSize.of, lambda size: size.table)
     clouds: CloudTable | None = None

@@ -32,6 +32,7 @@ from handtrack.session.session_file import (
     RecordingSettings,
     SessionFile,
 )
+from handtrack.session.session_state import CameraCorrection
 from handtrack.session.sources.corrected_masks import CorrectedMasks
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice
@@ -42,7 +43,7 @@ from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, Tr
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
-from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.refinement import CameraError, Refinement
 from handtrack_app.engine.document import Document, renamed
 
 FRAMES = 12
@@ -112,6 +113,7 @@ class FakeSession:
     cloud_camera_centres: Floats | None = None
     is_counted: bool = True
     live: LiveFeed | None = None
+    corrections: Mapping[str, CameraCorrection] = field(default_factory=dict)
     held: list[SessionPins] = field(default_factory=list)
 
     @property
@@ -131,6 +133,17 @@ class FakeSession:
 
     def with_masks(self, wanted: Mapping[str, MaskChoice]) -> FakeSession:
         raise HandtrackError("the fake session has no masks to be changed")
+
+    def with_cameras(self, corrections: Mapping[str, CameraCorrection]) -> FakeSession:
+        calibrated = FakeSession(self.folder).rig
+        cameras = [
+            corrections[c.name].error.corrected(c) if c.name in corrections else c
+            for c in calibrated
+        ]
+        return replace(self, rig=CameraRig(tuple(cameras)), corrections=corrections)
+
+    def calibration_digest(self, camera: str) -> str:
+        return camera
 
     def look_again(self) -> None:
         pass
@@ -183,6 +196,8 @@ class FakeRun:
     refined_by: float = 0.0
     refined_size: float = 0.0
     """[rad] by which refining bends the index finger"""
+    refined_cameras: tuple[CameraError, ...] = ()
+    """what refining finds the cameras to be off by"""
 
     @property
     def notes(self) -> list[str]:
@@ -306,9 +321,9 @@ class FakeRun:
         if not self.refined_by:
             return list(tracked)
         control.on_refined(0.5)
-        if self.refined_size:
-            found_size = HandScale(self.refined_size)
-            control.on_shared(Refinement("converged", 1, (), found_size).text)
+        if self.refined_size or self.refined_cameras:
+            found_size = HandScale(self.refined_size) if self.refined_size else None
+            control.on_shared(Refinement("converged", 1, self.refined_cameras, found_size).text)
         bend = self.model.parameter_names.index("index_mcp_flex")
         near = lambda frame: changed is None or min(abs(frame - k) for k in changed) <= 1  # noqa: E731
         found = []

@@ -1,6 +1,7 @@
 """What cameras share over all frames: derivatives, a camera that is turned or late, and clean ones left alone."""
 
 import numpy as np
+import pytest
 
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
@@ -12,7 +13,7 @@ from handtrack.tracking.size.estimate import WholeEstimate
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
-from handtrack.tracking.whole.refinement import Refinement
+from handtrack.tracking.whole.refinement import CameraError, Refinement
 from tests.derivatives import check_jacobian
 
 HAND = load_model("hand26")
@@ -68,6 +69,17 @@ def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
         np.testing.assert_allclose(again.rotation, corrected.rotation, atol=1e-5)
         np.testing.assert_allclose(again.centre, corrected.centre, atol=1e-6)
     assert told.corrected(_camera("another", 0.1)).name == "another"
+
+
+def test_an_error_found_after_a_correction_adds_to_it():
+    camera, std = _camera("left", 0.1), (0.01,) * 9
+    first = CameraError("left", (1.0, -2.0, 0.5), (3.0, 0.0, -1.0), 0.8, 0.5, std)
+    second = CameraError("left", (0.3, 0.4, -1.5), (-1.0, 2.0, 0.5), -0.3, -0.2, std)
+    once, twice = second.after(first).corrected(camera), second.corrected(first.corrected(camera))
+    np.testing.assert_allclose(once.matrix, twice.matrix, rtol=1e-5)
+    np.testing.assert_allclose(once.rotation, twice.rotation, atol=1e-5)
+    np.testing.assert_allclose(once.centre, twice.centre, atol=1e-6)
+    assert second.after(first).late_frames == pytest.approx(0.3)
 
 
 def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):

@@ -26,6 +26,7 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.session_file import SessionFile
 from handtrack.session.session_state import (
+    CameraCorrection,
     CloudTable,
     Correction,
     DecidedPose,
@@ -47,6 +48,7 @@ from handtrack.store.current_track import CurrentTrack, Head, TakeFrames
 from handtrack.store.spans import Span
 from handtrack.store.store import Store
 from handtrack.tracking.frame.result import Status
+from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.protocol.snapshots import APART, PROBABILITY, VIEWS, TakeCard
 
 
@@ -565,6 +567,8 @@ class Document:
             self.offered_scale = None
         if run is not self.run or "limits" in kinds:
             self._use(run, resized="size" in kinds)
+        if "camera" in kinds:
+            self.see_frames()
         if "spans" in kinds:
             self._lay()
         if kinds & self.marked.keys():
@@ -605,6 +609,11 @@ class Document:
         if ("clouds", None) in changed:
             clouds = self._clouds_of(changed["clouds", None])
             run = run if clouds == self.clouds else run.with_clouds(clouds)
+        cameras = {name: value for (kind, name), value in changed.items() if kind == "camera"}
+        if cameras:
+            known = dict(run.session.corrections) | cameras
+            known = {name: value for name, value in known.items() if value is not None}
+            run = replace(run, session=run.session.with_cameras(known))
         masks = {
             camera: self._masks_of(camera, value)
             for (kind, camera), value in changed.items()
@@ -808,6 +817,26 @@ class Document:
             raise HandtrackError(
                 f"Frame {frame} is accepted, so no fit changes it. Let it go first: in the tab Review."
             )
+
+    # ---- cameras
+
+    @property
+    def camera_errors(self) -> dict[str, CameraCorrection]:
+        """Corrections of the cameras that are surely off, as the track's last estimate of the whole recording found them, and
+        that do not count yet.
+        """
+        session, found = self.run.session, dict[str, CameraCorrection]()
+        for span, (_, take) in reversed(list(zip(self.laid, self.results.layers, strict=True))):
+            if take.refinement is None:
+                continue
+            for error in Refinement.read(take.refinement).cameras:
+                earlier = session.corrections.get(error.name)
+                known = error.name in session.rig and bool(error.words)
+                if known and (earlier is None or span.take > earlier.take):
+                    digest = session.calibration_digest(error.name)
+                    found[error.name] = CameraCorrection(error, span.take, digest)
+            break
+        return found
 
     # ---- clouds
 

@@ -108,9 +108,7 @@ class OpenSession:
         """Show the session and its first pose, and say what is to be known of it."""
         document, say = self.document, self._say
         self._tell_work()
-        self._show_session()
-        self._clouds.tell()
-        self._masks.tell()
+        self._show_settings()
         document.show(document.first_frame)
         for view in views:
             self.serve(view)
@@ -371,11 +369,14 @@ class OpenSession:
         self.document.show(min(frames, default=self.document.frame))
         self._say("info", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
         if len(frames) < len(changed):
-            self._show_session()
-            self._clouds.tell()
-            self._masks.tell()
+            self._show_settings()
             self._tuning.say_notes(known)
         self.show_all()
+
+    def _show_settings(self) -> None:
+        self._show_session()
+        self._clouds.tell()
+        self._masks.tell()
 
     def see_otherwise(self, change: Callable[[], None]) -> None:
         """Change clouds or masks; the page learns where there are some for the first time, or none any more."""
@@ -383,6 +384,13 @@ class OpenSession:
         self._tuning.followed(change)
         if seen_kinds(self.document.run.session) != known:
             self._show_session()
+
+    def see_cameras(self, change: Callable[[], object]) -> None:
+        """Change the cameras, and show what follows."""
+        self._tuning.followed(change)
+        self.document.show(self.document.frame)
+        self._show_settings()
+        self.show_all()
 
     def _say_warnings(self, *more: str) -> None:
         for warning in filter(None, (*more, *self.document.run.session.warnings)):

@@ -25,6 +25,7 @@ from handtrack_app.protocol.snapshots import (
     ComparedSnapshot,
     Curve,
     CurvesSnapshot,
+    Notice,
     ScoreSnapshot,
     Snapshot,
 )
@@ -47,6 +48,17 @@ class ReviewService(Service):
         if self.store.do(f"{named} {'accepted' if on else 'let go'}", values):
             self.publish(pose_snapshot(self.document))
             self.opened.announce(timeline_snapshot(self.document))
+
+    @command(edits=True, words="the correction of camera {camera}")
+    def correct_camera(self, camera: str) -> None:
+        """Use a camera as the estimate of the whole recording found it, from now on."""
+        self.jobs.require_idle()
+        edit = edits.corrected_camera(self.document, camera)
+        words = f"Correction of camera {camera}"
+        self.opened.see_cameras(lambda: self.store.do(words, edit))
+        error = self.document.run.session.corrections[camera].error
+        again = "Frames tracked so far stay; Track all uses the correction."
+        self.publish(Notice("done", words, f"Corrected by {error.figures}. {again}"))
 
     @command(view=True, latest=())
     def want_curves(self, names: tuple[str, ...]) -> None:

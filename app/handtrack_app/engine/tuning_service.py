@@ -205,7 +205,7 @@ class TuningService(Service):
             frame, edit, tag = found
             self.opened.edit(frame, edit, "Fit", tag, True)
 
-    def followed(self, change: Callable[[], None]) -> None:
+    def followed(self, change: Callable[[], object]) -> None:
         """Change what is tracked by, and have the frame shown fitted anew if that did. Raises HandtrackError, and for an accepted
         frame, which no fit changes.
         """

@@ -182,6 +182,8 @@ class TimelineSnapshot:
     """likewise, of takes that cannot show: they were tracked with another model than the one in force"""
     is_posed: bool = False
     """somebody said where the model is: by a first pose, by hand, or by tracking"""
+    cameras_off: Mapping[str, str] = field(default_factory=dict)
+    """by how much cameras are surely off, in words, by their names: what can be corrected"""
 
     @property
     def accepted(self) -> frozenset[int]:

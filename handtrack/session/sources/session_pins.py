@@ -6,6 +6,7 @@ import json
 import math
 import threading
 from collections.abc import Iterable, Mapping
+from copy import copy
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +29,22 @@ class SessionPins:
 
     def __init__(self, folder: Path, rig: CameraRig, has_file: bool = True) -> None:
         """has_file: those of running cameras are about a recording's frames. Raises HandtrackError for a file that is none."""
-        self._path, self._rig = inside(folder, PINS_FILE, str(folder)), rig
-        self._flat = {camera.name: camera.without_distortion() for camera in rig}
+        self._path = inside(folder, PINS_FILE, str(folder))
+        self._see_by(rig)
         self._lock = threading.Lock()
         self._pins: dict[int, tuple[Pin, ...]] = {}
         if has_file and self._path.is_file():
             self._pins = self._read()
+
+    def _see_by(self, rig: CameraRig) -> None:
+        self._rig = rig
+        self._flat = {camera.name: camera.without_distortion() for camera in rig}
+
+    def with_cameras(self, rig: CameraRig) -> SessionPins:
+        """Return the same pins, now and later, by cameras of another calibration."""
+        changed = copy(self)
+        changed._see_by(rig)
+        return changed
 
     def of(self, frame: int) -> tuple[Pin, ...]:
         """Return a frame's pins."""

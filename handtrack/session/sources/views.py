@@ -123,6 +123,18 @@ class View:
             changed.mask_files = changed._mask_files()
         return changed
 
+    def with_camera(self, camera: Camera, times: CameraTimes | None, lag_s: float | None) -> View:
+        """Return the view by another calibration and time offset; what was read, and corrections, are shared."""
+        changed = copy(self)
+        changed.camera, changed.times = camera, times
+        changed.settings = replace(self.settings, lag_s=lag_s)
+        changed.images, changed.mask_files, changed.depth = (
+            None if source is None else changed._by_time(recording_of(source))
+            for source in (self.images, self.mask_files, self.depth)
+        )
+        changed.keypoint_files = changed._keypoint_files(self._folder)
+        return changed
+
     @property
     def name(self) -> str:
         return self.settings.name
@@ -334,6 +346,9 @@ class View:
         source = self._recording(folder, setting, kind)
         if self._lens is not None:
             source = _straightened(source, self._lens, self._view)
+        return self._by_time(source)
+
+    def _by_time(self, source: FrameSource) -> FrameSource:
         return source if self.times is None else JoinedByTime(source, self.times)
 
     def _recording(self, folder: Path, setting: str, kind: str) -> FrameSource:

@@ -11,6 +11,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import HandScale, ShapeCovariance
 from handtrack.tracking.size.cameras import NUMBERS, SHIFTED, TURNED, WIDER, ZOOMED, CameraChanges
 from handtrack.tracking.size.estimate import WholeEstimate
@@ -47,6 +48,28 @@ class CameraError:
         turned = CameraChanges((camera,), values, (0,)).corrected()[0]
         centre = camera.centre + 1e-3 * np.array(self.shift_mm)
         return replace(turned, translation=-turned.rotation @ centre)
+
+    def after(self, earlier: CameraError) -> CameraError:
+        """Return the error against the calibration, where this one was found with `earlier` corrected."""
+        turns = [rotation_matrix(np.deg2rad(one.turn_deg)) for one in (self, earlier)]
+        zoom = (1 + 0.01 * self.zoom_percent) * (1 + 0.01 * earlier.zoom_percent)
+        return replace(
+            self,
+            turn_deg=_three(np.rad2deg(rotation_vector(turns[0] @ turns[1]))),
+            shift_mm=_three(np.add(self.shift_mm, earlier.shift_mm)),
+            zoom_percent=round(100 * (zoom - 1), 4),
+            late_frames=round(self.late_frames + earlier.late_frames, 4),
+        )
+
+    @property
+    def figures(self) -> str:
+        """All of it, with standard deviations."""
+        return (
+            f"rotation {np.linalg.norm(self.turn_deg):.2f}° (± {max(self.std[:3]):.2f}), "
+            f"position {np.linalg.norm(self.shift_mm):.1f} mm (± {max(self.std[3:6]):.1f}), "
+            f"focal length {self.zoom_percent:+.2f} % (± {self.std[6]:.2f}), "
+            f"time {self.late_frames:+.2f} frames late (± {self.std[7]:.2f})"
+        )
 
     @property
     def words(self) -> str:

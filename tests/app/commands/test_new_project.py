@@ -99,5 +99,7 @@ def test_what_pose2sim_synchronised_stays_so(handtrack, tmp_path):
         assert seen.pixels[seen.names.index("nose")] == pytest.approx(nose, abs=0.01)
     for path in later.iterdir():
         path.write_text(path.read_text().replace("0.8", "0.7"))
+    ended = handtrack("new", trial, "--out", tmp_path / "bare")
+    assert ended.code == 2 and f"--project {trial}" in ended.err
     words = ["new", "--out", tmp_path / "other", "--project", trial]
     refused(handtrack, tmp_path, words, ["holds other joints than"])

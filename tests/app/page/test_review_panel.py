@@ -1,13 +1,19 @@
 """The review queue on the page: next, previous, accept by button and key; frames accepted are said to be."""
 
+from functools import partial
+
 import numpy as np
+import pytest
+from viser.transforms import SO3
 
 from handtrack.diagnostics.review import Stretch
+from handtrack.tracking.whole.refinement import CameraError
 from handtrack_app.page.panels.review import undoubted
 from handtrack_app.protocol.snapshots import Notice, TimelineSnapshot
 from handtrack_app.workbench import Workbench
-from tests.app.fake_run import FRAMES
+from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
+from tests.app.wire import WireClient
 
 
 def _tracked(bench: Workbench) -> None:
@@ -47,6 +53,35 @@ def test_what_is_found_out_about_a_recording_stays_until_it_is_tracked_anew(benc
     assert "contradicts" in about.content
     _tracked(bench)
     assert not about.content
+
+
+OFF = CameraError("side", (0.0, 2.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
+EXACT = CameraError("front", (0.0, 0.1, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
+
+
+def test_a_camera_that_is_surely_off_is_corrected_by_a_button_and_undo_takes_it_back(tmp_path):
+    opener = partial(fake_document, step_s=0.0, refined_by=0.1, refined_cameras=(EXACT, OFF))
+    bench = Workbench(tmp_path, port=0, opener=opener).start()
+    assert bench.wait_ready()
+    with WireClient(bench.url) as client:
+        review, document = bench.layout.review, bench.worker.document
+        calibrated = document.run.session.rig["side"]
+        bench.engine.track(0, FRAMES, 3)
+        eventually(lambda: review.correct.visible, "offered")
+        assert "rotation 2.00° (± 0.10)" in review.off.content and "side" in review.correct.label
+        client.set_value(review.correct, True)
+        eventually(lambda: not review.correct.visible, "applied: no longer offered")
+        corrected = document.run.session.rig["side"]
+        turn = np.arccos((np.trace(corrected.rotation @ calibrated.rotation.T) - 1) / 2)
+        assert np.rad2deg(turn) == pytest.approx(2.0)
+        frustum = bench.stage.cameras.frusta["side"]
+        turned = lambda: not np.allclose(frustum.wxyz, SO3.from_matrix(calibrated.rotation.T).wxyz)  # noqa: E731
+        eventually(turned, "drawn as corrected")
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(lambda: review.correct.visible and not turned(), "offered again")
+        back = document.run.session.rig["side"].rotation
+        np.testing.assert_array_equal(back, calibrated.rotation)
+    bench.stop()
 
 
 def _card(first: int, last: int, brief: str = "thumb") -> Stretch:

@@ -268,6 +268,11 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
 
 def with_project(args: argparse.Namespace) -> Pose2SimProject | None:
     """Fill in the options of `handtrack new` that the user left open by the project's folder. Raises HandtrackError."""
+    if args.folder is not None:
+        raise HandtrackError(
+            f"unexpected '{args.folder}'. For a Pose2Sim project or trial, write --project {args.folder}; a camera's video is given "
+            "with --video CAMERA=FILE."
+        )
     if args.project is None:
         if not args.calibration:
             raise HandtrackError(

@@ -99,6 +99,13 @@ class CameraPictures:
         self._maps: dict[str, tuple[Array, Array] | None] = {}
         self._kept: OrderedDict[tuple[str, int], Bytes] = OrderedDict()
 
+    def see(self, session: Session) -> None:
+        """Take the session as it is now; pictures by another calibration are forgotten."""
+        if session.rig is not self._session.rig:
+            self._maps.clear()
+            self._kept.clear()
+        self._session = session
+
     def camera(self, name: str) -> Camera:
         return self._session.rig[name]
 
@@ -451,6 +458,7 @@ class Painter:
         """Yield the large pictures, and all of them at last; None in between, where painting may end."""
         document, maker = self._document, self._maker
         session, frame = document.run.session, document.frame
+        maker.see(session)
         bones = document.model.bones(solver_params_of(document.model, document.seen))
         flesh = document.model.flesh["fine"].posed(bones)
         skeleton = document.model.skeleton

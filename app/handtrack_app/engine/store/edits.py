@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import msgspec
 import numpy as np
 
 from handtrack.errors import HandtrackError, unknown_name
@@ -128,6 +129,19 @@ def shape(document: Document, name: str, value: float) -> Edit:
 def clouds(settings: CloudSettings | None) -> Edit:
     """Take settings of [clouds], all of them."""
     return decide(clouds=CloudTable(None if settings is None else settings.table))
+
+
+def corrected_camera(document: Document, camera: str) -> Edit:
+    """Correct a camera by what the estimate of the whole recording found of it. Raises HandtrackError."""
+    found = document.camera_errors.get(camera)
+    if found is None:
+        raise HandtrackError(
+            f"Nothing is known to be wrong with camera '{camera}', or it is corrected already."
+        )
+    earlier = document.run.session.corrections.get(camera)
+    if earlier is not None:
+        found = msgspec.structs.replace(found, error=found.error.after(earlier.error))
+    return decide(camera={camera: found})
 
 
 def seen_arm(document: Document) -> Edit:

@@ -112,6 +112,7 @@ def brought_back(document: Document) -> str:
                 "changed setting",
                 "changed settings",
             ),
+            (len(state.camera), "corrected camera", "corrected cameras"),
         )
         if count
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -43,6 +43,8 @@ class ReviewPanel:
         page, gui = self.page, self.page.gui
         with self.tab:
             self.about = gui.add_html("")
+            self.off = gui.add_html("", visible=False)
+            self.correct = page.button("Apply correction", self._correct, "tool", "", visible=False)
             self.head = gui.add_html(head_words(None, None))
             self.accept_next = page.button(
                 "Accept and next", lambda: self.do_accept(""), "check",
@@ -143,6 +145,11 @@ class ReviewPanel:
                 last += 1
         self.page.engine.accept(((first, last),), on=False)
 
+    def _correct(self) -> None:
+        for camera in self.strip.cameras_off if self.strip else ():
+            self.page.engine.correct_camera(camera)
+            return
+
     # ---- showing
 
     def warn(self, words: str) -> None:
@@ -186,6 +193,7 @@ class ReviewPanel:
             return
         tracked = bool((strip.status >= 0).any() or strip.by_hand)
         put(self.head, content=head_words(strip, self.at, self.done))
+        self._show_camera(strip.cameras_off)
         put(self.accept_next, visible=bool(self.stretches))
         put(self.go, visible=bool(self.stretches))
         put(self.accept, visible=tracked)
@@ -204,6 +212,22 @@ class ReviewPanel:
         shown = f"<div style='padding:.1em .9em .5em;font-size:.9em;opacity:.75'>{words}</div>"
         put(self.more, content=shown if left > 0 or first else "")
         self.show_frame()
+
+    def _show_camera(self, off: Mapping[str, str]) -> None:
+        """Show how far the first camera is off, and offer to correct it."""
+        for camera, figures in off.items():
+            words = f"Estimated error of camera '{camera}': {figures}."
+            shown = text(html.escape(words), faint=False, kind="handtrack-warning")
+            put(self.off, content=shown)
+            put(
+                self.correct,
+                label=f"Apply correction to {camera}",
+                hint=f"Corrects camera '{camera}' by {figures}. calibration.toml stays as it is; undo takes it back. Then "
+                "track again.",
+            )
+            break
+        put(self.off, visible=bool(off))
+        put(self.correct, visible=bool(off))
 
 
 def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) -> str:

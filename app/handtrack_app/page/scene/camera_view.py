@@ -54,6 +54,14 @@ def add_cameras(
     return view
 
 
+def move_cameras(view: CameraRigView, session: SessionSnapshot) -> None:
+    """Put the cameras where they are now: one may have been corrected."""
+    for card in session.cameras:
+        view.cards[card.name], frustum = card, view.frusta[card.name]
+        frustum.fov = float(2 * np.arctan(card.size[1] / 2 / card.matrix[1, 1]))
+        frustum.wxyz, frustum.position = vtf.SO3.from_matrix(card.rotation).wxyz, card.centre
+
+
 def size_cameras(view: CameraRigView, hand: Floats[D3]) -> None:
     """Draw the cameras as large as they may be before a hand at `hand` [m]."""
     for name, frustum in view.frusta.items():

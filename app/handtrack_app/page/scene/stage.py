@@ -20,6 +20,7 @@ from handtrack_app.page.scene.camera_view import (
     add_cloud,
     bare,
     clear_late,
+    move_cameras,
     pixel_box,
     show_cameras,
     show_cloud,
@@ -116,6 +117,8 @@ class Stage:
             self.root = add_root_handle(
                 self.page.server, "/root", self.page.edit_pose, self._larger
             )
+        else:
+            move_cameras(self.cameras, session)
         known = before is not None and before.bone_names == session.bone_names
         if before is None or not known or before.model != session.model:
             if self.hand is not None:

@@ -1,0 +1,88 @@
+"""A camera's error that the whole recording shows is corrected: durable, for every program, until its calibration changes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from handtrack.errors import HandtrackError
+from handtrack.session.posed_frames import keyframe_result
+from handtrack.session.run import TrackingRun
+from handtrack.session.session import Session
+from handtrack.tracking.whole.refinement import CameraError, Refinement
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.store import edits
+from handtrack_app.engine.store.persistence import Persistence
+from tests.app.command_line import small_recording
+from tests.session.small_session import edit
+
+LATE, NAME = 2.0, "cam1"
+
+
+def _opened(folder):
+    run = TrackingRun.open(Session.open(folder), {"model.fit_size": "false"})
+    store = Persistence.open(Document(run, *run.initial()))
+    store.restore()
+    return store
+
+
+def _refined(store, error):
+    """Keep a take of one frame that is refined with a camera off by `error`."""
+    document = store.document
+    frame, params = document.run.initial()
+    result = keyframe_result(document.run, frame, document.model.joint_params(params))
+    shared = Refinement("converged", 1, (error,))
+    store.begin_take(range(frame, frame + 1), frame, params, is_refined=True, shared=shared)
+    store.add(result)
+    store.end_take(finished=True)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return small_recording(tmp_path / "session")
+
+
+def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder):
+    store = _opened(folder)
+    calibrated = store.document.run.session.view(NAME)
+    error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.5, LATE, (0.1,) * 9)
+    _refined(store, error)
+    store.do("Correction", edits.corrected_camera(store.document, NAME))
+    with pytest.raises(HandtrackError, match=NAME):
+        edits.corrected_camera(store.document, NAME)
+    store.close()
+    for session in (Session.open(folder), _opened(folder).document.run.session):
+        view = session.view(NAME)
+        expected = error.corrected(calibrated.camera)
+        np.testing.assert_allclose(view.camera.rotation, expected.rotation)
+        np.testing.assert_allclose(view.camera.centre, calibrated.camera.centre + [0.004, 0, 0])
+        np.testing.assert_array_equal(view.mask(1), calibrated.mask(1 + int(LATE)))
+        seen = {s.camera.name: s for s in session.observation(1).silhouettes}
+        np.testing.assert_allclose(seen[NAME].camera.rotation, expected.rotation)
+        others = [one for one in session.views if one.name != NAME]
+        assert all(one.times is None for one in others)
+    assert not Session.open(folder).warnings
+
+
+def test_what_a_later_estimate_finds_adds_to_a_correction(folder):
+    store = _opened(folder)
+    error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
+    for _ in range(2):
+        _refined(store, error)
+        store.do("Correction", edits.corrected_camera(store.document, NAME))
+    known = store.document.run.session.corrections[NAME].error
+    assert known.turn_deg == pytest.approx((0.0, 3.0, 0.0), abs=1e-3) and known.shift_mm[0] == 8.0
+    _refined(store, replace(error, turn_deg=(0.0, 0.1, 0.0), shift_mm=(0.1, 0.0, 0.0)))
+    assert not store.document.camera_errors, "too little to be sure"
+    store.close()
+
+
+def test_a_correction_of_another_calibration_does_not_apply(folder):
+    store = _opened(folder)
+    _refined(store, CameraError(NAME, (0.0, 1.5, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9))
+    store.do("Correction", edits.corrected_camera(store.document, NAME))
+    store.close()
+    edit(folder / "session.toml", f'name = "{NAME}"', f'name = "{NAME}"\nlag_s = 0.25')
+    session = Session.open(folder)
+    assert session.rig[NAME] is session.calibrated[NAME]
+    assert any(NAME in warning for warning in session.warnings)
