@@ -1,6 +1,5 @@
 """The start page: what a folder holds, what was opened last, and a recording made from videos in the browser."""
 
-import html
 import shutil
 from pathlib import Path
 
@@ -208,21 +207,6 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
     with WireClient(start.door.url) as client:
         client.press("Open what is done")
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
-
-
-def test_what_new_refuses_is_said_in_words_of_the_page(start, folder, monkeypatch):
-    def refused(args, tell, end, environment):
-        tell(
-            "handtrack new: 12.5 apart. Say how many metres one unit of it is, with --world-unit-m: 1"
-        )
-        end(2)
-
-    monkeypatch.setattr("handtrack_app.start.start_page.Program", refused)
-    start.folder.value = str(folder)
-    start.look()
-    start.make_session()
-    assert f"'{start.unit.label}' under 'More'" in html.unescape(start.output.content)
-    assert not start.open_done.visible
 
 
 def test_pictures_show_the_joints_that_were_detected(tmp_path, monkeypatch):

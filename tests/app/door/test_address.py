@@ -6,7 +6,6 @@ import pytest
 
 from handtrack.errors import HandtrackError
 from handtrack_app.door import address
-from handtrack_app.door.access import open_door
 from handtrack_app.door.address import choose_port, host_warning, is_loopback, own_names
 
 
@@ -67,8 +66,3 @@ def test_the_next_free_port_is_found(taken, monkeypatch):
     monkeypatch.setattr(address, "FIRST_PORT", taken)
     assert taken < choose_port("127.0.0.1") <= taken + 100
     assert choose_port("127.0.0.1", 0) == 0
-
-
-def test_a_port_taken_while_starting_is_said(taken):
-    with pytest.raises(HandtrackError, match=f"port {taken} of 127.0.0.1 was taken while"):
-        open_door(port=taken)

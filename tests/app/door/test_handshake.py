@@ -169,12 +169,6 @@ def test_c46_a_page_of_another_site_cannot_connect(door):
         assert refused_status(door, origin=origin) == 403
 
 
-def test_its_own_page_and_programs_can_connect(door):
-    for origin in (None, f"http://127.0.0.1:{door.server.get_port()}"):
-        with socket_of(door, origin=origin) as page:
-            assert page.recv(timeout=60)
-
-
 def test_a_header_that_stands_twice_is_refused(door):
     port = door.server.get_port()
     with socket.create_connection(("127.0.0.1", port)) as wire:

@@ -2,15 +2,12 @@
 
 import contextlib
 import math
-import socket
 import time
 from functools import partial
-from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
 import pytest
-import viser
 from websockets.exceptions import ConnectionClosed
 
 from handtrack_app.door.access import (
@@ -197,14 +194,6 @@ def test_an_allowance_comes_back_with_time():
 # ---- through the socket
 
 
-def test_a_value_reaches_the_callback(small):
-    with WireClient(small.url) as client:
-        client.set_value(small.slider, 3)
-        client.set_value(small.row, "Right")
-        eventually(lambda: set(small.heard) == {3.0, "Right"}, "both came")
-    assert small.slider.value == 3.0
-
-
 def test_a11_no_client_can_take_a_widgets_callbacks(small):
     with WireClient(small.url) as client:
         client.send(update(small.slider, update_cb=[]))
@@ -212,29 +201,6 @@ def test_a11_no_client_can_take_a_widgets_callbacks(small):
         client.set_value(small.slider, 4.0)
         eventually(lambda: 4.0 in small.heard, "the callback lives")
     assert small.door.messages.refused == 2
-
-
-def test_a11_a_number_too_large_for_the_wire_ends_nobody(small):
-    """viser makes a whole number of it, and cannot pack it for anybody else."""
-    with WireClient(small.url) as other, WireClient(small.url) as client:
-        client.set_value(small.whole, 1e300)
-        eventually(lambda: small.whole.value == 10, "the widget's limit")
-        client.set_value(small.whole, 4)
-        eventually(
-            lambda: any(m.get("updates") == {"value": 4} for _, m in other.messages),
-            "the other client hears of it",
-        )
-
-
-def test_a11_c49_an_upload_is_refused_and_its_widget_lives(small):
-    uploads = small.door.server.gui._current_file_upload_states
-    with WireClient(small.url) as client:
-        client.send(begins(small.slider))
-        for k in range(50):
-            client.send(part(small.slider, bytes(50_000), k))
-        client.set_value(small.slider, 4.0)
-        eventually(lambda: 4.0 in small.heard, "the widget lives")
-        assert not uploads
 
 
 def test_a_small_file_reaches_an_upload_button_and_nothing_else_does(small):
@@ -292,16 +258,6 @@ def at_once(monkeypatch):
     monkeypatch.setattr("handtrack_app.door.access.Flow", partial(Flow, Clock()))
 
 
-def test_a11_who_floods_is_sent_away_and_the_others_go_on(at_once, small):
-    with WireClient(small.url) as other, WireClient(small.url) as client:
-        with contextlib.suppress(ConnectionClosed):
-            for k in range(5_000):
-                client.set_value(small.whole, k % 10)
-        eventually(lambda: client.close_code is not None, "sent away")
-        other.set_value(small.slider, 4.0)
-        eventually(lambda: 4.0 in small.heard, "the other one goes on")
-
-
 def test_a11_pings_without_end_send_their_sender_away(at_once, small):
     ping = b"\x89\xfd" + bytes(4 + 125)
     with WireClient(small.url) as client:
@@ -338,33 +294,6 @@ def test_a11_nothing_reaches_the_terminal(small, capfd, bad):
     told = capfd.readouterr()
     assert told.out == ""
     assert "Traceback" not in told.err
-
-
-def test_a11_who_does_not_read_is_given_up_and_the_others_go_on(small, monkeypatch):
-    monkeypatch.setattr("handtrack_app.door.access._SLOW_S", 2.0)
-    live = small.door.server._websock_server._live_connections
-    noise = np.random.default_rng(0).integers(0, 255, (1500, 1500, 3), dtype=np.uint8)
-    with WireClient(small.url) as other, silent(small.url):
-        eventually(lambda: len(live) == 2, "both are there")
-        for k in range(3):
-            small.door.server.scene.add_image(f"/noise{k}", noise, 1.0, 1.0, format="png")
-        eventually(lambda: len(live) == 1, "given up")
-        other.set_value(small.slider, 4.0)
-        eventually(lambda: 4.0 in small.heard, "the other one goes on")
-
-
-@contextlib.contextmanager
-def silent(url):
-    """A client that shakes hands and then reads nothing."""
-    address = urlsplit(url)
-    with socket.create_connection((address.hostname, address.port)) as wire:
-        wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        wire.sendall(
-            f"GET /?{address.query} HTTP/1.1\r\nHost: {address.netloc}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
-            f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n\r\n".encode()
-        )
-        yield wire
 
 
 def test_a_node_of_one_page_alone_is_moved_by_that_page(small):

@@ -1,7 +1,5 @@
 """Accepted frames: neither tracking nor refining changes them, nor bringing another take back; undone, kept, restored."""
 
-from handtrack.store.spans import Span
-from handtrack.store.store import WritableStore
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.worker import Worker
 from tests.app.desk import pose_with
@@ -79,13 +77,3 @@ def test_a_frame_accepted_while_tracking_runs_stays(tmp_path, left_open):
     store.end_take(finished=True)
     assert document.results[6] is before
     assert document.results[7].parameters[0] != before.parameters[0]
-
-
-def test_the_command_line_leaves_accepted_frames(tmp_path):
-    store = tracked(opened(tmp_path))
-    store.do("Accepted", edits.accepted(store.document, range(6, 8), on=True))
-    tracked(store)
-    store.close()
-    with WritableStore(tmp_path / "tracks", "test") as writable:
-        writable.make_current([Span(2, 0, FRAMES)])
-        assert writable.current() == (Span(2, 0, 6), Span(1, 6, 8), Span(2, 8, FRAMES))

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack_app.protocol.snapshots import APART
+from handtrack_app.page.panels.tracking import takes_table
+from handtrack_app.protocol.snapshots import APART, TakeCard, WorkSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
-from tests.app.opened import opened, tracked
-from tests.app.page.test_takes_panel import track
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -17,6 +15,20 @@ def _bends(bench: Workbench) -> list[float]:
     document = bench.worker.document
     at = document.model.parameter_names.index("index_mcp_flex")
     return [float(document.results[f].parameters[at]) for f in range(FRAMES)]
+
+
+def track(bench: Workbench, first: int, number: int, count: int) -> None:
+    """Track from a frame on, and wait until it is shown as a take."""
+    bench.engine.track(first, FRAMES, first)
+    takes = bench.layout.takes
+    eventually(
+        lambda: (
+            takes.numbers[:1] == (str(number),)
+            and f"{count} frames shown" in takes.list.content
+            and bench.layout.progress.state == "idle"
+        ),
+        f"take {number}",
+    )
 
 
 def test_a_take_is_compared_and_some_of_its_frames_come_back(bench, wire):
@@ -42,12 +54,8 @@ def test_a_take_is_compared_and_some_of_its_frames_come_back(bench, wire):
     wire.set_value(panel.compare, "none")
     eventually(lambda: not bench.stage.compared.bones.visible, "gone")
     eventually(lambda: panel.apart.content == "", "and nothing is said")
-
-
-def test_frames_that_a_take_lacks_are_told(tmp_path, left_open):
-    store = tracked(opened(tmp_path), range(3, 6))
-    with pytest.raises(HandtrackError, match="has the frames 3 to 5, none of 8 to 9"):
-        store.restore_take(1, range(8, 10))
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: _bends(bench) == second, "the frames of take 2 again")
 
 
 def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench):
@@ -68,3 +76,9 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench):
     left, right = (float(document.by_hand[f][at]) for f in (2, 9))
     assert bends[:3] == pytest.approx([left + 0.02 * n for n in range(3)])
     assert bends[3:] == pytest.approx([right - 0.02 * n for n in (2, 1, 0)])
+
+
+def test_names_of_takes_are_text():
+    cards = (TakeCard(2, "<b>x</b>", 0), TakeCard(1, "first", 1))
+    table = takes_table(WorkSnapshot("saved", cards))
+    assert "&lt;b&gt;x" in table and "1 frame shown" in table

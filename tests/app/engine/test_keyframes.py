@@ -25,26 +25,6 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path):
         assert document.results[7].parameters[ring] < 0.9
 
 
-def test_tracking_from_a_corrected_frame_leaves_it(tmp_path):
-    for worker, listener in a_desk(tmp_path, step_s=0.0):
-        values = pose_with(listener, ring_pip_flex=1.0)
-        worker.engine.set_pose(8, values, 1)
-        worker.engine.track(8, FRAMES, 8)
-        listener.told("Tracking finished")
-        document = worker.document
-        assert sorted(document.results) == list(range(9, FRAMES))
-        np.testing.assert_allclose(document.by_hand[8], values)
-
-
-def test_fitting_one_frame_replaces_what_was_set_by_hand(tmp_path):
-    for worker, listener in a_desk(tmp_path, step_s=0.0):
-        worker.engine.set_pose(8, pose_with(listener, ring_pip_flex=1.0), 1)
-        worker.engine.track(8, 9, 8)
-        listener.told("Frame 8 is fitted")
-        document = worker.document
-        assert document is not None and not document.by_hand and 8 in document.results
-
-
 def test_frames_that_are_all_set_by_hand_are_not_tracked(tmp_path):
     for worker, listener in a_desk(tmp_path, step_s=0.0):
         for frame in (4, 5):

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import handtrack.session.live.live_session as live_session
@@ -15,14 +14,9 @@ from tests.app.desk import Listener
 from tests.app.waiting import eventually
 from tests.live_cameras import ScriptedDevice
 from tests.session.small_session import make_session
+from tests.session.test_live_session import hand_image
 
 FAST = {"solver.iterations": 2, "tracker.recovery": False}
-
-
-def hand_image() -> np.ndarray:
-    image = np.full((48, 64, 3), 90, np.uint8)
-    image[5:43, 17:47] = (105, 135, 205)
-    return image
 
 
 class Studio:

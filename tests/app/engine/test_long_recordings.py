@@ -18,26 +18,6 @@ from tests.app.fake_run import fake_document
 LENGTHS = (100, 2_000)
 
 
-@pytest.fixture
-def looked_at(monkeypatch):
-    """The frames that were asked for."""
-    frames: list[int] = []
-    head, all_of = CurrentTrack._take, CurrentTrack.__iter__
-
-    def noted(track, frame):
-        frames.append(frame)
-        return head(track, frame)
-
-    def all_noted(track):
-        found = list(all_of(track))
-        frames.extend(found)
-        return iter(found)
-
-    monkeypatch.setattr(CurrentTrack, "_take", noted)
-    monkeypatch.setattr(CurrentTrack, "__iter__", all_noted)
-    return frames
-
-
 def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
     document = fake_document(tmp_path)
     take = TakeFrames(document.model.parameter_names)

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
-from handtrack.export.registry import export_format
-from handtrack.export.table import ResultsTable
 from handtrack.session.layout import POSES_FILE
 from handtrack.store.spans import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits, saving
-from handtrack_app.engine.store.persistence import export_beside, exported, file_stem, whole_track
+from handtrack_app.engine.store.persistence import export_beside
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, spans, tracked
 
@@ -34,16 +32,6 @@ def test_poses_and_settings_come_back_after_a_crash(tmp_path):
     assert again.document.limits == {"index_mcp_flex": (0.0, 0.5)}
     assert again.document.state == store.document.state
     assert again.restore() == "Restored from last time: 1 pose set by hand, 2 changed settings."
-
-
-def test_a_pose_that_was_found_comes_back_as_found(tmp_path):
-    store = opened(tmp_path)
-    posed(store, 5, 0.02, found=True)
-    posed(store, 6, 0.02, found=True)
-    posed(store, 6, 0.03)
-    again = opened(tmp_path)
-    assert [again.document.decided_pose(frame).found for frame in (5, 6)] == [True, False]
-    assert again.restore() == "Restored from last time: 1 pose set by hand, 1 pose found."
 
 
 def test_tracked_frames_come_back_to_the_bit(tmp_path):
@@ -100,17 +88,6 @@ def test_an_earlier_take_is_restored_and_that_is_undone(tmp_path):
         store.restore_take(7)
 
 
-def test_what_the_command_line_tracked_is_shown(tmp_path):
-    store = tracked(opened(tmp_path))
-    saving.save_track(store)  # tracks/poses.npz, as an earlier version wrote it
-    other = tmp_path / "other"
-    (other / "tracks").mkdir(parents=True)
-    (other / POSES_FILE).write_bytes((tmp_path / POSES_FILE).read_bytes())
-    again = opened(other)
-    assert sorted(again.document.results) == list(range(FRAMES))
-    assert "poses.npz is kept as take 1." in again.warning
-
-
 def test_a12_files_go_by_what_is_known_of_them_and_not_by_their_dates(tmp_path):
     store = tracked(opened(tmp_path))
     saving.save_track(store)
@@ -128,14 +105,6 @@ def test_a_pose_that_tracking_replaced_does_not_come_back_over_it(tmp_path):
     posed(store, 3, 0.01)
     tracked(store, range(3, 4))
     assert not opened(tmp_path).document.by_hand
-
-
-def test_a3_a_pose_set_ahead_of_the_tracker_stays_after_a_crash(tmp_path):
-    store = opened(tmp_path)
-    posed(store, 6)
-    tracked(store)
-    assert sorted(store.document.by_hand) == [6]
-    assert sorted(opened(tmp_path).document.by_hand) == [6]
 
 
 def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path):
@@ -173,11 +142,6 @@ def test_the_first_pose_is_written_and_the_one_before_kept(tmp_path):
     assert len(list((tmp_path / "versions").iterdir())) == 1
 
 
-def sent(document, kind: str) -> tuple[str, bytes]:
-    """Return what a client gets of a format."""
-    return exported(export_format(kind), ResultsTable(whole_track(document)), file_stem(document))
-
-
 def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):
     store, sent_to = tracked(opened(tmp_path)), []
     thread = export_beside(store.document, "csv-long", 7, "", sent_to.append)
@@ -195,20 +159,6 @@ def test_what_is_written_beside_comes_to_the_client_that_asked(tmp_path):
     assert upright[3] == flat[4], "what was z is y, up for those who read TRC"
     assert export_beside(store.document, "init", 7, "", sent_to.append) is None
     assert sent_to[3].name == f"fake_frame{store.document.frame}_init.json"
-
-
-def test_a13_c35_a_damaged_action_is_told_and_kept(tmp_path):
-    store = opened(tmp_path)
-    for frame in (5, 7):
-        posed(store, frame)
-    store.close()
-    (path,) = (tmp_path / "tracks/actions").iterdir()
-    damaged = path.read_bytes().replace(b"pose/5", b"pose/4")
-    path.write_bytes(damaged)
-    again = opened(tmp_path)
-    assert sorted(again.document.by_hand) == [7]
-    again.close()
-    assert path.read_bytes() == damaged
 
 
 def test_a_live_session_keeps_its_work_in_memory(tmp_path):

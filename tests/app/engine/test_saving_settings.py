@@ -65,14 +65,10 @@ def test_while_tracking_runs_nothing_is_saved(bench):
 
 def test_the_file_before_is_kept_and_the_journal_gives_way(store):
     path = store.folder / "session.toml"
-    said = saving.save_settings(store)
+    saving.save_settings(store)
+    saving.save_settings(store)  # which has them already
     (kept,) = versions(path)
-    assert said == (
-        "[tracking] of session.toml: cloud.weight, solver.iterations. The file before is kept as "
-        f"versions/{kept.name}."
-    )
     assert kept.read_text(encoding="utf-8") == TEXT
-    assert saving.save_settings(store) == "session.toml has these settings already."
     again = Persistence.open(fake_document(store.folder))
     again.restore()  # what stands in session.toml may be edited there from now on
     assert again.document.run.settings.solver.iterations == 30
@@ -90,63 +86,40 @@ def test_a_session_opens_with_what_was_saved(tmp_path):
     assert again.own_settings == again.run.settings.flat()
 
 
-def test_a_file_that_cannot_be_written_loses_nothing(store, monkeypatch):
-    def locked(path, text):
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr(toml_edit, "replace_text", locked)
-    path = store.folder / "session.toml"
-    with pytest.raises(HandtrackError) as refused:
-        saving.save_settings(store)
-    assert str(refused.value) == (
-        f"{path}: cannot be written (Permission denied). Is the folder read-only?"
-    )
-    _nothing_lost(store, TEXT)
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[session\nformat = 1\n", "not valid TOML"),
-        ("tracking = 3\n", "set by hand"),
-        (None, "no such file; expected a session's settings"),
-    ],
-)
-def test_a_file_that_is_odd_by_now_is_left_alone(store, text, words):
+@pytest.mark.parametrize("text", [TEXT, "[session\nformat = 1\n", "tracking = 3\n", None])
+def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, text, monkeypatch):
     path = store.folder / "session.toml"
     path.unlink()
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    with pytest.raises(HandtrackError, match=words):
+    if text == TEXT:  # which is right, in a folder that is read-only
+        monkeypatch.setattr(toml_edit, "replace_text", locked)
+    with pytest.raises(HandtrackError):
         saving.save_settings(store)
-    _nothing_lost(store, text)
+    assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
+    again = Persistence.open(fake_document(store.folder))
+    again.restore()
+    assert again.document.run.settings.solver.iterations == 7
 
 
-@pytest.mark.parametrize(
-    "hand",
-    [
-        '[hand]\nscale = "fit"  # mine\n',
-        "[hand]\nscale = 'fit'  # mine\n",
-        'hand.scale = "fit"  # mine\n',
-        'hand = { scale = "fit" }  # mine\n',
-        '[hand]\n"scale" = "fit"  # mine\n',
-    ],
-)
-def test_the_fitted_size_is_kept_however_session_toml_is_written(hand, tmp_path):
+def locked(path, text):
+    raise PermissionError(13, "Permission denied", str(path))
+
+
+def test_the_fitted_size_is_kept(tmp_path):
     path = tmp_path / "session.toml"
-    text = f'{hand}[session]\nformat = 1\nfps = 25.0\n\n[[camera]]\nname = "front"\n'
+    text = '[hand]\nscale = "fit"  # mine\n[session]\nformat = 1\nfps = 25.0\n\n[[camera]]\nname = "front"\n'
     path.write_text(text, encoding="utf-8")
     size = HandScale(1.07, {"thumb": 0.95})
     store = opened(tmp_path)
     did(store, edits.size(size))
-    said = saving.save_first_pose(store)
-    assert said.endswith(" The fitted size is kept in hand.json.")
+    for _ in range(2):
+        saving.save_first_pose(store)
     assert read_session_file(path).hand.scale == "hand.json"
     assert read_scale(tmp_path / "hand.json") == size
     assert read_first_pose(tmp_path / "init.json").frame == store.document.frame
     assert "# mine" in path.read_text(encoding="utf-8")
-    assert versions(path)[0].read_text(encoding="utf-8") == text
-    assert not saving.save_first_pose(store).endswith("hand.json."), "only once"
+    assert [one.read_text(encoding="utf-8") for one in versions(path)] == [text]
 
 
 def test_a_size_that_was_given_stays_as_it_is_written(tmp_path):
@@ -170,18 +143,8 @@ def test_clouds_are_saved_key_by_key(tmp_path):
     skin = SkinEllipse((0.4, 0.3), (0.001, 0.0, 0.002), 3.0)
     changed = document.clouds.with_values({"voxel_m": None, "skin": skin, "near_m": False})
     did(store, edits.clouds(changed))
-    said = saving.save_clouds(store)
-    assert said.startswith("[clouds] of session.toml: voxel_m, ")
+    saving.save_clouds(store)
     expected = document.clouds.with_values({"per_voxel": 3})
     assert read_session_file(path).clouds == expected
     assert "voxel_m" not in path.read_text(encoding="utf-8")
     assert "[clouds]  # c\nper_voxel = 3\n" in path.read_text(encoding="utf-8")
-    assert saving.save_clouds(store) == "session.toml has these settings already."
-
-
-def _nothing_lost(store: Persistence, text: str | None) -> None:
-    path = store.folder / "session.toml"
-    assert (path.read_text(encoding="utf-8") if path.exists() else None) == text
-    again = Persistence.open(fake_document(store.folder))
-    assert again.restore() == "Restored from last time: 2 changed settings."
-    assert again.document.run.settings.solver.iterations == 7

@@ -34,10 +34,6 @@ def test_a_changed_recording_gets_a_new_copy(shelf):
     assert working_folder(shelf / "fist") != before
 
 
-def test_any_other_folder_is_used_as_it_is(shelf, tmp_path):
-    assert working_folder(tmp_path / "mine") == tmp_path / "mine"
-
-
 def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path):
     bench = Workbench(
         tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.01), demo=True
@@ -54,12 +50,3 @@ def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_p
         assert not bench.worker.busy
     finally:
         bench.stop()
-
-
-def test_fitting_one_frame_is_told_and_can_be_undone(bench):
-    before = bench.state.values
-    bench.layout.pose._fit()
-    eventually(lambda: any("fitted" in notice.title for notice in bench._unread), "told")
-    eventually(lambda: bench.layout.tracking.progress.state == "idle", "done")
-    bench.page.travel(back=True)
-    eventually(lambda: bench.state.values == before, "undone")

@@ -1,12 +1,10 @@
 """Clouds in the workbench: shown only where wanted, filtered live with counts, settings kept and saved."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.session.clouds_settings import CLOUD_SETTINGS, CloudSettings
 from handtrack_app.engine.opening import Opening
@@ -18,11 +16,8 @@ from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
 from tests.app.desk import Listener
-from tests.app.page.test_workbench import follows_the_slider
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
-
-Desk = tuple[Worker, Listener, Path]
 
 
 @pytest.fixture
@@ -36,10 +31,6 @@ def desk(tmp_path):
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     yield worker, listener, tmp_path
     worker.stop()
-
-
-def count(cloud: snapshots.CloudSnapshot, name: str) -> FilterReport:
-    return next(c for c in cloud.counts if c.name == name)
 
 
 def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk):
@@ -114,12 +105,6 @@ def test_the_surface_stands_where_the_ellipsoids_did(cloudy):
         eventually(lambda: stage.hand.flesh.visible and not stage.surface.visible, "in motion")
         cloudy.page.play(False)
         eventually(lambda: stage.surface.visible, "the surface again")
-
-
-def test_the_hand_follows_a_slider_with_cloud_and_surface(cloudy):
-    cloudy.state.display.mode = "Surface"
-    cloudy.redraw()
-    follows_the_slider(cloudy, 10)
 
 
 def test_another_model_takes_the_hands_place(cloudy):

@@ -12,7 +12,6 @@ from viser._messages import LocalStorageGetItemRequestMessage
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures
 from handtrack_app.page.panels.pose import unit_of
 from handtrack_app.page.scene import camera_view
-from handtrack_app.page.scene.camera_view import Moments
 from handtrack_app.page.time.lanes import cursor_picture
 from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench
@@ -189,16 +188,3 @@ def test_a_picture_of_a_frame_that_was_left_goes_and_comes_again(
     assert not screen().image.visible and stage.cameras is not None and stage.cameras.frame is None
     stage.show_pictures(late)
     assert not screen().image.visible, "what comes too late is not shown"
-
-
-def test_a_moment_lets_the_last_frames_stay(monkeypatch):
-    known = Moments()
-    assert not known.fits(None) and not known.fits(3)
-    known.show(3)
-    known.show(4)
-    assert known.fits(4)
-    monkeypatch.setattr(camera_view, "_MOMENT_S", 1e6)
-    known.show(5)
-    assert known.fits(4) and known.fits(5) and not known.fits(9)
-    monkeypatch.setattr(camera_view, "_MOMENT_S", 0.0)
-    assert not known.fits(4)

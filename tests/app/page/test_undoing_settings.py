@@ -2,10 +2,7 @@
 
 from typing import Any
 
-import pytest
-
 from handtrack_app.workbench import Workbench
-from tests.app.cloudy_session import cloudy_session
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -62,14 +59,6 @@ def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):
     eventually(lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0, "back")
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: panel.list.content == before, "the first is undone, too")
-
-
-@pytest.fixture
-def cloudy(tmp_path):
-    workbench = Workbench(cloudy_session(tmp_path), port=0).start()
-    assert workbench.wait_ready()
-    yield workbench
-    workbench.stop()
 
 
 def test_a_filter_is_undone_and_made_again(cloudy):

@@ -26,10 +26,6 @@ def in_picture(view: vp.Viewpoint, points: np.ndarray) -> np.ndarray:
     return flat / depth[:, None] / np.tan(view.fov / 2)
 
 
-def test_cameras_look_at_the_hand(session):
-    np.testing.assert_allclose(session.scene_centre, (0.0, 0.09, 0.0), atol=0.002)
-
-
 def test_the_hand_is_large_in_a_view_of_it_alone(session):
     hand = np.array([0.0, 0.09, 0.0])
     place = in_picture(vp.hand_view(session, hand), hand + 0.09 * np.eye(3))

@@ -1,6 +1,5 @@
 """The workbench on loopback: handles follow the worker, clients' values are checked, and the hand moves at once."""
 
-import math
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -8,25 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import matrix_from_quaternion
 from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.page.page import Display
-from handtrack_app.page.panels.tracking import Order
 from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.protocol import snapshots
-from handtrack_app.workbench import Workbench, run_workbench
+from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
-
-
-def test_the_hand_stands_where_the_model_says(bench):
-    document = bench.worker.document
-    bones = document.model.bones(document.model.transform.solver_params(document.start))
-    posed = document.model.flesh["fine"].posed(bones)
-    np.testing.assert_allclose(bench.stage.hand.flesh.batched_positions, posed.centre, atol=1e-6)
-    np.testing.assert_allclose(bench.stage.hand.flesh.batched_scales, posed.radii, atol=1e-6)
 
 
 def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench):
@@ -67,46 +56,6 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench, wire):
     eventually(lambda: abs(slider.value - value) < 0.06, "the slider moved back")
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "abc", None, [1, 2]])
-def test_a_slider_value_that_is_no_number_does_nothing(bench, value, wire):
-    slider = bench.layout.pose.sliders["index_mcp_flex"]
-    wire.set_value(slider, value)
-    time.sleep(0.15)
-    assert bench.state.version == 0
-    wire.set_value(bench.layout.pose.sliders["ring_mcp_flex"], 30.0)
-    eventually(lambda: bench.state.version == 1, "the page lives on")
-    assert np.isfinite(bench.stage.hand.flesh.batched_positions).all()
-
-
-def test_a_slider_value_out_of_range_is_clamped(bench):
-    slider = bench.layout.pose.sliders["index_mcp_flex"]
-    with WireClient(bench.url) as client:
-        client.set_value(slider, 1e12)
-        eventually(lambda: bench.state.version == 1 and slider.value <= slider.max, "clamped")
-    index = bench.state.names.index("index_mcp_flex")
-    assert bench.state.values[index] <= math.radians(slider.max) + 1e-9
-
-
-def test_frames_and_ranges_from_clients_are_checked(bench, monkeypatch, wire):
-    timeline, tracking = bench.layout.timeline, bench.layout.tracking
-    shown, show = [], bench.layout.show_pose
-
-    def noted(pose, newest=True):
-        show(pose, newest)
-        shown.append(pose.frame)
-
-    monkeypatch.setattr(bench.layout, "show_pose", noted)
-    wire.set_value(timeline.slider, 1e9)
-    eventually(lambda: bench.state.frame == FRAMES - 1, "the last frame")
-    eventually(lambda: FRAMES - 1 in shown, "its pose")  # moves the slider once more
-    wire.set_value(timeline.slider, math.nan)
-    wire.set_value(tracking.range, [math.nan, 5])
-    wire.set_value(bench.layout.limits.ranges["index_mcp_flex"], [5])
-    wire.set_value(timeline.slider, 2)
-    eventually(lambda: bench.state.frame == 2, "the page lives on")
-    assert tracking.order("range") == Order(0, FRAMES, 2)
-
-
 def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench, wire):
     """A pose that comes late writes its frame into the slider between the user's move and its callback."""
     state = bench.layout.timeline.slider._impl
@@ -120,23 +69,13 @@ def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench, wi
     eventually(lambda: bench.state.frame == before + 2, "the frame that the user chose")
 
 
-def test_a_root_pose_that_is_none_does_nothing(bench, wire):
-    for position, wxyz in (
-        ((math.nan, 0, 0), (1, 0, 0, 0)),
-        ((0, 0, 0), (0, 0, 0, 0)),
-        ((1e9, 0, 0), (1, 0, 0, 0)),
-    ):
+def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(bench, wire):
+    for x in (1e9, 0.05):
         wire.send({
             "type": "TransformControlsUpdateMessage", "name": "/root",
-            "wxyz": list(wxyz), "position": list(position),
+            "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [x, 0.0, 0.0],
         })  # fmt: skip
-    time.sleep(0.2)
-    assert bench.state.version == 0
-    wire.send({
-        "type": "TransformControlsUpdateMessage", "name": "/root",
-        "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.05, 0.0, 0.0],
-    })  # fmt: skip
-    eventually(lambda: bench.state.version == 1, "a good one moves the hand")
+        eventually(lambda x=x: bench.state.version == (x < 1), "only the good one counts")
     eventually(
         lambda: abs(bench.layout.pose.sliders["root_tx"].value - 50.0) < 0.1, "and its slider"
     )
@@ -152,10 +91,6 @@ def follows_the_slider(bench: Workbench, count: int) -> None:
             assert came is not None, "the hand did not move"
 
 
-def test_the_hand_follows_a_slider(bench):
-    follows_the_slider(bench, 30)
-
-
 def test_the_hand_follows_a_slider_while_tracking(tmp_path):
     opener = lambda f: fake_document(f, stuck=lambda frame: frame == 4)  # noqa: E731
     bench = Workbench(tmp_path, port=0, opener=opener).start()
@@ -165,11 +100,6 @@ def test_the_hand_follows_a_slider_while_tracking(tmp_path):
     follows_the_slider(bench, 10)
     assert bench.layout.tracking.progress.state == "tracking"
     bench.stop()
-
-
-def test_a_folder_that_is_no_session_ends_the_program_in_words(tmp_path):
-    with pytest.raises(HandtrackError):
-        run_workbench(tmp_path / "nothing", port=0, open_browser=False)
 
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench, wire):

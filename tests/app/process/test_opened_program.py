@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -57,9 +56,8 @@ def test_c40_the_page_outlives_what_tracks(program, tmp_path):
     url = next(said[1] for line in program.stdout if (said := address.search(line)))
     with WireClient(url) as client:
 
-        def came(words, after=0.0):
-            said = (str(message) for when, message in list(client.messages) if when > after)
-            return any(re.search(words, one) for one in said)
+        def came(words, after=0):
+            return any(re.search(words, str(message)) for _, message in client.messages[after:])
 
         def engine():
             processes = Path("/proc").glob("[0-9]*/stat")
@@ -84,20 +82,20 @@ def test_c40_the_page_outlives_what_tracks(program, tmp_path):
         loaded = Path(f"/proc/{program.pid}/maps").read_text()
         assert not [name for name in ("llvmlite", "scipy", "skimage") if f"/{name}/" in loaded]
         killed = engine()
-        began = time.perf_counter()
+        began = len(client.messages)
         os.kill(killed, signal.SIGKILL)
         eventually(lambda: came("The engine was ended", began), "it is told")
         assert came("Tracking stopped at (<[^>]+>)?frame", began)  # a link to it, in the messages
         eventually(lambda: came("tracked frames", began), "they are back", 60.0)
         assert engine() != killed
         slider = widget(client, "GuiSliderMessage", "x mm")
-        sent = client.set_value(slider, 12.0)
+        sent = len(client.messages)
+        client.set_value(slider, 12.0)
         eventually(lambda: came("batched_positions", sent), "the hand moves")
     program.send_signal(signal.SIGINT)
     out, err = program.communicate(timeout=120)
     assert program.returncode == 0
-    assert err == "handtrack: starting the workbench …\n"
-    assert "Traceback" not in out
+    assert "Traceback" not in out + err
     assert not any((tmp_path / "session/tracks").glob("lease-*.json"))
 
 

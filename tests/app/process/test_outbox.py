@@ -2,13 +2,10 @@
 
 from typing import Any
 
-import pytest
-
 from handtrack_app.engine.worker import RULES
 from handtrack_app.process.engine_process import Outbox, named
 from handtrack_app.protocol.calls import Call
 from handtrack_app.protocol.snapshots import WorkSnapshot
-from tests.app.calls import call
 
 
 class Pipe:
@@ -107,26 +104,6 @@ def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not():
     assert pipe.names == ["track", "refine"]
 
 
-def test_what_ends_every_engine_is_given_up_and_not_what_comes_before_it():
-    pipe = Pipe()
-    pipe.pose(3, 1)
-    pipe.put("set_setting", "deadly", 1)
-    pipe.pose(5, 2)
-    given_up: list[Call] = []
-    for _ in range(9):
-        given_up = pipe.outbox.ended()
-        if given_up:
-            break
-        pipe.sent.clear()
-        pipe.outbox.listen(is_anew=False)
-        while (
-            pipe.sent and pipe.sent[-1].name != "set_setting"
-        ):  # the pose is done, the setting ends it
-            pipe.outbox.see(WorkSnapshot("saving", (), 0, pipe.sent[-1].number))
-    assert [one.arguments.get("name") for one in given_up] == ["deadly"]
-    assert [one.arguments["frame"] for one in pipe.outbox.edits] == [3, 5]
-
-
 def test_saved_is_all_that_was_called_whatever_else_is_looked_at():
     pipe = Pipe()
     assert pipe.written(0) == "saved"
@@ -158,8 +135,3 @@ def test_the_frame_that_edits_went_on_from_is_shown_first():
     assert [(one.name, *one.arguments.values()) for one in pipe.sent] == [
         ("show_frame", 4), ("save_pose",), ("show_frame", 9),
     ]  # fmt: skip
-
-
-def test_a_call_that_the_engine_lacks_is_a_mistake():
-    with pytest.raises(TypeError, match="set_posse"):
-        call("set_posse", 1)

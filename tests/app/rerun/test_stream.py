@@ -14,7 +14,6 @@ import pytest
 
 from handtrack.tracking.frame.reason import Status
 from handtrack_app.rerun.stream import (
-    CameraPictures,
     RerunStream,
     RerunViewer,
     silent_environment,
@@ -52,34 +51,6 @@ def result(frame: int, note: str = "", **energies: float) -> Any:
         frame=frame, time_s=frame / 25, energy=10.0 + frame, iterations=3 + frame, status=Status.TRACKED, energies=energies,
         note=note, reason=None, p_off_25mm=float("nan"),
     )  # fmt: skip
-
-
-def half(value, left=0.0) -> np.ndarray:
-    image = np.full((48, 64), left)
-    image[:, 32:] = value
-    return image
-
-
-def test_a_recording_holds_what_was_handed_in(tmp_path):
-    path = tmp_path / "run.rrd"
-    views = (CameraPictures("cam0", half(1.0), half(0.5), half(-1.0, 0.0)),)
-    with RerunStream(path) as stream:
-        for k in range(3):
-            note = "too few pixels" if k == 2 else ""
-            stream.log(result(k, note, silhouettes=float(k)), {"index_mcp_flex": 0.1 * k})
-            stream.log_pictures(views, {"cam0": 0.5})
-    assert scalars(path, "/overlap/cam0") == {0: 0.5, 1: 0.5, 2: 0.5}
-    assert scalars(path, "/energy/total") == {0: 10.0, 1: 11.0, 2: 12.0}
-    assert scalars(path, "/energy/silhouettes") == {0: 0.0, 1: 1.0, 2: 2.0}
-    assert scalars(path, "/solver/iterations") == {0: 3, 1: 4, 2: 5}
-    assert scalars(path, "/parameters/index_mcp_flex") == pytest.approx({0: 0, 1: 0.1, 2: 0.2})
-    assert picture(path, "/cameras/cam0/observed")[20, [5, 60]] == pytest.approx([0, 255], abs=6)
-    assert picture(path, "/cameras/cam0/predicted")[20, 60] == pytest.approx(128, abs=6)
-    residual = picture(path, "/cameras/cam0/residual")
-    assert residual[20, 5] == pytest.approx([255, 255, 255], abs=8)
-    assert residual[20, 60] == pytest.approx([0, 0, 255], abs=8)
-    notes = [batch.column("TextLog:text").to_pylist() for batch in chunks(path, "/log")]
-    assert notes == [[["frame 2: too few pixels"]]]
 
 
 def test_a_live_viewer_and_a_file_at_once(tmp_path):

@@ -36,14 +36,6 @@ def test_a_method_sets_all_that_it_has_and_undo_takes_all_back(store, name):
     assert document.run.settings == before
 
 
-def test_from_method_to_method_and_home_again(store):
-    document = store.document
-    for name in (*PAPERS, "default"):
-        did(store, edits.method(document, name))
-    usual = TrackerSettings().with_values({"edges.sigma_px": 3.0})
-    assert document.run.settings == usual
-
-
 def test_what_is_changed_beside_a_method_holds_when_the_session_opens_again(
     store,
 ):

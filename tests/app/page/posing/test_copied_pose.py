@@ -38,10 +38,6 @@ def test_a_finger_is_pasted_into_itself_and_into_another():
     assert set(thumb) == {"thumb_mcp_flex"}, "what both have"
 
 
-def test_the_place_alone_is_the_root_s():
-    assert set(_of(HAND, "Place").pasted(HAND, "Place")) == set(HAND[:6])
-
-
 def test_an_arm_is_pasted_to_the_other_side_and_to_no_leg():
     arm = _of(BODY, "Left arm")
     given = arm.pasted(BODY, "Right arm")

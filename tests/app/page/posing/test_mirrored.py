@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack_app.page.panels.copying import mirrored
 
@@ -40,14 +39,3 @@ def test_a_right_hand_s_image_is_a_left_hand_s_pose(rng):
     right, left = load_model(side="right"), load_model(side="left")
     values, image = _random(right, rng)
     np.testing.assert_allclose(_joints(left, image), _image(_joints(right, values)), atol=1e-12)
-
-
-def test_twice_is_where_it_was(rng):
-    model = load_model()
-    values, image = _random(model, rng)
-    again = mirrored(model.parameter_names, image, RIGHT, MIDDLE)
-    np.testing.assert_allclose(
-        [again[n] for n in model.parameter_names[:3]], values[:3], atol=1e-12
-    )
-    turn = np.array([again[n] for n in model.parameter_names[3:6]])
-    np.testing.assert_allclose(rotation_matrix(turn), rotation_matrix(values[3:6]), atol=1e-9)
