@@ -46,6 +46,7 @@ JOINT_CENTRES = "joints"
 """the definition of the model's own points: joint centres, and fingertips on the skin"""
 UNNAMED_LANDMARKS = "detector"
 """of offsets of which nobody says whose points they lead to"""
+_FAR = 100.0  # [m] nothing is further from the world's origin
 _CONTRADICTION = 1e-6  # [m, rad] values that were written with six digits agree
 
 
@@ -192,6 +193,24 @@ class ArticulatedModel:
         """Return params moved into their limits."""
         bounds = self.bounds(params)
         return np.clip(params, bounds[:, 0], bounds[:, 1])
+
+    @cached_property
+    def driving_joints(self) -> tuple[int, ...]:
+        """(P,) for each solver parameter the joint parameter that stands for it."""
+        known, columns = self.parameter_names, np.abs(self.transform.matrix).T
+        return tuple(
+            known.index(name) if name in known else int(column.argmax())
+            for name, column in zip(self.transform.names, columns, strict=True)
+        )
+
+    def params_within_limits(self, joint_params: Floats[S]) -> Floats[P]:
+        """Return solver parameters, within limits, for joint parameters that a person set; under a coupling the driving joints
+        count, and the driven ones follow.
+        """
+        values = np.clip(np.nan_to_num(joint_params, nan=0.0), -_FAR, _FAR)
+        rows, columns = list(self.driving_joints), np.arange(len(self.driving_joints))
+        matrix, offset = self.transform.matrix, self.transform.offset
+        return self.clipped((values[rows] - offset[rows]) / matrix[rows, columns])
 
     def checked(self, params: Floats[P], what: str) -> Floats[P]:
         """Return solver parameters as an array of floats. Raises HandtrackError naming `what` where they are not this model's."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.layout import TRACKS_FOLDER
@@ -12,8 +12,6 @@ from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import SessionState, marked_frames, readable
 from handtrack.store.store import Store
 from handtrack.tracking.frame.result import FrameResult, Status
-
-_FAR = 100.0  # [m] no hand is further from the world's origin
 
 
 def posed_frames(
@@ -96,27 +94,3 @@ def keyframe_result(run: TrackingRun, frame: int, joint_params: Floats[S]) -> Fr
         joint_positions=model.joint_positions(bones),
         keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
     )
-
-
-def driving_joints(model: ArticulatedModel) -> list[int]:
-    """Return (P,) for each solver parameter the joint parameter that stands for it."""
-    chosen = []
-    for p, name in enumerate(model.transform.names):
-        same = name in model.parameter_names
-        column = np.abs(model.transform.matrix[:, p])
-        chosen.append(model.parameter_names.index(name) if same else int(np.argmax(column)))
-    return chosen
-
-
-def solver_params_of(model: ArticulatedModel, joint_params: Floats[S]) -> Floats[P]:
-    """Return solver parameters, within limits, for joint parameters that a person set.
-
-    Under a coupling the driving joints count and the driven ones follow.
-    """
-    values = np.clip(np.nan_to_num(joint_params, nan=0.0), -_FAR, _FAR)
-    transform = model.transform
-    params = [
-        (values[s] - transform.offset[s]) / transform.matrix[s, p]
-        for p, s in enumerate(driving_joints(model))
-    ]
-    return model.clipped(np.array(params))

@@ -13,7 +13,7 @@ from itertools import pairwise
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
-from handtrack.session.posed_frames import keyframe_result, posed_frames, solver_params_of
+from handtrack.session.posed_frames import keyframe_result, posed_frames
 from handtrack.session.run import Tell, TrackingRun
 from handtrack.session.side import doubt_of_side
 from handtrack.session.takes.take_recorder import TakeRecorder
@@ -254,8 +254,8 @@ def refine_frames(
         on_shared=texts.append,
     )
     before = {result.frame: result for result in tracked}
-    fixed = {f: solver_params_of(run.model, r.parameters) for f, r in request.fixed.items()}
-    guides = {f: solver_params_of(run.model, pose) for f, pose in request.guides.items()}
+    fixed = {f: run.model.params_within_limits(r.parameters) for f, r in request.fixed.items()}
+    guides = {f: run.model.params_within_limits(pose) for f, pose in request.guides.items()}
     found = run.refined(tracked, control, fixed, changed, guides)
     refinement = Refinement.read(texts[-1]) if texts else None
     scale = None if refinement is None else refinement.scale
@@ -268,8 +268,8 @@ def tracking_segments(run: TrackingRun, request: TrackingRequest) -> tuple[Segme
     from that. Fixed frames are not tracked; their neighbours start from them.
     """
     frames, first, model = request.frames, request.first, run.model
-    fixed = {f: solver_params_of(model, r.parameters) for f, r in request.fixed.items()}
-    known = {f: solver_params_of(model, pose) for f, pose in request.guides.items()} | fixed
+    fixed = {f: model.params_within_limits(r.parameters) for f, r in request.fixed.items()}
+    known = {f: model.params_within_limits(pose) for f, pose in request.guides.items()} | fixed
     later = [k for k in sorted(known) if first < k < frames.stop]
     earlier = [k for k in sorted(known, reverse=True) if frames.start <= k < first]
     low = earlier[0] + 1 if earlier else frames.start
@@ -280,7 +280,7 @@ def tracking_segments(run: TrackingRun, request: TrackingRequest) -> tuple[Segme
         found.append(Segment(range(low, first), first - 1, fixed[first]))
     else:
         start = request.start
-        params = run.initial()[1] if start is None else solver_params_of(model, start)
+        params = run.initial()[1] if start is None else model.params_within_limits(start)
         found.append(Segment(range(low, high), first, params))
     for mark, following in pairwise([*later, frames.stop]):
         begin = mark + 1 if mark in fixed else mark

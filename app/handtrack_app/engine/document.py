@@ -21,7 +21,6 @@ from handtrack.model.pose_library import pose_names
 from handtrack.observation.pins import Pin
 from handtrack.session.clouds_settings import CloudSettings, read_clouds
 from handtrack.session.first_pose.first_pose import FirstPose
-from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.session_file import SessionFile
@@ -664,7 +663,7 @@ class Document:
             self._derive_poses()
             self._lay()
             self.shown = self.pose_at(self.frame)
-        self.shown = self.model.joint_params(solver_params_of(self.model, self.shown))
+        self.shown = self.model.joint_params(self.model.params_within_limits(self.shown))
 
     def _lay(self) -> None:
         """Compose the current track; takes of another model do not show (`hidden`)."""
@@ -784,7 +783,7 @@ class Document:
     def start_params(self, frame: int, anew: bool = False) -> Floats[P]:
         """Return the same as solver parameters."""
         pose = self.start_pose(frame, anew)
-        return self.run.initial()[1] if pose is None else solver_params_of(self.model, pose)
+        return self.run.initial()[1] if pose is None else self.model.params_within_limits(pose)
 
     @property
     def is_posed(self) -> bool:
@@ -826,8 +825,9 @@ class Document:
         that do not count yet.
         """
         session, found = self.run.session, dict[str, CameraCorrection]()
-        for span, (_, take) in reversed(list(zip(self.laid, self.results.layers, strict=True))):
-            if take.refinement is None:
+        for span in reversed(self.laid):
+            take = self.takes.get(span.take)
+            if take is None or take.refinement is None:
                 continue
             for error in Refinement.read(take.refinement).cameras:
                 earlier = session.corrections.get(error.name)

@@ -16,7 +16,6 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_library import named_pose, pose_names, pose_title, pose_turn
 from handtrack.model.size import shape_numbers
 from handtrack.session.formats.truth import mean_error_mm
-from handtrack.session.posed_frames import driving_joints, solver_params_of
 from handtrack.session.session import Session
 from handtrack.store.spans import resolved
 from handtrack.terms.keypoints import pinned_places
@@ -76,7 +75,7 @@ TERM_WORDS = {
 def session_snapshot(document: Document) -> SessionSnapshot:
     """Return everything the page is built from."""
     session, model = document.run.session, document.model
-    driving = {model.parameter_names[s] for s in driving_joints(model)}
+    driving = {model.parameter_names[s] for s in model.driving_joints}
     flesh, offered = model.flesh["fine"], document.offered_scale
     return SessionSnapshot(
         name=session.name,
@@ -148,7 +147,7 @@ def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:
 def pose_snapshot(document: Document) -> PoseSnapshot:
     """Return the hand as it is shown."""
     model, frame = document.model, document.frame
-    bones = model.bones(solver_params_of(model, document.seen))
+    bones = model.bones(model.params_within_limits(document.seen))
     posed = model.flesh["fine"].posed(bones)
     result = document.results.get(frame)
     is_now = document.before is None
@@ -230,7 +229,7 @@ def _followed(document: Document) -> TrackedRows:
 
 def _given_error(document: Document, frame: int) -> float:
     def error(values: Floats) -> float:
-        bones = document.model.bones(solver_params_of(document.model, values))
+        bones = document.model.bones(document.model.params_within_limits(values))
         return _error_mm(document, frame, bones)
 
     return document.rows.given_error(frame, document.by_hand[frame], error)
@@ -371,7 +370,7 @@ def pose_picture(model: ArticulatedModel, name: str) -> str:
     values[:6] = 0.0
     if model.kind != "body":
         values[3:6] = pose_turn(name, model.side)
-    flesh = model.flesh["fine"].posed(model.bones(solver_params_of(model, values)))
+    flesh = model.flesh["fine"].posed(model.bones(model.params_within_limits(values)))
     kept = ~model.is_forearm(flesh.bone)
     centre, radii = flesh.centre[kept], flesh.radii[kept]
     scaled = flesh.rotation[kept] * radii[:, None, :]

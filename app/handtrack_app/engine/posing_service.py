@@ -12,7 +12,6 @@ from handtrack.errors import HandtrackError
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Observation
 from handtrack.observation.pins import Pin
-from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.session_state import (
     NOTHING,
     DecidedPose,
@@ -178,7 +177,7 @@ def pose(document: Document, frame: int, values: Sequence[float], found: bool = 
     if given.shape != (len(model.parameter_names),):
         return NOTHING  # sent before the model changed
     return set_pose(
-        document, frame, model.joint_params(solver_params_of(model, given)), found=found
+        document, frame, model.joint_params(model.params_within_limits(given)), found=found
     )
 
 
@@ -218,7 +217,7 @@ def pulled_place(
     (bone,), (point,) = pinned_places(model, [place])
     if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
         raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
-    params = solver_params_of(model, document.pose_at(document.clamped(frame)))
+    params = model.params_within_limits(document.pose_at(document.clamped(frame)))
     reached = reach(model, params, int(bone), point, meant)
     return pose(document, frame, model.joint_params(reached).tolist())
 
@@ -326,7 +325,7 @@ def pins_copied(document: Document, frame: int, others: Iterable[int]) -> Edit:
 def begun_pull(document: Document, frame: int, tag: str) -> Pull:
     """Begin a pull at a frame, from the pose that shows there."""
     model, frame = document.model, document.clamped(frame)
-    params = solver_params_of(model, document.pose_at(frame))
+    params = model.params_within_limits(document.pose_at(frame))
     seen = document.run.observation(frame, model.bones(params))
     return Pull(tag, frame, params, seen)
 
@@ -337,7 +336,7 @@ def _led(document: Document, pull: Pull, pins: Sequence[Pin], by_images: bool) -
     names = model.joint_names, model.skeleton.bone_names
     held = session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
     seen = replace(pull.seen, pins=held)
-    params = solver_params_of(model, document.pose_at(pull.frame))
+    params = model.params_within_limits(document.pose_at(pull.frame))
     tells = bool(seen.silhouettes or seen.keypoints or seen.cloud or seen.images)
     found = pulled(model, document.run.settings, seen, params, by_images and tells, pull.stood)
     posed = set_pose(document, pull.frame, model.joint_params(found), pinned=True)
@@ -361,7 +360,7 @@ def _pixels(document: Document, values: Floats[S], pins: Sequence[Pin]) -> Float
     """Return where the pinned places of a pose lie in their cameras' undistorted images [px]."""
     model, rig = document.model, document.run.session.rig
     bone, point = pinned_places(model, pins)
-    places = model.bones(solver_params_of(model, values)).to_world(bone, point)
+    places = model.bones(model.params_within_limits(values)).to_world(bone, point)
     flat = {camera.name: camera.without_distortion() for camera in rig}
     at = np.full((len(pins), 2), np.nan)
     for n, pin in enumerate(pins):

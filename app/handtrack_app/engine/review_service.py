@@ -12,7 +12,6 @@ from handtrack.arrays import Floats, P
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.diagnostics.score import Score, score
 from handtrack.errors import HandtrackError
-from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.run import TrackingRun
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
@@ -154,12 +153,12 @@ class LiveScore:
         """Score the pose shown, and the one that was fitted to its frame last."""
         document, self.since = self.document, None
         self._frame = frame = document.frame
-        params = solver_params_of(document.model, document.seen)
+        params = document.model.params_within_limits(document.seen)
         now, result = self._score(frame, params), document.results.get(frame)
         if result is None or len(result.parameters) != len(document.shown):
             self._fitted = None
         elif self._fitted is None or self._fitted[:2] != (result, document.run):
-            then = self._score(frame, solver_params_of(document.model, result.parameters))
+            then = self._score(frame, document.model.params_within_limits(result.parameters))
             self._fitted = result, document.run, then
         fitted = None if self._fitted is None else self._fitted[2]
         self.publish(

@@ -13,7 +13,6 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError, not_enough_memory
-from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import Edit
 from handtrack.tracking.pulling import fitted_again
@@ -121,7 +120,7 @@ class Refits:
     def _fitted(self, order: _Order) -> tuple[Floats[P] | None, str]:
         run = order.run
         try:
-            params = solver_params_of(run.model, order.stood)
+            params = run.model.params_within_limits(order.stood)
             seen = run.observation(order.frame, run.model.bones(params))
             stop = lambda: self._newest is not order  # noqa: E731
             return fitted_again(run.model, run.settings, seen, params, stop), ""

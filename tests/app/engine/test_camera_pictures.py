@@ -3,7 +3,6 @@
 import numpy as np
 
 from handtrack.geometry.camera import Camera
-from handtrack.session.posed_frames import solver_params_of
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, smaller
 from tests.app.fake_run import fake_document
 
@@ -19,7 +18,7 @@ def test_a_smaller_camera_sees_the_same():
 def test_a_thumbnail_has_the_models_outline(tmp_path):
     document = fake_document(tmp_path)
     maker = CameraPictures(document.run.session)
-    bones = document.model.bones(solver_params_of(document.model, document.shown))
+    bones = document.model.bones(document.model.params_within_limits(document.shown))
     flesh = document.model.flesh["fine"].posed(bones)
     plain = maker.thumbnail("front", 0)
     assert np.ptp(plain) == 0

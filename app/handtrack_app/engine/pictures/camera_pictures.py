@@ -27,7 +27,6 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
-from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.session import Session
 from handtrack_app.engine.document import Document
 from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
@@ -459,7 +458,7 @@ class Painter:
         document, maker = self._document, self._maker
         session, frame = document.run.session, document.frame
         maker.see(session)
-        bones = document.model.bones(solver_params_of(document.model, document.seen))
+        bones = document.model.bones(document.model.params_within_limits(document.seen))
         flesh = document.model.flesh["fine"].posed(bones)
         skeleton = document.model.skeleton
         aside = skeleton.bone("forearm") if document.model.has_forearm else None

@@ -25,7 +25,6 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.session import Session
 from handtrack.session.sources.skin_samples import painted_skin
 from handtrack.tracking.frame.settings import CloudTermSettings
@@ -313,11 +312,11 @@ class CloudService(PreviewService):
     def _moment(self) -> RenderInput:
         document = self.document
         model, session, frame = document.model, document.run.session, document.frame
-        bones = model.bones(solver_params_of(model, document.seen))
+        bones = model.bones(model.params_within_limits(document.seen))
         before = frame - 1
         previous = bones if document.is_posed else None
         if before in document.by_hand or before in document.results:
-            previous = model.bones(solver_params_of(model, document.pose_at(before)))
+            previous = model.bones(model.params_within_limits(document.pose_at(before)))
         return RenderInput(
             frame, document.version, session, model, bones, previous, session.cloud_filters,
             self._wanted, document.run.settings.cloud,

@@ -11,7 +11,6 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import HandScale
 from handtrack.model.size import with_number
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.posed_frames import solver_params_of
 from handtrack.session.session_state import (
     NOTHING,
     CloudTable,
@@ -146,7 +145,7 @@ def corrected_camera(document: Document, camera: str) -> Edit:
 
 def seen_arm(document: Document) -> Edit:
     """Give the model a forearm if the frame shown has one beyond the hand."""
-    params = solver_params_of(document.model, document.shown)
+    params = document.model.params_within_limits(document.shown)
     return arm(document, document.run.with_arm_in_view(document.frame, params).arm)
 
 
