@@ -1,11 +1,14 @@
 """A small tracked sequence of invented numbers, with the joint names of a hand."""
 
+import json
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
-from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack.arrays import Floats
+from handtrack.model.articulated import ArticulatedModel, keypoint_names
+from handtrack.model.model_file import load_model, scale_table
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 
 PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz", "index_mcp_flex")
@@ -45,26 +48,37 @@ def sample_track(rng: np.random.Generator, frames: Iterable[int] = range(5)) -> 
     return stacked(sample_frame(rng, frame) for frame in frames)
 
 
+def posed_frame(
+    model: ArticulatedModel, frame: int, values: Floats, fps: float = 25.0, **more: Any
+) -> FrameResult:
+    """Return a tracked frame of a model's joint parameters (S,), each known to 0.01 and every joint to 2 mm; more: other fields."""
+    bones = model.bones(model.transform.solver_params(values))
+    joints = model.joint_positions(bones)
+    known = {
+        "status": Status.TRACKED, "energy": 1.0, "iterations": 4, "parameter_std": np.full(len(values), 0.01),
+        "joint_covariance": np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)),
+        "keypoints21": model.keypoints21(bones) if model.has_keypoints21 else None,
+    }  # fmt: skip
+    return FrameResult(
+        frame=frame, time_s=frame / fps, parameters=values, T_world_bone=bones.T_world_bone, joint_positions=joints,
+        **known | more,
+    )  # fmt: skip
+
+
+def labels_of(model: ArticulatedModel, session: str = "invented", **more: Any) -> TrackLabels:
+    return TrackLabels(
+        model.parameter_names, model.skeleton.bone_names, model.joint_names, model.name, model.side,
+        json.dumps(scale_table(model.scale)), session, "{}", "0.0", **more,
+    )  # fmt: skip
+
+
 def hand_track(count: int = 5) -> TrackResult:
-    """Return a right hand that closes and moves along x, every joint known to 2 mm and every parameter to 0.01."""
+    """Return a right hand that closes and moves along x."""
     model = load_model("hand26")
     frames = []
     for frame in range(count):
         joint = (0.5 + frame / count) * model.rest
         joint[0] = 0.01 * frame
-        bones = model.bones(model.clipped(model.transform.solver_params(joint)))
-        joints = model.joint_positions(bones)
-        poses = np.tile(np.eye(4), (len(bones.position), 1, 1))
-        poses[:, :3, :3], poses[:, :3, 3] = bones.rotation, bones.position
-        frames.append(
-            FrameResult(
-                frame=frame, time_s=frame / 25, parameters=joint, status=Status.TRACKED, energy=1.0, iterations=4,
-                parameter_std=np.full(len(joint), 0.01), joint_covariance=np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)),
-                T_world_bone=poses, joint_positions=joints, keypoints21=model.keypoints21(bones),
-            )
-        )  # fmt: skip
-    labels = TrackLabels(
-        model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names), "hand26", "right",
-        '{"overall": 1.0}', "invented", "{}", "0.0",
-    )  # fmt: skip
-    return labels.track(frames)
+        pose = model.clipped(model.transform.solver_params(joint))
+        frames.append(posed_frame(model, frame, model.joint_params(pose)))
+    return labels_of(model).track(frames)

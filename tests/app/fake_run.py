@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,7 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.model_file import load_model, scale_table
+from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, ImageView, Observation, Silhouette
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
@@ -45,6 +44,7 @@ from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from handtrack_app.engine.document import Document, renamed
+from tests.sample_track import labels_of, posed_frame
 
 FRAMES = 12
 
@@ -339,23 +339,12 @@ class FakeRun:
     def _result(self, frame: int, params: Floats, first: int) -> FrameResult:
         joint = self.model.joint_params(params)
         joint[6:] = np.clip(joint[6:] + 0.02 * (frame - first), *self.model.limits.interval[6:].T)
-        bones = self.model.bones(self.model.transform.solver_params(joint))
-        count = len(self.model.joint_names)
-        status = Status.DOUBTFUL if frame == 7 else Status.TRACKED
-        return FrameResult(
-            frame=frame, time_s=frame / self.session.fps, parameters=joint, status=status, energy=float(frame),
-            iterations=5, parameter_std=np.full(len(joint), 0.02), joint_covariance=np.tile(np.eye(3), (count, 1, 1)),
-            T_world_bone=bones.T_world_bone, joint_positions=self.model.joint_positions(bones),
-            keypoints21=self.model.keypoints21(bones) if self.model.has_keypoints21 else None,
-        )  # fmt: skip
+        more = {"status": Status.DOUBTFUL if frame == 7 else Status.TRACKED, "energy": float(frame)}
+        return posed_frame(self.model, frame, joint, self.session.fps, **more)
 
     @property
     def labels(self) -> TrackLabels:
-        model = self.model
-        return TrackLabels(
-            model.parameter_names, model.skeleton.bone_names, model.joint_names, model.name, "right",
-            json.dumps(scale_table(model.scale)), self.session.name, "{}", "0",
-        )  # fmt: skip
+        return labels_of(self.model, self.session.name)
 
     def result(self, frames: Iterable[FrameResult]) -> TrackResult:
         return self.labels.track(sorted(frames, key=lambda r: r.frame))

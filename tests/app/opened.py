@@ -55,5 +55,4 @@ def show_results(document: Document, results: Iterable[FrameResult]) -> None:
 
 def spans(store: Persistence) -> tuple[Span, ...]:
     """Return what the current track is composed of, on disk."""
-    assert store.store is not None
     return store.store.current()

@@ -145,30 +145,6 @@ def test_against_opencv_s_stereo_chessboard(data_dir):
     assert np.allclose(found.rig["right"].translation / 0.025, [-3.328, 0.037, 0.014], atol=0.03)
 
 
-def test_against_pose2sim_s_boards(data_dir):
-    """Seven photographs a camera; the focal lengths of the session's own calibration, within 1 %."""
-    folder = data_dir / "pose2sim_body_4cam" / "intrinsics"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}")
-    board = parse_board("chessboard:4x7:60mm")
-    text = (folder.parent / "Calib.qca.txt").read_text()
-    focal = [float(v) / 64 for v in re.findall(r'focalLengthU="([\d.]+)"', text)]
-    for name, expected in (("cam01", focal[0]), ("cam03", focal[2])):
-        source = ImageFiles(sorted((folder / name).glob("*.jpg")))
-        views = [v for f in source.frames if (v := _quickly(source, f, board)) is not None]
-        camera = CameraViews(name, source.size, (), tuple(views), 7, str(folder))
-        found = calibrate_rig(board, [camera])
-        assert len(views) >= 6
-        assert found.report.cameras[0]["rms_px"] < 0.35
-        assert found.report.cameras[0]["lens"]["fx"] == pytest.approx(expected, rel=0.01)
-
-
-def _quickly(source, frame, board):
-    """Return the view without the slow second search, to keep the test quick."""
-    image = source.read(frame)
-    return None if image is None else find_board(image, board, frame)
-
-
 NOISE_PX = 0.1
 
 

@@ -58,13 +58,10 @@ def test_gaps_are_misses_and_shift_nothing(tmp_path):
 def test_kinds_have_their_shapes(tmp_path):
     paths = folder_of(tmp_path, ["5.png"])
     colour, mask = ImageFiles(paths).read(5), ImageFiles(paths, MASK).read(5)
-    assert colour is not None
     assert colour.shape == (48, 64, 3)
-    assert mask is not None
     assert mask.shape == (48, 64)
     cv2.imwrite(str(tmp_path / "d1.png"), picture(40000, np.uint16))
     depth = ImageFiles([tmp_path / "d1.png"], DEPTH).read(1)
-    assert depth is not None
     assert depth.dtype == np.uint16
     assert (depth == 40000).all()
     with pytest.raises(HandtrackError, match=r"depth must be one channel of 16 bits; found uint8"):
@@ -131,7 +128,6 @@ def clip(tmp_path: Path) -> Path:
 
 def shown(source: VideoFile, frame: int) -> int:
     image = source.read(frame)
-    assert image is not None
     bright = image.mean(axis=(0, 2)).reshape(8, 8).mean(axis=1) > 128
     return sum(1 << bit for bit in range(8) if bright[bit])
 
@@ -200,7 +196,6 @@ def test_c12_a_video_that_asks_to_be_turned_is_and_it_is_said(turn, size, tmp_pa
     path.write_bytes(data)
     source = VideoFile(path, size)
     image = source.read(0)
-    assert image is not None
     assert np.argwhere(image.mean(axis=2) > 128).min(axis=0).tolist() == {
         90: [0, 24], 180: [24, 32], 270: [32, 0],
     }[turn]  # fmt: skip

@@ -6,8 +6,6 @@ from collections.abc import Iterator
 import pytest
 
 from handtrack.capture.live.live_feed import LiveCamera, LiveFeed, LiveImages
-from handtrack.errors import HandtrackError
-from tests.app.waiting import eventually
 from tests.live_cameras import SIZE, ScriptedDevice
 
 
@@ -71,19 +69,3 @@ def test_an_image_that_is_too_old_for_the_others_is_missing(desk):
     desk.feed.reach(1)  # the other camera is waited for, as long as the tolerance
     assert desk.values(1) == {"right": 3}
     assert desk.feed.time_s(1) == pytest.approx(0.04)
-
-
-def test_a_camera_that_is_unplugged_says_so_and_the_others_go_on(desk):
-    desk.feed.begin_counting()
-    desk.devices["left"].fail(3)
-    eventually(lambda: bool(desk.feed.gone), "the camera is gone")
-    assert desk.feed.gone == (
-        "camera 'left' gives no more images: it was unplugged, or a file is at its end.",
-    )
-    assert desk.devices["left"].released
-    desk.show(5, "right")
-    desk.feed.reach(0)
-    assert desk.values(0) == {"right": 5}
-    desk.devices["right"].fail(3)
-    with pytest.raises(HandtrackError, match=r"camera 'left' gives no more.*camera 'right' gives"):
-        desk.feed.reach(1)

@@ -24,7 +24,6 @@ def _write(path, people):
 def test_the_tallest_person_is_taken(tmp_path):
     file = _write(tmp_path / "a_0.json", [_person(100), _person(700), _person(300)])
     found = read_openpose(file, BODY)
-    assert found is not None
     assert found.shape == (25, 3)
     assert found[-1].tolist() == [24.0, 700.0, 0.9]
 

@@ -50,7 +50,7 @@ def box_mask(x: int, y: int, w: int, h: int) -> Bytes:
     return mask
 
 
-HAND, SPECK = (20, 15, 30, 25), (70, 50, 3, 3)
+HAND = (20, 15, 30, 25)
 
 
 def test_skin_ycrcb_keeps_the_closed_box_of_colours():

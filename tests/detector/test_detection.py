@@ -18,7 +18,7 @@ from tests.detector.fake_detector import FakeDetector, columns, hand_at
 from tests.session.small_session import keypoints
 
 ANCHORS = 2016
-SURE, UNSURE = 3.0, -0.01
+SURE = 3.0
 
 
 def outputs(**boxes):

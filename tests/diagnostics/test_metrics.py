@@ -76,7 +76,6 @@ def test_constant_offsets_come_from_the_other_half_of_the_frames():
     model, track = sample_sequence("right")
     seen = replace(model.scale, offsets_mm={"index_mcp": (0.0, 0.0, 8.0 / model.scale.overall)})
     theirs = replace(track, scale=json.dumps(scale_table(seen))).landmarks
-    assert theirs is not None
     found = evaluate(track, Truth(track.frame, theirs))
     assert found["position_index_mcp_mm"] == pytest.approx(8.0)
     assert found["mpjpe_mm"] == pytest.approx(8.0 / 21)

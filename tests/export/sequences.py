@@ -1,6 +1,5 @@
 """Tracked sequences whose poses are those of a model: hands of both sides, a body, a claw that a user defined."""
 
-import json
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,9 +10,10 @@ from handtrack.capture.calibration.rig_file import rig_json
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import load_model, scale_table
+from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import PARTS, FrameResult, Status, TrackLabels, TrackResult
+from handtrack.tracking.frame.result import PARTS, Status, TrackResult
+from tests.sample_track import labels_of, posed_frame
 
 CLAW = Path(__file__).parent / "claw.toml"
 KINDS = ("right", "left", "body", "claw")
@@ -62,42 +62,21 @@ def sample_sequence(kind: str, frames: int = 24) -> tuple[ArticulatedModel, Trac
     rng = np.random.default_rng(KINDS.index(kind))
     results = []
     for row, values in enumerate(smooth_poses(model, frames, rng)):
-        bones = model.bones(model.transform.solver_params(values))
         std = np.where(np.arange(len(values)) < 3, 0.001, 0.02) * rng.uniform(0.5, 2.0, len(values))
         status, reason = Status.TRACKED, None
         if row == LOST_ROW:
             status, reason, std = Status.LOST, Reason("unseen"), np.full(len(values), np.inf)
         elif row == LOST_ROW + 1:
             status, reason = Status.DOUBTFUL, Reason("open", part="hand", number=0.02)
-        joints = model.joint_positions(bones)
-        results.append(
-            FrameResult(
-                frame=3 + row,
-                time_s=(3 + row) / FPS,
-                parameters=values,
-                status=status,
-                energy=1.0 + row,
-                iterations=4,
-                parameter_std=std,
-                joint_covariance=np.tile(1.5e-3**2 * np.eye(3), (len(joints), 1, 1)),
-                T_world_bone=bones.T_world_bone,
-                joint_positions=joints,
-                keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-                reason=reason,
-                p_off_25mm=0.02 * row / frames,
-                p_off_10mm=np.linspace(0.01, 0.2, len(PARTS)) if model.has_keypoints21 else None,
-            )
-        )
-    labels = TrackLabels(
-        parameter_names=model.parameter_names,
-        bone_names=model.skeleton.bone_names,
-        joint_names=model.joint_names,
-        model=model.name,
-        side=model.side,
-        scale=json.dumps(scale_table(model.scale)),
-        session=f"invented {kind}",
-        settings="{}",
-        version="0.0",
+        results.append(posed_frame(
+            model, 3 + row, values, FPS, status=status, energy=1.0 + row, parameter_std=std,
+            joint_covariance=np.tile(1.5e-3**2 * np.eye(3), (len(model.joint_names), 1, 1)), reason=reason,
+            p_off_25mm=0.02 * row / frames,
+            p_off_10mm=np.linspace(0.01, 0.2, len(PARTS)) if model.has_keypoints21 else None,
+        ))  # fmt: skip
+    labels = labels_of(
+        model,
+        f"invented {kind}",
         definition=model.definition,
         fps=FPS,
         cameras=rig_json(sample_rig()),

@@ -12,9 +12,10 @@ from handtrack.export.table import ResultsTable
 from handtrack.session.bundled import bundled_session
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
+from handtrack.tracking.frame.result import TrackResult
 from tests.export.foreign import library
 from tests.export.sequences import sample_sequence
+from tests.sample_track import posed_frame
 
 CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 FLAGS = ["--no-sandbox", "--disable-background-networking", "--disable-component-update"]
@@ -44,15 +45,7 @@ def _moved_a_little(folder: Path, count: int) -> TrackResult:
     for frame in range(count):
         values = model.joint_params(params)
         values[0] += 0.01 * frame
-        bones = model.bones(model.transform.solver_params(values))
-        joints = model.joint_positions(bones)
-        frames.append(
-            FrameResult(
-                frame=frame, time_s=frame / run.session.fps, parameters=values, status=Status.TRACKED, energy=1.0, iterations=1,
-                parameter_std=np.full(len(values), 0.01), joint_covariance=np.tile(1e-6 * np.eye(3), (len(joints), 1, 1)),
-                T_world_bone=bones.T_world_bone, joint_positions=joints, keypoints21=model.keypoints21(bones),
-            )
-        )  # fmt: skip
+        frames.append(posed_frame(model, frame, values, run.session.fps))
     return run.result(frames)
 
 

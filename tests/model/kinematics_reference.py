@@ -26,7 +26,6 @@ def bone_poses(skeleton: Skeleton, params: np.ndarray) -> BonePoses:
 
 def growth_fields(growth: Growth, bones: BonePoses) -> tuple[np.ndarray, np.ndarray]:
     """What deviations do to bones whose heads, axes and flesh grow: (B, 12, N) of joints and of ellipsoids, as `BoneFields`."""
-    assert bones.scale_change is not None
     turn, above = bones.rotation, growth.parent[1:]
     stretch = np.einsum("bik,bkn,bjk->bijn", turn, growth.rates, turn)
     along = bones.position[1:] - bones.position[above]

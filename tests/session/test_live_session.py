@@ -43,16 +43,13 @@ class Studio:
     def show(self, image: Array | None = None) -> int:
         """Let both cameras show an image; return the frame made of it."""
         feed = self.session.live
-        assert feed is not None
         for device in self.devices.values():
             device.show(hand_image() if image is None else image)
         made = feed.make_next(10.0)
-        assert made is not None
         return made.number
 
     def close(self) -> None:
         feed = self.session.live
-        assert feed is not None
         for device in self.devices.values():
             device.fail(9)
         feed.close()
@@ -75,14 +72,12 @@ def test_cameras_are_numbered_in_the_sessions_order_and_masks_are_computed(studi
     seen = session.observation(frame)
     assert [one.camera.name for one in seen.silhouettes] == ["cam0", "cam1"]
     mask = session.mask("cam1", frame)
-    assert mask is not None
     assert (mask[10:40, 20:44] == 255).all() and not mask[:, :10].any()
     assert session.known_frames == range(frame + 1)
 
 
 def recorded(studio: Studio, folder: Path) -> LiveRecording:
     recording = LiveRecording(folder, studio.session)
-    assert studio.session.live is not None
     studio.session.live.on_frame = recording.add
     return recording
 
@@ -112,7 +107,6 @@ def test_a_recording_opens_as_a_session_with_its_poses(studio, tmp_path):
     assert again.time_s(0) == 0.0 < again.time_s(1) < again.time_s(2)
     for x, frame in ((10, 0), (18, 2)):
         image = again.image("cam1", frame)
-        assert image is not None
         assert np.abs(image[20, x + 4].astype(int) - SKIN).max() < 12  # the codec's
     assert len(again.observation(1).silhouettes) == 2
     assert TrackingRun.open(again).settings.solver.iterations == 2

@@ -11,8 +11,9 @@ from handtrack.model.model_file import load_model
 from handtrack.session.layout import MASKS_FOLDER
 from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
-from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
+from handtrack.tracking.frame.result import Status, TrackResult
 from tests.capture.seeded_scenes import Recording, recording
+from tests.sample_track import labels_of, posed_frame
 from tests.session.test_seeded_session import CALIBRATION, SETTINGS
 
 OFF_M = 0.003
@@ -24,24 +25,10 @@ def track_of(drawn: Recording, rng: np.random.Generator) -> TrackResult:
     model = load_model("hand26")
     frames = []
     for frame, params in enumerate(drawn.params):
-        moved = params.copy()
-        moved[:3] += rng.normal(scale=OFF_M, size=3)
-        bones = model.bones(moved)
-        joints = model.joint_positions(bones)
-        frames.append(
-            FrameResult(
-                frame=frame, time_s=frame / 10, parameters=model.transform.joint_params(moved),
-                status=Status.LOST if frame == LOST else Status.TRACKED, energy=1.0, iterations=4,
-                parameter_std=np.full(26, 0.01), joint_covariance=np.tile(0.002**2 * np.eye(3), (len(joints), 1, 1)),
-                T_world_bone=np.tile(np.eye(4), (len(bones.position), 1, 1)), joint_positions=joints,
-                keypoints21=joints[:21].copy(),
-            )
-        )  # fmt: skip
-    labels = TrackLabels(
-        model.parameter_names, model.skeleton.bone_names, model.joint_names, "hand26", "right",
-        '{"overall": 1.0, "parts": {}}', "drawn", "{}", "0.0",
-    )  # fmt: skip
-    return labels.track(frames)
+        moved = params + np.r_[rng.normal(scale=OFF_M, size=3), np.zeros(len(params) - 3)]
+        status = Status.LOST if frame == LOST else Status.TRACKED
+        frames.append(posed_frame(model, frame, model.joint_params(moved), 10.0, status=status))
+    return labels_of(model).track(frames)
 
 
 @pytest.fixture(scope="module")

@@ -40,21 +40,6 @@ def run(session):
     return TrackingRun.open(session)
 
 
-@pytest.fixture(scope="module")
-def larger(tmp_path_factory):
-    """A hand 6 % larger before three small cameras, its size to be fitted."""
-    folder = tmp_path_factory.mktemp("larger") / "session"
-    what = Simulation(
-        frames=6, size=(320, 240), scale=1.06, images=False, motion="curl", init_noise_m=0.003
-    )
-    simulate(folder, what)
-    file = folder / "session.toml"
-    text = file.read_text()
-    assert "scale = 1.06" in text
-    file.write_text(text.replace("scale = 1.06", 'scale = "fit"'))
-    return Session.open(folder)
-
-
 def opening(folder, of, frames, forearm=False):
     """Write the first frames of a slow motion before three small cameras."""
     model = load_model(forearm=forearm)
@@ -73,17 +58,6 @@ def test_a_result_says_where_it_comes_from(session, run):
     assert settings["silhouettes.term"] == "coverage"
     assert track.version
     np.testing.assert_allclose(track.time_s, [0.0, 1 / session.fps])
-
-
-def test_a_forearm_is_modelled_where_masks_show_one(tmp_path):
-    what = Simulation(frames=2, size=(320, 240), forearm=True, images=False)
-    run = TrackingRun.open(Session.open(simulate(tmp_path / "new", what)))
-    assert run.forearm
-    assert run.model.has_forearm
-    assert run.arm_m == np.inf
-    frame, params = run.initial()
-    result = next(iter(run.track(range(1), frame, params)))
-    assert result.status == Status.TRACKED
 
 
 @pytest.mark.parametrize("arm", [False, True])
@@ -167,7 +141,6 @@ def fitted(missing: float, scale: HandScale = HandScale(), first=None):
 
 def test_half_a_hand_tells_no_size():
     run, size = fitted(0.5, SMALL)
-    assert size is not None
     assert size.overall == 1.0
     held = run.with_scale(size)
     assert size.std["length_mm"] == pytest.approx(POPULATION_SIGMA * hand_length_mm(MEAN))
@@ -217,7 +190,6 @@ def test_the_first_frames_do_not_decide_where_they_are_bad():
     run.session.frame_range, run.session.frame_count = range(len(seen)), len(seen)
     tracked = tracked_for_size(run, None, None, lambda share, words: None)  # type: ignore[arg-type]
     size = size_of_frames(run, tracked, 8, None, lambda share, words: None)  # type: ignore[arg-type]
-    assert size is not None
     assert size.overall == pytest.approx(1.08, abs=0.02)
 
 

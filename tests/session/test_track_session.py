@@ -10,23 +10,18 @@ import pytest
 
 from handtrack.arrays import Floats
 from handtrack.model.model_file import load_model
-from handtrack.session.formats.tables import write_npz
 from handtrack.session.posed_frames import posed_frames
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.takes.take_recorder import TakeRecorder
 from handtrack.session.track_session import (
     Ended,
-    FrameTracked,
-    PassBegan,
     TrackingRequest,
     request_for,
     track_session,
     tracking_segments,
 )
 from handtrack.store.history import Change
-from handtrack.store.store import ACCEPTED, WritableStore
-from handtrack.tracking.frame.control import Control
+from handtrack.store.store import WritableStore
 from handtrack.tracking.frame.result import FrameResult, Status
 from tests.app.command_line import small_recording
 
@@ -69,40 +64,6 @@ def test_a_keyframe_of_the_workbench_stays_and_its_neighbours_are_tracked_from_i
     assert end.track.status[row] == Status.KEYFRAME
     np.testing.assert_array_equal(end.track.parameters[row], pose)
     assert len(end.results) == len(run.session.frame_range)
-
-
-def test_an_accepted_frame_stays_as_it_was_tracked(folder):
-    run = TrackingRun.open(Session.open(folder))
-    with TakeRecorder(folder / "tracks/poses.npz", folder) as take:
-        before = ended(track_session(run, take=take))
-        write_npz(take.out, before.track)
-        take.saved(before.track, finished=True)
-    with WritableStore(folder / "tracks", "test") as store:
-        store.write(store.history().next("", [Change(ACCEPTED, None, [[1, 2]])]))
-    again = ended(track_session(run))
-    row = again.track.frame.tolist().index(1)
-    np.testing.assert_array_equal(again.track.parameters[row], before.track.parameters[row])
-
-
-def test_a_cancelled_tracking_is_resumed_with_the_same_result(folder):
-    run = TrackingRun.open(Session.open(folder))
-    first, params = run.initial()
-    whole = run.result(run.track(run.session.frame_range, first, params))
-    seen: list[int] = []
-    with TakeRecorder(folder / "tracks/poses.npz", folder) as take:
-        for event in track_session(run, control=Control(lambda: len(seen) >= 2), take=take):
-            if isinstance(event, FrameTracked):
-                seen.append(event.result.frame)
-    assert isinstance(event, Ended)
-    assert event.cancelled
-    assert len(event.results) < len(whole)
-    with TakeRecorder(folder / "tracks/poses.npz", folder) as take:
-        events = list(track_session(run, take=take))
-    began = next(event for event in events if isinstance(event, PassBegan))
-    assert [result.frame for result in began.resumed][:2] == seen[:2]
-    track = ended(events).track
-    np.testing.assert_array_equal(track.parameters, whole.parameters)
-    np.testing.assert_array_equal(track.joint_covariance, whole.joint_covariance)
 
 
 def _segments(

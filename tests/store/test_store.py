@@ -54,7 +54,6 @@ def test_takes_are_never_overwritten_and_the_track_is_composed_of_them(folder):
         store.make_current(store.restored(second, range(5, 100)))
     track = Store(folder).current_track()
     assert Store(folder).current() == (Span(1, 0, 5), Span(2, 5, 8), Span(1, 8, 10))
-    assert track is not None
     assert track.frame.tolist() == list(range(10))
     for frame, number in ((4, first), (5, second), (7, second), (8, first)):
         (expected,) = Store(folder).take(number).results(range(frame, frame + 1))
@@ -235,7 +234,6 @@ def do(history: History, key: str, after: Any, kind: str = "do", joins: bool = F
 
 
 def travel(history: History, action: Action | None) -> str:
-    assert action is not None
     history.take(action)
     return action.words
 

@@ -11,8 +11,6 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
-from handtrack.solver.levenberg_marquardt import SolverSettings, solve
-from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm, seen_from
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
@@ -111,20 +109,6 @@ def test_a_losses_weight_is_the_slope_of_its_value(loss):
     slope = (loss.value(squared + 1e-6) - loss.value(squared - 1e-6)) / 2e-6
     np.testing.assert_allclose(loss.weight(squared), slope, rtol=1e-6, atol=1e-9)
     assert loss.value(np.zeros(1))[0] == pytest.approx(0.0, abs=1e-15)
-
-
-def test_a_cloud_of_the_model_pulls_it_into_place(rng, model):
-    truth = model.clipped(model.rest_params() + 0.1 * rng.normal(size=len(model.rest_params())))
-    surface = MetaballSurface.of(model)
-    points, _ = sample_surface(surface, model.bones(truth), 5000, rng)
-    points += 0.0003 * rng.normal(size=points.shape)
-    start = truth.copy()
-    start[:3] += [0.003, -0.003, 0.003]
-    start[3:] += np.deg2rad(3) * rng.normal(size=len(truth) - 3)
-    problem = Problem(model, [CloudDistanceTerm(prepare_cloud(points), surface, 0.0005)])
-    found = solve(problem, model.clipped(start), SolverSettings(iterations=20)).params
-    error = model.keypoints21(model.bones(found)) - model.keypoints21(model.bones(truth))
-    assert np.linalg.norm(error, axis=1).mean() < 1.5e-4
 
 
 BOX = np.array([-0.1, -0.1, -0.1]), np.array([0.1, 0.12, 0.15])

@@ -64,17 +64,6 @@ def test_unknown_points_do_not_pull(model, bones, view):
     assert moved == {model.joint_bone[5]}
 
 
-@pytest.mark.parametrize("view", [in_space, in_image])
-def test_derivatives_at_zero(rng, model, view):
-    """The rotation vector's derivative is a limit there; elsewhere: test_derivatives_of_terms."""
-    params = np.zeros(26)
-    bones = model.bones(params)
-    near = model.bones(model.clipped(params + rng.normal(scale=0.03, size=26)))
-    observed = view(model, near)
-    term = KeypointTerm(model, observed, 0.7, geman_mcclure(3.0))
-    check_observation_term(term, bones, model.skeleton.bone_names)
-
-
 def test_the_compiled_sums_are_those_of_the_rows(rng, model, bones):
     """By twists, by fields, and by the points' own velocities."""
     off = model.bones(model.clipped(rng.normal(scale=0.3, size=26)))

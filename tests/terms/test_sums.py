@@ -109,10 +109,8 @@ def test_a_bell_without_correlations_is_the_plain_prior(rng):
 def test_the_posture_prior_at_random_angles(rng, strength):
     model = load_model()
     prior = posture_prior(model, strength)
-    assert prior is not None
     check_parameter_term(prior, rng.normal(size=26), model.parameter_names)
     one = posture_prior(model, 1.0)
-    assert one is not None
     x = rng.normal(size=26)
     assert prior.cost(x) == pytest.approx(strength * one.cost(x))
 
@@ -121,7 +119,6 @@ def test_the_last_joint_is_tied_to_the_middle_one_the_less_the_more_that_bends()
     """A finger's last joint 20° beside two thirds of the middle one, all fingers alike: the more these bend, the less it costs."""
     model = load_model()
     prior = posture_prior(model, 1.0)
-    assert prior is not None
 
     def costs(bent_deg, off_deg):
         evenly = np.zeros(len(model.parameter_names))

@@ -11,7 +11,6 @@ from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame import assessment
 from handtrack.tracking.frame.assessment import (
     assess,
     energy_ratio,
@@ -58,20 +57,6 @@ def shifted(metres):
 @pytest.fixture(scope="module")
 def seen():
     return mask_views(MODEL, POSE, CAMERAS)
-
-
-def test_a_finger_beside_the_mask_is_doubtful_though_the_outlines_overlap(seen, monkeypatch):
-    params = POSE.copy()
-    params[MODEL.skeleton.parameter("index_mcp_flex")] -= 0.5
-    params[MODEL.skeleton.parameter("index_mcp_abd")] += 0.6
-    with monkeypatch.context() as without:
-        without.setattr(assessment, "DOUBTFUL_PART", 0.0)
-        without.setattr(assessment, "DOUBTFUL_PIECE_MM2", np.inf)
-        assert assessed(seen, params)[0] == Status.TRACKED
-    status, note = assessed(seen, params)
-    assert status == Status.DOUBTFUL
-    assert "% of the index " in note
-    assert "outside the silhouette in cam" in note
 
 
 def test_a_forearm_longer_than_the_mask_is_no_lost_part(seen):

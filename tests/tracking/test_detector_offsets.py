@@ -8,7 +8,6 @@ from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
@@ -67,30 +66,6 @@ def test_derivatives_by_pose_size_and_offsets(rng, side):
     assert system.cost == pytest.approx(cost(both))
     names = (*problems[0].model.transform.names, *size.names)
     check_gradient(cost, system.gradient, both, names)
-
-
-def test_offsets_and_size_are_found(rng):
-    problems, poses = frames(rng)
-    scale, _ = fit_size(problems, poses, seen=NAMES)
-    plain, _ = fit_size(problems, poses)
-    for joint, true in OFFSETS.items():
-        assert np.linalg.norm(np.subtract(scale.offsets_mm[joint], true)) < 0.6 * np.linalg.norm(
-            true
-        ), joint
-    assert scale.overall == pytest.approx(1.06, abs=0.03)
-    assert missed(problems, poses, scale) < 0.25 * missed(problems, poses, plain)
-    assert plain.offsets_mm == {}
-
-
-def missed(problems, poses, scale):
-    """Return the mean square of what a person's points miss the pixels by, at the best poses."""
-    size = SizeParameters(problems[0].model, NAMES)
-    model, total = size.rescaled(size.deviations(scale)), 0.0
-    for problem, pose in zip(problems, poses, strict=True):
-        terms = [KeypointTerm(model, t.observed) for t in problem.observation_terms]
-        params = solve(Problem(model, terms, problem.parameter_terms), pose).params
-        total += sum(t.cost(model.bones(params)) for t in terms)
-    return total
 
 
 @pytest.mark.parametrize("lasts", [False, True], ids=["new in each frame", "the same in all"])

@@ -105,7 +105,6 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
     seen = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(behind,))
     bones = BALL.bones(np.array([0.003, -0.004, 0.002, 0.0, 0.1, 0.0]))
     found = see_cloud(seen, BALL, bones, chosen)
-    assert found is not None
     assert found.prepared.count == len(points)  # 10 cm around
     cloud_side, model_side = cloud_terms(found, BALL, chosen, 1.2)
     surface = MetaballSurface.of(BALL, 1e3 * beta, distance)

@@ -9,9 +9,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import ImageKeypoints, Observation, PointCloud
-from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -19,7 +17,7 @@ from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
-from tests.derivatives import check_gradient, check_observation_term
+from tests.derivatives import check_observation_term
 from tests.tracking.test_shared_cameras import FPS, HAND, SIGMA_PX, camera_at
 
 FRAMES = 16
@@ -120,21 +118,6 @@ def test_a_term_at_another_time_has_its_derivatives(rng):
     seen = CloudDistanceTerm(prepare_cloud(points), surface, sigma_m=0.003)
     term = AtOwnTime(seen, BoneMotion.between(here, there))
     check_observation_term(term, here, HAND.skeleton.bone_names)
-
-
-def test_the_gradient_at_another_time_is_the_cost_s(rng):
-    here, there = poses_at(np.array([2.0, 2.5]))
-    motion = BoneMotion.between(HAND.bones(here), HAND.bones(there))
-    camera = camera_at(1)
-    seen = camera.project(points_at(np.array([3.0]))[0])
-    plain = KeypointTerm(HAND, ImageKeypoints(camera, keypoint_names(), seen, SIGMA_PX))
-    term = AtOwnTime(plain, motion)
-    assert term.cost(HAND.bones(here)) == pytest.approx(plain.cost(HAND.bones(there)))
-    problem = Problem(HAND, [term])
-    at = here + 0.02 * rng.normal(size=len(here))
-    check_gradient(
-        problem.cost, problem.linearize(at).gradient, at, HAND.parameter_names, rtol=1e-4
-    )
 
 
 def test_bones_are_carried_as_they_moved(rng):

@@ -6,14 +6,7 @@ from typing import Literal
 import pytest
 
 from handtrack.setting import NotAcceptedError, declared, setting
-from handtrack.tracking.frame.settings import ALIASES, TrackerSettings
-
-CONTRACT = ("silhouettes.term", "silhouettes.weight", "cloud.weight", "cloud.balance", "model.name", "model.coupling",
-            "solver.iterations", "tracker.jumps", "tracker.smoothing")  # fmt: skip
-
-
-def test_the_names_that_scripts_rely_on_exist():
-    assert {ALIASES.get(name, name) for name in CONTRACT} <= set(TrackerSettings().flat())
+from handtrack.tracking.frame.settings import TrackerSettings
 
 
 def test_strings_are_read_as_their_kind():

@@ -91,7 +91,6 @@ def test_a_frames_system_has_the_derivatives_of_its_cost_by_pose_cameras_and_per
 
 def test_a_size_that_was_wrong_is_found_with_the_poses():
     found, frames, truth = _refined()
-    assert found.scale is not None
     model = load_model("hand26", scale=found.scale)
     true = hand_length_mm(load_model("hand26", scale=OTHER))
     std = found.scale.std["length_mm"]
@@ -113,7 +112,6 @@ def test_a_camera_that_is_late_is_put_right_though_the_hand_was_of_another_size(
     assert "cam1" in found.words[0]
     late = {one.name: one.late_frames for one in found.cameras}
     assert late == pytest.approx({"cam0": 0.0, "cam1": 2.0, "cam2": 0.0}, abs=0.1)
-    assert found.scale is not None
     assert found.scale.overall == pytest.approx(1.06, abs=0.01)
 
 

@@ -3,42 +3,20 @@
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale, keypoint_names
+from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
-from handtrack.observation.observation import Keypoints
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure
-from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
-
-TRUTH = HandScale(1.06, {"thumb": 0.95, "ring": 1.03})
-
-
-@pytest.fixture
-def frames(rng):
-    """Joints of a larger hand in three poses, and the mean hand's problems around them."""
-    model, larger = load_model(), load_model(scale=TRUTH)
-    sigma = np.full(26, 0.7)
-    sigma[:6] = np.inf
-    problems, poses = [], []
-    for _ in range(3):
-        pose = larger.clipped(larger.rest_params() + rng.normal(scale=0.2, size=26))
-        points = larger.keypoints21(larger.bones(pose)) + rng.normal(scale=1e-3, size=(21, 3))
-        seen = Keypoints(keypoint_names(), points, 1e-3)
-        prior = GaussianPrior(model.rest, sigma)
-        problems.append(Problem(model, [KeypointTerm(model, seen)], [prior]))
-        poses.append(pose)
-    return problems, poses
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

@@ -35,7 +35,6 @@ def test_scores_of_clouds(rng, places):
     bones = MODEL.bones(PARAMS)
     points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 3000, rng)
     start = cloud_evidence(points, ())
-    assert start is not None
     found = start.scores(SHAPE, TURNS, places)
     every = np.ones(len(SHAPE.points), bool)
     expected = [[cloud_score(start, SHAPE, r, p, every) for p in places] for r in TURNS]
@@ -47,7 +46,6 @@ def test_scores_of_clouds(rng, places):
 def test_scores_of_silhouettes(places):
     seen = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras)
     start = silhouette_evidence(seen.silhouettes)
-    assert start is not None
     found = start.scores(SHAPE, TURNS, places)
     outside, sizes = start._pictures
     samples, begin, areas = start._samples

@@ -49,12 +49,6 @@ def forward():
     return followed()
 
 
-def test_the_hand_is_followed(forward):
-    assert [r.frame for r in forward] == list(range(COUNT))
-    assert {r.status for r in forward} == {Status.TRACKED}
-    assert errors_mm(forward).max() < 0.4  # measured 0.27 mm at 320 × 240
-
-
 def test_no_frame_is_surer_than_an_unsure_start_until_five_have_confirmed_it(forward):
     unsure = replace(TRACKER, start_confidence=0.3)
     results = followed(tracker=unsure)

@@ -1,6 +1,5 @@
 """`handtrack track --init auto`, and first poses as joints in images."""
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -91,18 +90,3 @@ def test_a_start_that_is_not_sure_is_taken_where_the_next_frames_confirm_it(
     ended = handtrack(*asked, "0:5")
     assert ended.code == 0
     assert (read_npz(tmp_path / "poses.npz").status == Status.TRACKED).all()
-
-
-def test_joints_in_images_as_the_first_pose(handtrack, session, tmp_path):
-    opened = Session.open(session)
-    points = opened.truth.keypoints21[0]
-    pixels = {name: opened.rig[name].project(points).tolist() for name in ("cam0", "cam1")}
-    given = {"frame": 0, "convention": "openpose21", "unit": "px", "cameras": pixels}
-    (session / "init.json").write_text(json.dumps(given))
-    ended = handtrack("doctor", session)
-    assert "keypoints in the images of 2 cameras at frame 0" in ended.out
-    out = tmp_path / "poses.npz"
-    ended = handtrack("track", session, "--frames", "0:2", "--out", out)
-    assert ended.code == 0
-    assert "first pose: frame 0, 99 % sure (2 cameras agree on 21 of 21 joints)." in ended.err
-    assert worst_error_mm(out, session) < 1.0

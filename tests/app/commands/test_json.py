@@ -11,8 +11,6 @@ from tests.app.command_line import CommandLine, small_recording
 from tests.conftest import REPOSITORY
 from tests.sample_track import hand_track
 
-SERVERS = {"open", "start", "demo"}
-"""they answer in the browser"""
 SLURM = REPOSITORY / "docs" / "cluster" / "slurm_array.sh"
 
 

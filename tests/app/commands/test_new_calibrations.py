@@ -20,23 +20,6 @@ def videos(tmp_path_factory):
     return [word for name, path in files.items() for word in ("--video", f"{name}={path}")]
 
 
-@pytest.mark.parametrize("form", [*WRITERS])
-def test_a_session_has_the_same_calibration_whatever_it_was_made_from(
-    form, handtrack, videos, tmp_path
-):
-    made = []
-    for name, given in (("a", "anipose"), ("b", form)):
-        paths = WRITERS[given](tmp_path, rig_of_two())
-        words = [
-            w for p in (paths if isinstance(paths, list) else [paths]) for w in ("--calibration", p)
-        ]
-        ended = handtrack("new", "--out", tmp_path / name, *videos, *words, "--yes")
-        assert ended.code == 0, ended.err
-        made.append((tmp_path / name / "calibration.toml").read_bytes())
-        assert (tmp_path / name / "session.toml").read_text().count("world_unit_m = 1.0") == 1
-    assert made[0] == made[1]
-
-
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
     kind, handtrack, videos, tmp_path

@@ -4,8 +4,6 @@ A program edits, undoes, tracks, pauses, saves, is looked at by a second one, an
 there is the history itself. `HANDTRACK_KILLS=300 pytest tests/app/engine/test_kills.py` is the nightly measure.
 """
 
-import errno
-import json
 import os
 import random
 import re
@@ -184,44 +182,3 @@ def test_a1_a3_a4_a5_a6_a7_killed_at_any_moment_no_acknowledged_action_is_lost(
 def strays(folder: Path) -> list[str]:
     names = [p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()]
     return [name for name in names if not OURS.fullmatch(name)]
-
-
-@pytest.mark.parametrize("for_good", [False, True], ids=["one write fails", "the disk is full"])
-def test_a6_a7_a_write_that_fails_at_any_call_loses_nothing(tmp_path, monkeypatch, for_good):
-    monkeypatch.setattr("handtrack.store.lease._runs", lambda _holder: False)
-    really_write, count, fails_at = os.write, [0], [0]
-
-    def write(handle, data):
-        count[0] += 1
-        if count[0] == fails_at[0] or (for_good and count[0] > fails_at[0] > 0):
-            really_write(handle, bytes(data)[: len(data) // 2])
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return really_write(handle, data)
-
-    number = 0
-    while number == 0 or count[0] >= fails_at[0]:
-        number += 1
-        known, folder = Known(), tmp_path / str(number)
-        folder.mkdir()
-        session = Session(folder, lambda *line, known=known: known.hear([*line]), random.Random(3))
-        count[0], fails_at[0] = 0, number
-        with monkeypatch.context() as patch:
-            patch.setattr(os, "write", write)
-            for deed in (session.pose, session.setting, session.track, session.pose,
-                         session.store.undo, session.limits, session.save):  # fmt: skip
-                with suppress(HandtrackError):  # told in words, and never an OSError
-                    deed()
-                if session.store.is_saved:
-                    known.hear(json.loads(json.dumps(
-                        ["saved", session.store.history.last_id, session.store.history.state]
-                    )))  # fmt: skip
-            try:
-                session.store.close()
-            except HandtrackError:
-                assert not session.store.is_saved
-            fails_at[0], reached = 10**9, count[0] >= number
-        known.check(folder)
-        if not reached:
-            break
-        fails_at[0] = number
-    assert number > 10

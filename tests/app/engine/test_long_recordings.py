@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from handtrack.session.session_state import DecidedPose, decide
-from handtrack.store.current_track import CurrentTrack, TakeFrames
+from handtrack.store.current_track import TakeFrames
+from handtrack.store.spans import Span
 from handtrack_app.engine.document_snapshots import (
     timeline_change,
     timeline_snapshot,
@@ -21,7 +22,8 @@ LENGTHS = (100, 2_000)
 def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
     document = fake_document(tmp_path)
     take = TakeFrames(document.model.parameter_names)
-    document.results = CurrentTrack([(document.frames, take)])
+    document.takes.put(1, take)
+    document.apply(decide(spans=(Span(1, 0, len(document.frames)),)))
     strip = timeline_snapshot(document)
     result = document.run._result  # type: ignore[attr-defined]
     document.apply(pose_edit(document, 5, (document.start + 0.01).tolist()))

@@ -28,12 +28,6 @@ def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(shelf, 
     assert working_folder(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
 
 
-def test_a_changed_recording_gets_a_new_copy(shelf):
-    before = working_folder(shelf / "fist")
-    (shelf / "fist" / "session.toml").write_text("[session] # changed")
-    assert working_folder(shelf / "fist") != before
-
-
 def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path):
     bench = Workbench(
         tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.01), demo=True

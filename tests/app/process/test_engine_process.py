@@ -172,25 +172,6 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     assert not any("looked at" in notice.text for notice in page.notices)
 
 
-def test_c40_what_is_on_disk_already_is_not_done_twice(tmp_path, start):
-    """The engine ended after it wrote, and before it could say so."""
-    page = start(tmp_path)
-    engine = page.engine
-    for frame in range(1, 5):
-        engine.engine.set_pose(frame, values_with(0.1 * frame), frame)
-        engine.engine.accept(((frame, frame),))
-    eventually(lambda: page.saved == "saved", "on disk")
-    see, engine._outbox.see = engine._outbox.see, lambda _snapshot: None  # type: ignore[method-assign]
-    before = Store(tmp_path / "tracks").history().last_id
-    engine.engine.undo(9)
-    eventually(lambda: Store(tmp_path / "tracks").history().last_id > before, "the undo is on disk")
-    assert [c.name for c in engine._outbox.edits] == ["undo"]
-    engine._outbox.see = see  # type: ignore[method-assign]
-    page.kill()
-    eventually(lambda: page.saved == "saved" and not engine._outbox.edits, "again")
-    assert state_on_disk(tmp_path)["accepted"] == [[1, 4]], "one step was taken back"
-
-
 def deadly_document(folder: Path) -> Document:
     """A document that ends the engine where a setting is changed."""
     document = fake_document(folder)

@@ -224,7 +224,6 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
         ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
     )
     eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=joints))
-    assert eye is not None
     assert eye.camera is first
     np.testing.assert_allclose(eye.joints, pixels)
 
