@@ -1,27 +1,23 @@
-"""Golden files of every format that is written: python -m tests.golden.files writes them anew.
+"""Golden files of the formats that are text, of a recording and a batch: python -m tests.golden.files writes them anew.
 
 What others' scripts read stays as it is, and what was written once opens for ever; a change of one of these files is a change
-of a promise, told in the changelog. Exports that are text, and all files of a recording and a batch, are kept as they are;
-exports that are no text by what they say (`meaning`).
+of a promise, told in the changelog. Exports that are no text are read by others' programs (tests/export/foreign.py).
 """
 
 from __future__ import annotations
 
-import json
 import shutil
 import tempfile
 from pathlib import Path
 
-from handtrack.export.registry import FORMATS, export_format
+from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.session.formats.tables import write_npz
-from handtrack.simulation.simulate import Simulation, simulate
 from tests.golden import recording
-from tests.golden.meaning import meaning
 from tests.sample_track import hand_track
 
 HERE = Path(__file__).parent
-FOLDER, RECORDING, MEANINGS = HERE / "files", HERE / "recorded", HERE / "meanings.json"
+FOLDER, RECORDING = HERE / "files", HERE / "recorded"
 POSES, POSES_2 = "poses.npz", "poses_2.npz"
 TEXTS = (
     "csv",
@@ -36,9 +32,6 @@ TEXTS = (
     "mediapipe",
     "anipose",
 )
-OTHERS = tuple(
-    known.name for known in FORMATS if known.name not in (*TEXTS, "mano")
-)  # which needs a model of the user's
 FRAMES = 2
 AGAIN = (
     "A promise: others read these files. If it is to change, record them anew with `python -m tests.golden.files`, look at the "
@@ -56,20 +49,6 @@ def written(poses: Path, folder: Path) -> list[Path]:
     return files
 
 
-def exported(name: str, folder: Path) -> object:
-    """Return what an export says that is no text, of the recorded result of format 2."""
-    table = ResultsTable.read(RECORDING / POSES_2, filmed(folder) if name == "mp4" else None)
-    known = export_format(name)
-    (path,) = known.write(folder / f"poses{known.ending}", table)
-    return meaning(path)
-
-
-def filmed(folder: Path) -> Path:
-    """Write a session with masks of the frames that the recorded result has."""
-    what = Simulation(cameras=2, frames=6, motion="still", size=(64, 48), images=False)
-    return simulate(folder / "filmed", what)
-
-
 def main() -> None:
     """Write all of them."""
     for folder in (FOLDER, RECORDING):
@@ -77,16 +56,9 @@ def main() -> None:
         folder.mkdir()
     write_npz(FOLDER / POSES, hand_track(FRAMES))
     recording.written(RECORDING)
-    told: dict[str, object] = {}
-    for name in ("texts", *OTHERS):
-        with tempfile.TemporaryDirectory() as place:
-            if name == "texts":
-                for file in written(FOLDER / POSES, Path(place)):
-                    shutil.copyfile(file, FOLDER / file.name)
-            else:
-                told[name] = exported(name, Path(place))
-    rows = (f"{json.dumps(name)}: {json.dumps(told[name], sort_keys=True)}" for name in OTHERS)
-    MEANINGS.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
+    with tempfile.TemporaryDirectory() as place:
+        for file in written(FOLDER / POSES, Path(place)):
+            shutil.copyfile(file, FOLDER / file.name)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""What a file says, whatever its bytes: texts and numbers by name, for formats that are no text; and how two of them differ."""
+"""What a file says, whatever its bytes: texts and numbers by name; and how two of them differ."""
 
 from __future__ import annotations
 
 import json
 import math
 import re
-import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,30 +22,8 @@ _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 def meaning(path: Path) -> Any:
     """Return what a file says, as JSON has it; of a folder, which is a log, its records."""
-    known = {
-        ".npz": _npz, ".glb": _glb, ".c3d": _c3d, ".mcap": _mcap, ".nc": _netcdf, ".nwb": _nwb, ".mp4": _film, ".zip": _zip, ".pose": _pose, ".html": _page, "": _log,
-    }  # fmt: skip
-    read: Callable[[Path], Any] = known.get(path.suffix, _text)
+    read = {".npz": _npz, ".html": _page, "": _log}.get(path.suffix, _text)
     return json.loads(json.dumps(read(path)).replace(VERSION, "VERSION"))
-
-
-def _zip(path: Path) -> Any:
-    with zipfile.ZipFile(path) as archive:
-        return {name: json.loads(archive.read(name)) for name in archive.namelist()}
-
-
-def _pose(path: Path) -> Any:
-    from pose_format import Pose  # type: ignore[import]
-
-    pose = Pose.read(path.read_bytes())
-    parts = {part.name: part.points for part in pose.header.components}
-    data, sure = pose.body.data.filled(0.0), pose.body.confidence
-    return {
-        "parts": parts,
-        "fps": pose.body.fps,
-        "data": array_told(data),
-        "confidence": array_told(sure),
-    }
 
 
 def differences(before: Any, after: Any, where: str = "") -> Iterator[str]:
@@ -145,98 +122,3 @@ def _log(path: Path) -> list[Any]:
     ]
     assert not damage, damage
     return records
-
-
-def _glb(path: Path) -> dict[str, Any]:
-    data = path.read_bytes()
-    length = int.from_bytes(data[12:16], "little")
-    tree, body = json.loads(data[20 : 20 + length]), data[28 + length :]
-    kinds = {5121: np.uint8, 5125: np.uint32, 5126: np.float32}
-    arrays = []
-    for accessor in tree["accessors"]:
-        view = tree["bufferViews"][accessor["bufferView"]]
-        part = body[view["byteOffset"] : view["byteOffset"] + view["byteLength"]]
-        arrays.append(array_told(np.frombuffer(part, kinds[accessor["componentType"]])))
-    return {"tree": tree, "arrays": arrays}
-
-
-def _c3d(path: Path) -> dict[str, Any]:
-    import ezc3d  # pyright: ignore[reportMissingImports]
-
-    file = ezc3d.c3d(str(path))
-    told = {
-        f"{group}:{name}": array_told(entry["value"])
-        for group, entries in file["parameters"].items()
-        for name, entry in entries.items()
-        if name != "__METADATA__" and group != "EZC3D"
-    }
-    points, residuals = file["data"]["points"], file["data"]["meta_points"]["residuals"]
-    first = int(file["header"]["points"]["first_frame"])
-    return told | {"first": first, "points": array_told(points), "residuals": array_told(residuals)}
-
-
-def _mcap(path: Path) -> list[Any]:
-    from mcap_ros2.reader import read_ros2_messages  # pyright: ignore[reportMissingImports]
-
-    return [
-        [m.schema.name, m.schema.data.decode(), m.channel.topic, m.log_time_ns, _ros(m.ros_msg)]
-        for m in read_ros2_messages(str(path))
-    ]
-
-
-def _ros(message: Any) -> Any:
-    """Return a ROS message as a tree."""
-    if hasattr(message, "__slots__"):
-        return {name: _ros(getattr(message, name)) for name in message.__slots__}
-    return message if isinstance(message, str | int | float) else [_ros(part) for part in message]
-
-
-def _netcdf(path: Path) -> dict[str, Any]:
-    from scipy.io import netcdf_file
-
-    with netcdf_file(path, mmap=False) as file:
-        told = {n: v.decode() if isinstance(v, bytes) else v for n, v in file._attributes.items()}
-        variables = {
-            name: [list(v.dimensions), getattr(v, "units", b"").decode(), array_told(_words(v[:]))]
-            for name, v in file.variables.items()
-        }
-    return {"attributes": {n: array_told(v) for n, v in told.items()}, "variables": variables}
-
-
-def _words(values: Any) -> Any:
-    """Return an array; rows of letters as words."""
-    if values.dtype.kind != "S":
-        return values.copy()
-    return np.array([b"".join(row).decode() for row in values.reshape(-1, values.shape[-1])])
-
-
-def _nwb(path: Path) -> dict[str, Any]:
-    import h5py  # pyright: ignore[reportMissingImports]
-
-    found: dict[str, Any] = {}
-    with h5py.File(path) as file:
-        file.visititems(lambda name, node: found.update({name: _hdf5(node)}))
-    # the writer's own version, when it was written, and what is another one each time
-    stamped = ("specifications", "file_create_date", "identifier", "session_start_time", "timestamps_reference_time")  # fmt: skip
-    return {name: value for name, value in found.items() if not name.startswith(stamped)}
-
-
-def _hdf5(node: Any) -> Any:
-    own = {n: str(v) for n, v in node.attrs.items() if n in ("unit", "neurodata_type", "description")}  # fmt: skip
-    if not hasattr(node, "shape"):
-        return own
-    values = np.asarray(node[()])
-    if values.dtype.kind == "O":
-        values = np.array([str(x) for x in values.ravel()]) if values.dtype.names is None else None
-    return own | ({} if values is None or values.dtype.names else {"data": array_told(values)})
-
-
-def _film(path: Path) -> dict[str, Any]:
-    import cv2
-
-    film = cv2.VideoCapture(str(path))
-    count = 0
-    while film.read()[0]:
-        count += 1
-    size = [int(film.get(k)) for k in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)]
-    return {"frames": count, "size": size, "fps": film.get(cv2.CAP_PROP_FPS)}
