@@ -19,7 +19,7 @@ from handtrack_app.start.start_page import StartPage
 from tests.app.commands.test_new_project import project
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
-from tests.capture.calibration_forms.writers import opencv_files, rig_of_two
+from tests.capture.sample_files import rig_of_two, sample
 from tests.conftest import REPOSITORY
 
 BUNDLED = REPOSITORY / "sessions" / "another_hand"
@@ -58,7 +58,7 @@ def test_videos_are_found_by_the_calibrations_names(folder):
 
 def test_one_opencv_file_a_camera_is_taken_whole(tmp_path, start, monkeypatch):
     rig = rig_of_two()
-    files = opencv_files(tmp_path, rig)
+    files = sample("calibration/opencv_a_file_a_camera", tmp_path)
     video = BUNDLED / "cam0.mp4"
     for name in rig.names:
         shutil.copy(video, tmp_path / f"{name}.mp4")
@@ -154,7 +154,7 @@ def upload(client: WireClient, start: StartPage, path: Path, size: int = 0) -> N
 def test_a_calibration_is_uploaded(start, folder, tmp_path):
     """One file of all cameras, or one after the other of each; the page's own folder goes with it."""
     (folder / "a calibration.toml").rename(tmp_path / "my calibration.toml")
-    files = opencv_files(tmp_path, rig_of_two())
+    files = sample("calibration/opencv_a_file_a_camera", tmp_path)
     start.folder.value = str(folder)
     with WireClient(start.door.url) as client:
         eventually(start.door.server.get_clients, "it came")

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,9 +17,7 @@ from handtrack.capture.joints.read_joints import read_joints
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.formats.given_truth import read_given_truth
-from tests.capture.calibration_forms.writers import WRITERS, kalibr, rig_of_two
-from tests.capture.joints.writers import LIBRARIES, WITH_CONFIDENCE, WITHOUT, hand
-from tests.session.test_truth import WRITERS as TRUTHS
+from tests.capture.sample_files import forms, sample
 
 _TIMES = 30
 _PIECES = [
@@ -82,30 +79,22 @@ def settled(paths: list[Path]) -> CameraRig:
     return given.rig(unit_of(given).unit_m or 1.0)
 
 
+READ: dict[str, Callable[[list[Path]], object]] = {
+    "calibration": settled,
+    "hands": lambda paths: read_joints(str(paths[0]), "it").hand("right", "it"),
+    "bodies": lambda paths: read_joints(str(paths[0]), "it"),
+    "truth": lambda paths: read_given_truth(paths[0], "right"),
+}
+WHOLE = [
+    form for kind in READ for form in forms(kind) if "fisheye" not in form and "inch" not in form
+]
+
+
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-@pytest.mark.parametrize("form", [*WRITERS, "kalibr"])
-def test_a_damaged_calibration(form, tmp_path):
-    rig = CameraRig(
-        tuple(replace(c, distortions=c.distortions * [1, 1, 1, 1, 0]) for c in rig_of_two())
-    )
-    paths = (WRITERS | {"kalibr": kalibr})[form](tmp_path, rig)
-    every = paths if isinstance(paths, list) else [paths]
-    survives(every, lambda: settled(every))
-
-
-@pytest.mark.parametrize("form", [*WITH_CONFIDENCE, *WITHOUT])
-def test_damaged_joints(form, tmp_path):
-    for library in LIBRARIES.get(form, ()):
-        pytest.importorskip(library)
-    points = np.where(np.isnan(hand()), 50.0, hand())
-    path = (WITH_CONFIDENCE | WITHOUT)[form](tmp_path, points)
-    survives([path], lambda: read_joints(str(path), "it").hand("right", "it"))
-
-
-@pytest.mark.parametrize("form", TRUTHS)
-def test_damaged_truth(form, tmp_path):
-    path = TRUTHS[form](tmp_path / f"t.{form}")
-    survives([path], lambda: read_given_truth(path, "right"))
+@pytest.mark.parametrize("form", WHOLE)
+def test_a_damaged_file_is_refused_or_read(form, tmp_path):
+    paths = sample(form, tmp_path)
+    survives(paths, lambda: READ[form.split("/")[0]](paths))
 
 
 MADE = {

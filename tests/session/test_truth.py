@@ -1,7 +1,6 @@
 """Ground truth: our own file, and as motion capture writes it; the same joints in metres, or refused in a sentence."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.formats.given_truth import read_given_truth
 from handtrack.session.formats.given_truth import write_truth as write_given
 from handtrack.session.formats.truth import read_truth
+from tests.capture.sample_files import forms, sample
 from tests.session.small_session import keypoints, write_truth
 
 
@@ -86,71 +86,15 @@ def moving() -> Floats[F, D21, D3]:
     return keypoints() + 0.01 * np.arange(FRAMES)[:, None, None] + [0.1, -0.2, 0.5]
 
 
-def trc(path: Path) -> Path:
-    """In millimetres, counted from 1, with a marker that is no joint."""
-    names = [*JOINTS, "Elbow"]
-    lines = [
-        f"PathFileType\t4\t(X/Y/Z)\t{path.name}",
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"100.00\t100.00\t{FRAMES}\t{len(names)}\tmm\t100.00\t1\t{FRAMES}",
-        "Frame#\tTime\t" + "\t\t\t".join(names) + "\t\t",
-        "\t\t" + "\t".join(f"{axis}{i + 1}" for i in range(len(names)) for axis in "XYZ"),
-        "",
-    ]
-    for i, rows in enumerate(moving()):
-        lines.append("\t".join(map(str, [i + 1, i / 100, *(1000 * rows).ravel(), 1, 2, 3])))
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
-def wide_csv(path: Path, factor: float = 100.0, unit: str = "") -> Path:
-    head = [
-        "frame",
-        "time_s",
-        *(f"R_{name.upper()}_{axis}{unit}" for name in JOINTS for axis in "xyz"),
-    ]
-    rows = [[i, i / 100, *(factor * points).ravel()] for i, points in enumerate(moving())]
-    path.write_text("\n".join(",".join(map(str, row)) for row in [head, *rows]))
-    return path
-
-
-def long_csv(path: Path) -> Path:
-    rows = [[i, name, *moving()[i, k]] for i in range(FRAMES) for k, name in enumerate(JOINTS)]
-    path.write_text(
-        "\n".join(",".join(map(str, row)) for row in [["frame", "joint", "x", "y", "z"], *rows])
-    )
-    return path
-
-
-def c3d_file(path: Path) -> Path:
-    """By ezc3d, which writes what the c3d library reads."""
-    ezc3d = pytest.importorskip("ezc3d")
-    pytest.importorskip("c3d")
-    file = ezc3d.c3d()
-    file["parameters"]["POINT"]["RATE"]["value"] = [100]
-    file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
-    file["parameters"]["POINT"]["LABELS"]["value"] = list(JOINTS)
-    file["data"]["points"] = np.concatenate(
-        [1000 * moving().transpose(2, 1, 0), np.ones((1, 21, FRAMES))]
-    )
-    file.write(str(path))
-    return path
-
-
-WRITERS: dict[str, Callable[[Path], Path]] = {
-    "trc": trc, "cm.csv": wide_csv, "mm.csv": lambda path: wide_csv(path, 1000.0, "_mm"), "long.csv": long_csv, "c3d": c3d_file,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("form", WRITERS)
+@pytest.mark.parametrize("form", [form for form in forms("truth") if "inch" not in form])
 def test_every_form_gives_the_same_joints(form, tmp_path):
-    truth, note = read_given_truth(WRITERS[form](tmp_path / f"truth.{form}"), "right")
+    truth, note = read_given_truth(*sample(form, tmp_path), "right")
     write_given(tmp_path / "truth.npz", truth)
     read = read_truth(tmp_path / "truth.npz")
     np.testing.assert_allclose(read.keypoints21, moving(), rtol=0, atol=1e-7)
     assert read.frame.tolist() == [0, 1, 2]
-    assert (note == "") == (form != "trc")
-    if form in ("trc", "c3d"):
+    assert (note == "") == (form != "truth/trc")
+    if form in ("truth/trc", "truth/c3d"):
         np.testing.assert_allclose(read.time_s, [0, 0.01, 0.02], atol=1e-9)
 
 
@@ -159,12 +103,13 @@ GAPS = [(1, "wrist"), (2, "wrist"), (1, "ring_pip")]
 
 def with_gaps(form: str, path: Path) -> Path:
     """Write the three frames without some points."""
-    if form == "long.csv":
-        lines = long_csv(path).read_text().splitlines()
+    (path,) = sample(f"truth/{form}", path)
+    if form == "long_csv":
+        lines = path.read_text().splitlines()
         gaps = tuple(f"{frame},{name}," for frame, name in GAPS)
         path.write_text("\n".join(line for line in lines if not line.startswith(gaps)))
         return path
-    rows = [line.split("\t") for line in trc(path).read_text().splitlines()]
+    rows = [line.split("\t") for line in path.read_text().splitlines()]
     for frame, name in GAPS:
         at = 2 + 3 * JOINTS.index(name)
         rows[6 + frame][at : at + 3] = ["", "", ""]
@@ -172,9 +117,9 @@ def with_gaps(form: str, path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("form", ["long.csv", "trc"])
+@pytest.mark.parametrize("form", ["long_csv", "trc"])
 def test_a_gap_is_one_points_and_not_the_frames(form, tmp_path):
-    truth, note = read_given_truth(with_gaps(form, tmp_path / f"t.{form}"), "right")
+    truth, note = read_given_truth(with_gaps(form, tmp_path), "right")
     expected = moving()
     for frame, name in GAPS:
         expected[frame, JOINTS.index(name)] = np.nan
@@ -194,9 +139,9 @@ def test_what_is_made_to_do_harm_is_refused(tmp_path):
     with pytest.raises(HandtrackError, match="is not read"):
         read_given_truth(tmp_path / "huge.trc", "right")
     with pytest.raises(HandtrackError, match="span .*which is no hand"):
-        read_given_truth(wide_csv(tmp_path / "inch.csv", 5.0), "right")
+        read_given_truth(*sample("truth/inch_csv", tmp_path), "right")
     with pytest.raises(HandtrackError, match="no left hand; there is a right one"):
-        read_given_truth(wide_csv(tmp_path / "side.csv"), "left")
+        read_given_truth(*sample("truth/cm_csv", tmp_path), "left")
     (tmp_path / "bad.c3d").write_bytes(b"\x02\x50" + bytes(2000))
     with pytest.raises(HandtrackError, match=r"needs c3d|not readable as C3D|announces|frames in"):
         read_given_truth(tmp_path / "bad.c3d", "right")

@@ -302,11 +302,12 @@ def _layout(names: Sequence[str]) -> str | None:
 
 def _columns(rows: list[list[str]], places: Sequence[_Places], where: str) -> Floats[F, N, D3]:
     used = {at for triple in places for at in triple if at is not None}
+    width = max(used) + 1
     every = [
-        [number_in(row[i], where) if i in used and i < len(row) else math.nan for i in range(max(used) + 1)]
+        [number_in(row[i], where) if i in used and i < len(row) else math.nan for i in range(width)]
         for row in rows
-    ]  # fmt: skip
-    return columns_of(np.array(every).reshape(len(rows), -1), places)
+    ]
+    return columns_of(np.reshape(every, (len(rows), width)), places)
 
 
 def columns_of(values: Floats[F, M], places: Sequence[_Places]) -> Floats[F, N, D3]:

@@ -14,8 +14,9 @@ from handtrack.session.formats.truth import read_truth
 from handtrack.session.session import Session
 from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
+from tests.capture.sample_files import sample
 from tests.session.small_session import edit
-from tests.session.test_truth import moving, trc
+from tests.session.test_truth import moving
 
 SOURCE = bundled_session()
 CALIBRATION = SOURCE / "calibration.toml"
@@ -161,7 +162,7 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
 
 def test_new_takes_truth_along(handtrack, tmp_path):
     words = ["--video", f"cam0={SOURCE}/cam0.mp4", "--masks", "none"]
-    truth = trc(tmp_path / "t.trc")
+    (truth,) = sample("truth/trc", tmp_path / "truth")
     assert handtrack(*new(tmp_path / "made", *words, "--truth", truth)).code == 0
     found = read_truth(tmp_path / "made/truth.npz").keypoints21
     np.testing.assert_allclose(found, moving(), atol=1e-7)

@@ -9,7 +9,7 @@ from handtrack.session.session import Session
 from tests.app.command_line import refused
 from tests.app.commands.test_new import video
 from tests.capture.calibration_forms.hostile import HOSTILE
-from tests.capture.calibration_forms.writers import WRITERS, rig_of_two
+from tests.capture.sample_files import rig_of_two, sample
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
 
 def test_four_coefficients_are_taken_where_their_lens_is_said(handtrack, videos, tmp_path):
     rig = rig_of_two()
-    path = WRITERS["json"](tmp_path, rig)
+    (path,) = sample("calibration/json", tmp_path)
     tables = json.loads(path.read_text())
     for table in tables.values():
         table["dist"] = table["dist"][:4]

@@ -7,7 +7,7 @@ import numpy as np
 
 from handtrack.session.session import Session
 from tests.capture.calibration_forms.test_calibration_forms import fisheyes
-from tests.capture.calibration_forms.writers import rig_of_two
+from tests.capture.sample_files import sample
 
 SPOTS = np.array([[0.0, 0.0, 0.5], [0.12, 0.05, 0.5], [-0.2, 0.1, 0.6], [0.05, -0.15, 0.45]])
 
@@ -22,8 +22,7 @@ def taken(table: dict, places: np.ndarray) -> np.ndarray:
 def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them(
     handtrack, tmp_path
 ):
-    tables = fisheyes(rig_of_two())
-    (tmp_path / "rig.json").write_text(json.dumps(tables))
+    tables, (rig,) = fisheyes(), sample("calibration/fisheye_json", tmp_path)
     options = []
     for name, table in tables.items():
         (tmp_path / name).mkdir()
@@ -37,7 +36,7 @@ def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them
         )
         options += ["--images", f"{name}={tmp_path / name}/*.png"]
     made = handtrack(
-        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", tmp_path / "rig.json", "--masks", "none"
+        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", rig, "--masks", "none"
     )  # fmt: skip
     assert made.code == 0, made.err
     session = Session.open(tmp_path / "s")
@@ -60,8 +59,7 @@ def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them
 
 
 def test_joints_of_a_fisheye_choose_its_view(handtrack, tmp_path):
-    tables = fisheyes(rig_of_two())
-    (tmp_path / "rig.json").write_text(json.dumps(tables))
+    tables, (rig,) = fisheyes(), sample("calibration/fisheye_json", tmp_path)
     hand = np.random.default_rng(0).uniform([-0.06, -0.06, 0.48], [0.1, 0.08, 0.56], (21, 3))
     options = []
     for name, table in tables.items():
@@ -73,7 +71,7 @@ def test_joints_of_a_fisheye_choose_its_view(handtrack, tmp_path):
         )
         options += ["--keypoints", f"{name}={tmp_path / name}"]
     made = handtrack(
-        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", tmp_path / "rig.json", "--side", "right"
+        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", rig, "--side", "right"
     )  # fmt: skip
     assert made.code == 0, made.err
     session = Session.open(tmp_path / "s")

@@ -1,6 +1,7 @@
 """`handtrack new` with 2D joints of others: in a session as its own, or refused in one sentence before anything is written."""
 
-from dataclasses import replace
+import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,22 +10,18 @@ import pytest
 from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
-from handtrack.geometry.camera import CameraRig
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
 from tests.app.command_line import refused
-from tests.capture.calibration_forms.writers import WRITERS, rig_of_two
 from tests.capture.joints.hostile import HDF5, HOSTILE
-from tests.capture.joints.writers import WITH_CONFIDENCE, WITHOUT, hand
+from tests.capture.sample_files import hand, rig_of_two, sample
 from tests.session.small_session import keypoints
 
 RIG = ["--calibration", bundled_session() / "calibration.toml", "--fps", 30]
 
 
 def test_a_session_of_joints_alone(handtrack, tmp_path):
-    left, right = (
-        WITH_CONFIDENCE[form](tmp_path, hand()) for form in ("openpose", "deeplabcut csv")
-    )
+    (left,), (right,) = (sample(f"hands/{n}", tmp_path / n) for n in ("openpose", "deeplabcut_csv"))
     ended = handtrack(
         "new", "--out", tmp_path / "made", *RIG, "--keypoints", f"cam0={left}", "--keypoints", f"cam1={right}",
     )  # fmt: skip
@@ -40,7 +37,7 @@ def test_a_session_of_joints_alone(handtrack, tmp_path):
 
 def test_masks_are_made_by_the_joints_of_most_images(handtrack, tmp_path):
     size = Session.open(bundled_session()).rig["cam0"].size
-    joints = WITH_CONFIDENCE["openpose"](tmp_path, hand())
+    (joints,) = sample("hands/openpose", tmp_path / "joints")
     words = ["new", *RIG]
     for number, count in enumerate((6, 7)):  # joints are in 3
         (tmp_path / f"{count}").mkdir()
@@ -62,9 +59,7 @@ def test_masks_are_made_by_the_joints_of_most_images(handtrack, tmp_path):
 
 
 def test_shares_are_of_the_camera_s_image(handtrack, tmp_path):
-    points = hand()
-    points[1, 7] = (50, 60, 1)
-    path = WITHOUT["mediapipe"](tmp_path, points)
+    (path,) = sample("hands/mediapipe", tmp_path)
     words = ["new", "--out", tmp_path / "made", *RIG, "--side", "left"]
     assert handtrack(*words, "--keypoints", f"cam0={path}").code == 0
     session = Session.open(tmp_path / "made")
@@ -74,7 +69,7 @@ def test_shares_are_of_the_camera_s_image(handtrack, tmp_path):
     )
     assert session.rig["cam0"].size == (640, 480)
     seen = session.view("cam0").keypoints(0, 1.0)[0]
-    expected = session.rig["cam0"].undistort_points(points[0, :, :2])
+    expected = session.rig["cam0"].undistort_points(hand()[0, :, :2])
     assert abs(seen.pixels - expected).max() < 1e-3
 
 
@@ -98,14 +93,15 @@ def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
 
 @pytest.mark.parametrize(("form", "factor", "said"), [
     ("json", 100.0, "unit: in its unit, the joints make a hand 1"),
-    ("colmap text", 3.0, "unit: 0.4 m."),
+    ("colmap_text", 3.0, "unit: 0.4 m."),
 ])  # fmt: skip
 def test_joints_tell_the_unit(form, factor, said, handtrack, tmp_path):
     """Of a rig in centimetres, which cameras alone leave open; and of one that has no unit, a proposal that `--yes` takes."""
     rig = rig_of_two()
     hand_m = keypoints() - keypoints().mean(axis=0) + [0.0, 0.0, 0.5]
-    scaled = CameraRig(tuple(replace(c, translation=factor * c.translation) for c in rig))
-    words = ["new", "--fps", 30, "--calibration", WRITERS[form](tmp_path, scaled)]
+    (path,) = sample(f"calibration/{form}", tmp_path)
+    scaled(path, factor)
+    words = ["new", "--fps", 30, "--calibration", path]
     for camera in rig:
         points = np.column_stack([camera.project(hand_m), np.ones(21)])
         folder = tmp_path / camera.name
@@ -119,6 +115,21 @@ def test_joints_tell_the_unit(form, factor, said, handtrack, tmp_path):
 
     wrong = handtrack(*words, "--out", tmp_path / "wrong", "--world-unit-m", 1)
     assert "expected 6 to 25 cm" in wrong.err
+
+
+def scaled(path: Path, factor: float) -> None:
+    """Write another unit of length into a calibration: JSON, or COLMAP's text."""
+    if path.is_file():
+        tables = json.loads(path.read_text())
+        for table in tables.values():
+            table["t"] = [factor * x for x in table["t"]]
+        path.write_text(json.dumps(tables))
+        return
+    rows = [line.split() for line in (path / "images.txt").read_text().splitlines()]
+    for row in rows:
+        if len(row) == 10 and row[0] != "#":
+            row[5:8] = [str(factor * float(x)) for x in row[5:8]]
+    (path / "images.txt").write_text("\n".join(map(" ".join, rows)) + "\n")
 
 
 def test_own_markers_are_refused_with_a_table_that_then_names_them(handtrack, tmp_path):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.capture.calibration_forms.writers import colmap_text, plain_json, rig_of_two
+from tests.capture.sample_files import rig_of_two, sample
 
 _MAT = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
 
@@ -67,7 +67,7 @@ def _nested_cells(folder: Path) -> Path:
 
 def _changed(change: Callable[[dict], None]) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
-        path = plain_json(folder, rig_of_two())
+        (path,) = sample("calibration/json", folder)
         tables = json.loads(path.read_text())
         change(tables)
         path.write_text(json.dumps(tables))
@@ -115,7 +115,7 @@ HOSTILE: dict[str, tuple[Callable[[Path], Path], list[str]]] = {
     "a .mat cut off": (_bytes(_MAT + struct.pack("<II", 14, 4000)), ["not a readable .mat file"]),
     "a .mat of HDF5": (_bytes(b"MATLAB 7.3 MAT-file" + bytes(600)), ["mat-io"]),
     "COLMAP cut off": (_bytes(struct.pack("<Q", 2), "cameras.bin"), ["images.bin: no such file"]),
-    "COLMAP's unit": (lambda f: colmap_text(f, rig_of_two()), ["no unit of length", "--world-unit-m (1 would be usual"]),
+    "COLMAP's unit": (lambda f: sample("calibration/colmap_text", f)[0], ["no unit of length", "--world-unit-m (1 would be usual"]),
     "cv2.fisheye's stereo pair": (_opencv_fisheye, ["fisheye", "--lens"]),
     "coefficients in disorder": (_changed(lambda t: t["cam0"].update(dist=[-0.2, 0.07, 0.3, 0.001, 0])), ["'cam0'", "0.3"]),
     "an unknown lens": (_changed(lambda t: t["cam0"].update(model="double_sphere")), ["'double_sphere' cannot be written"]),

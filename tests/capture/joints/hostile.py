@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.capture.joints.joint_names import JOINTS
-from tests.capture.joints.writers import deeplabcut_h5, hand, sleap_h5
+from tests.capture.sample_files import sample
 
 
 def _text(text: str, name: str = "j.txt") -> Callable[[Path], Path]:
@@ -49,7 +49,7 @@ class _Harm:
 def _pickled(folder: Path) -> Path:
     import h5py  # pyright: ignore[reportMissingImports]
 
-    path = deeplabcut_h5(folder, hand())
+    (path,) = sample("hands/deeplabcut_h5", folder)
     with h5py.File(path, "a") as file:
         file["df_with_missing"].attrs["non_index_axes"] = np.bytes_(
             pickle.dumps([(1, [_Harm()])], protocol=0)
@@ -60,7 +60,7 @@ def _pickled(folder: Path) -> Path:
 def _elsewhere(folder: Path) -> Path:
     import h5py  # pyright: ignore[reportMissingImports]
 
-    path = sleap_h5(folder, hand())
+    (path,) = sample("hands/sleap_h5", folder)
     with h5py.File(path, "a") as file:
         del file["tracks"]
         file.create_dataset("tracks", (1, 2, 21, 3), "f8", external=[("/etc/passwd", 0, 1008)])
@@ -70,7 +70,7 @@ def _elsewhere(folder: Path) -> Path:
 def _immense(folder: Path) -> Path:
     import h5py  # pyright: ignore[reportMissingImports]
 
-    path = sleap_h5(folder, hand())
+    (path,) = sample("hands/sleap_h5", folder)
     with h5py.File(path, "a") as file:
         del file["tracks"]
         file.create_dataset(
@@ -80,7 +80,7 @@ def _immense(folder: Path) -> Path:
 
 
 def _cut_off(folder: Path) -> Path:
-    path = sleap_h5(folder, hand())
+    (path,) = sample("hands/sleap_h5", folder)
     path.write_bytes(path.read_bytes()[:900])
     return path
 

@@ -14,15 +14,24 @@ from handtrack.capture.joints.given_joints import (
 from handtrack.capture.joints.joint_names import known_body_joint
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.capture.joints.subject import BODY, subject_length
-from tests.capture.joints.people import FORMS, FRAMES, SIZE, in_order, names, pixels, places, rig
+from tests.capture.joints.people import (
+    FRAMES,
+    LAYOUTS_OF,
+    OPENPOSE,
+    SIZE,
+    in_order,
+    names,
+    person_in,
+    pixels,
+    places,
+    rig,
+)
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", [*OPENPOSE, *LAYOUTS_OF])
 def test_the_layout_is_recognised_and_points_are_kept(form, tmp_path):
-    if form == "sleap h5":
-        pytest.importorskip("h5py")
-    expected, write = FORMS[form]
-    given = read_joints(str(write(tmp_path)), "it")
+    path, expected = person_in(form, tmp_path)
+    given = read_joints(str(path), "it")
     assert layout_of(given.bodies, None, "it") == expected
     person = people(given.bodies.frames)[0]
     points = {f: in_pixels(p, SIZE) if given.bodies.is_share else p for f, p in person.items()}

@@ -12,7 +12,8 @@ from handtrack.capture.joints.given_joints import in_pixels, write_joints
 from handtrack.capture.joints.joint_names import JOINTS, known_joint
 from handtrack.capture.joints.read_joints import read_joints
 from handtrack.errors import HandtrackError
-from tests.capture.joints.writers import FRAMES, LIBRARIES, SIZE, WITH_CONFIDENCE, WITHOUT, hand
+from tests.capture.joints.people import SIZE
+from tests.capture.sample_files import HAND_FRAMES, forms, hand, sample
 
 
 def written(text: Path, folder: Path) -> tuple[Floats[F, D21, D3], str]:
@@ -22,17 +23,22 @@ def written(text: Path, folder: Path) -> tuple[Floats[F, D21, D3], str]:
     points = {f: in_pixels(h, SIZE) for f, h in frames.items()} if given.is_share else frames
     write_joints(points, f"hand_{side or 'right'}", folder / "joints")
     layout = LAYOUTS[given.layout or f"hand_{side or 'right'}"]
-    read = [read_openpose(folder / f"joints/{i:06d}.json", layout) for i in range(FRAMES)]
+    read = [read_openpose(folder / f"joints/{i:06d}.json", layout) for i in range(HAND_FRAMES)]
     return np.array(read), side
 
 
-@pytest.mark.parametrize("form", WITH_CONFIDENCE)
+WITH_CONFIDENCE = ("openpose", "mmpose", "mmpose_from_one", "coco", "deeplabcut_csv", "deeplabcut_h5", "sleap_h5")  # fmt: skip
+
+
+@pytest.mark.parametrize("form", forms("hands"))
 def test_points_and_confidence_are_kept(form, tmp_path):
-    for library in LIBRARIES.get(form, ()):
-        pytest.importorskip(library)
-    found, side = written(WITH_CONFIDENCE[form](tmp_path, hand()), tmp_path)
-    np.testing.assert_allclose(found, hand(), rtol=0, atol=1e-4)
-    assert side in (("right",) if form not in ("deeplabcut h5", "sleap h5") else ("",))
+    (path,), name = sample(form, tmp_path), form.split("/")[1]
+    found, _ = written(path, tmp_path)
+    expected = hand()
+    if name not in WITH_CONFIDENCE:
+        expected = np.where(np.isnan(expected), 50.0, expected)
+        expected[..., 2] = found[..., 2]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-3)
 
 
 @pytest.mark.parametrize("spelling", [
@@ -53,7 +59,7 @@ def test_usual_names_are_known(spelling):
 
 
 def test_mediapipe_s_sides_are_as_in_a_mirror(tmp_path):
-    path = WITHOUT["mediapipe"](tmp_path, np.where(np.isnan(hand()), 50.0, hand()))
+    (path,) = sample("hands/mediapipe", tmp_path)
     table = json.loads(path.read_text())
     for frame in table:
         frame["handedness"].append([{"category_name": "Right", "score": 0.9}])
