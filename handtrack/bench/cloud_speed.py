@@ -19,20 +19,17 @@ from handtrack.bench.measuring import (
     alone,
     alternating_medians,
     alternating_timings,
-    mean_mm,
     normal_equations,
     ratio_figures,
 )
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
+from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.limited_step_kernels import bounded_step
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
-from handtrack.terms.loss import Loss, geman_mcclure, quadratic, uniform_outliers
 
 POINTS, NOISE_M, SIGMA_M = 10_000, 0.0003, 0.0005
 
@@ -45,17 +42,12 @@ class CloudScene:
     surface: MetaballSurface
     points: Floats[N, D3]
     """world [m]"""
-    truth: Floats[P]
     start: Floats[P]
     """10 mm off, all angles off by 5° (standard deviation), within limits"""
 
 
-def cloud_scene(seed: int, missing: float = 0.0, outliers: float = 0.0) -> CloudScene:
-    """Return a scene of 10,000 points with 0.3 mm noise at a random pose around the relaxed hand (10° an angle).
-
-    missing: share of points taken away at random; outliers: share of the final cloud that lies anywhere within the
-    hand's box, 20 mm wider on each side.
-    """
+def cloud_scene(seed: int) -> CloudScene:
+    """Return a scene of 10,000 points with 0.3 mm noise at a random pose around the relaxed hand (10° an angle)."""
     rng = np.random.default_rng(seed)
     model = load_model("hand26")
     surface = MetaballSurface.of(model)
@@ -68,13 +60,7 @@ def cloud_scene(seed: int, missing: float = 0.0, outliers: float = 0.0) -> Cloud
     start = truth.copy()
     start[:3] += 0.010 * way / np.linalg.norm(way)
     start[3:] += np.deg2rad(5.0) * rng.normal(size=len(truth) - 3)
-    if missing:
-        points = points[rng.random(len(points)) > missing]
-    if outliers:
-        more = round(len(points) * outliers / (1.0 - outliers))
-        low, high = points.min(axis=0) - 0.02, points.max(axis=0) + 0.02
-        points = np.concatenate([points, rng.uniform(low, high, size=(more, 3))])
-    return CloudScene(model, surface, points, truth, model.clipped(start))
+    return CloudScene(model, surface, points, model.clipped(start))
 
 
 def cloud_iteration_vs_blas() -> dict[str, Any]:
@@ -217,53 +203,6 @@ def measure_solve(rounds: int = 5) -> dict[str, Any]:
     }
 
 
-STAGES: tuple[tuple[Loss, float, int, float], ...] = (
-    (uniform_outliers(0.2, 30.0), 0.004, 8, 1.0),
-    (uniform_outliers(0.2, 30.0), 0.001, 6, 0.0),
-    (uniform_outliers(0.2, 60.0), 0.0004, 6, 0.0),
-)
-"""E1's loss, its sigma [m], iterations, E2's weight: 20 iterations from a wide to a narrow class of inliers"""
-
-
-def cloud_recovery(seeds: int = 50) -> dict[str, Any]:
-    """Return the mean joint errors [mm] over seeds after 20 iterations: median, p90, and beside holes and outliers.
-
-    No escape from wrong fingers: p90 is what descent alone reaches.
-    """
-    plain = ((quadratic(), SIGMA_M, 20, 0.0),)
-    runs = {
-        "quadratic": [_recovered(cloud_scene(seed), plain) for seed in range(seeds)],
-        "robust": [_recovered(cloud_scene(seed), STAGES) for seed in range(seeds)],
-        "robust_30_missing_20_outliers": [
-            _recovered(cloud_scene(seed, 0.3, 0.2), STAGES) for seed in range(seeds)
-        ],
-    }
-    figures: dict[str, Any] = {}
-    for name, errors in runs.items():
-        figures[f"{name}_median_mm"] = float(np.median(errors))
-        figures[f"{name}_p90_mm"] = float(np.quantile(errors, 0.9))
-    return figures
-
-
-def _recovered(scene: CloudScene, stages: tuple[tuple[Loss, float, int, float], ...]) -> float:
-    """Return the mean joint error [mm] after the stages."""
-    cloud, params = prepare_cloud(scene.points), scene.start
-    for loss, sigma, iterations, emptiness in stages:
-        terms: list[Any] = [CloudDistanceTerm(cloud, scene.surface, sigma, loss)]
-        if emptiness:
-            mesh = surface_mesh(scene.surface, scene.model.bones(params), 0.005)
-            terms.append(
-                CloudEmptinessTerm.at_start(
-                    scene.points, mesh, weight=emptiness, loss=geman_mcclure(5.0)
-                )
-            )
-        params = solve(
-            Problem(scene.model, terms), params, SolverSettings(iterations=iterations)
-        ).params
-    found, true = (scene.model.keypoints21(scene.model.bones(p)) for p in (params, scene.truth))
-    return mean_mm(found, true)
-
-
 class DenseCloud:
     """E1 as a general solver wants it: residuals (N,) and their Jacobian (N, P) at parameters (P,)."""
 
@@ -299,6 +238,5 @@ if __name__ == "__main__":
         "iteration": measure_iteration,
         "lm_iteration": measure_lm_iteration,
         "solve": measure_solve,
-        "recovery": cloud_recovery,
     }
     print(json.dumps(chosen[sys.argv[1]]()))

@@ -1,4 +1,4 @@
-"""What benchmarks share: recordings, one thread, functions timed in turns, tracking a sequence, joint errors."""
+"""What benchmarks share: recordings, one thread, functions timed in turns."""
 
 from __future__ import annotations
 
@@ -7,23 +7,17 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, Axes, Floats, P
+from handtrack.arrays import Floats
 from handtrack.bench.registry import REPOSITORY
 from handtrack.errors import HandtrackError
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import Observation
 from handtrack.session.session import Session
-from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 _BLAS_ALONE = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB")}
 _ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "HANDTRACK_THREADS": "1"}
@@ -123,27 +117,3 @@ def normal_equations(rows: int, width: int) -> list[Callable[[], Any]]:
         return lambda: (matrix.T @ matrix, matrix.T @ residual)
 
     return [blas(jacobian), blas(np.asfortranarray(jacobian))]
-
-
-def tracked(
-    model: ArticulatedModel,
-    settings: Mapping[str, object] | TrackerSettings,
-    seen: Sequence[Observation],
-    start: Floats[P],
-) -> list[FrameResult]:
-    """Return frames 0, 1, … tracked from solver parameters on, with settings that differ from the defaults."""
-    if not isinstance(settings, TrackerSettings):
-        settings = TrackerSettings().with_values(settings)
-    tracker = Tracker(model, settings)
-    return list(track_frames(tracker, lambda frame, *_: seen[frame], 0, start, range(len(seen))))
-
-
-def mean_mm(found: Floats[*Axes, D3], true: Floats[*Axes, D3]) -> float:
-    """Return the mean distance between points [m], in mm."""
-    return 1e3 * float(np.linalg.norm(found - true, axis=-1).mean())
-
-
-def joint_error_mm(model: ArticulatedModel, params: Floats[P], truth: Floats[P]) -> float:
-    """Return the mean distance of all joints and fingertips between two poses [mm]."""
-    found, true = (model.joint_positions(model.bones(x)) for x in (params, truth))
-    return mean_mm(found, true)

@@ -5,27 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
-from handtrack.tracking.frame.reason import Reason, Status
+from handtrack.tracking.frame.reason import Status
+from handtrack.tracking.frame.result import FrameHead
 
 _JOINED = 5
 """frames without that doubt between two with it that are looked at as one stretch: a fifth of a second at 25 frames a second"""
 _UNKNOWN = 0.5
 """how probably a doubtful frame is off of which no probability is stated, as a body's: as probably as not"""
-
-
-class Judged(Protocol):
-    """A tracked frame as far as it is judged: a FrameResult, or what is known of it without its arrays."""
-
-    @property
-    def frame(self) -> int: ...
-    @property
-    def status(self) -> Status: ...
-    @property
-    def reason(self) -> Reason | None: ...
-    @property
-    def p_off_25mm(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -49,7 +36,7 @@ class Stretch:
         return f"{frames}, {self.brief}"
 
 
-def probability_off(frame: Judged) -> float:
+def probability_off(frame: FrameHead) -> float:
     """Return how probably a joint of a frame is 25 mm off: 1 of a lost hand, as probably as not where nothing is stated."""
     if frame.status == Status.LOST:
         return 1.0
@@ -58,15 +45,15 @@ def probability_off(frame: Judged) -> float:
     return _UNKNOWN if frame.status == Status.DOUBTFUL else 0.0
 
 
-def worth_a_look(frames: Iterable[Judged], done: Container[int] = ()) -> list[Stretch]:
+def worth_a_look(frames: Iterable[FrameHead], done: Container[int] = ()) -> list[Stretch]:
     """Return the stretches of doubtful and lost frames, those first of which most frames are expected to be off.
 
     frames: ascending; done: frames that need no look, being set by hand or accepted. Doubts of different parts make stretches
     of their own, which may overlap; but what is seen in one look is one: a stretch that is no longer than those frames that
     join, beside another within as many, goes with that.
     """
-    open_runs: dict[str, list[Judged]] = {}
-    found: list[list[Judged]] = []
+    open_runs: dict[str, list[FrameHead]] = {}
+    found: list[list[FrameHead]] = []
     for frame in frames:
         if frame.status not in (Status.DOUBTFUL, Status.LOST) or frame.frame in done:
             continue
@@ -81,10 +68,10 @@ def worth_a_look(frames: Iterable[Judged], done: Container[int] = ()) -> list[St
     return sorted(stretches, key=lambda stretch: (-stretch.expected, stretch.first))
 
 
-def _in_one_look(runs: list[list[Judged]]) -> list[list[Judged]]:
+def _in_one_look(runs: list[list[FrameHead]]) -> list[list[FrameHead]]:
     """Return runs with the short ones joined to the longest that lies beside each."""
-    looks: list[list[Judged]] = []
-    near: list[list[Judged]] = []  # that reach as far as where the next begins
+    looks: list[list[FrameHead]] = []
+    near: list[list[FrameHead]] = []  # that reach as far as where the next begins
     for run in sorted(runs, key=lambda run: run[0].frame):
         near = [look for look in near if run[0].frame - look[-1].frame <= _JOINED + 1]
         joined = run
@@ -100,26 +87,26 @@ def _in_one_look(runs: list[list[Judged]]) -> list[list[Judged]]:
     return looks
 
 
-def _length(run: list[Judged]) -> int:
+def _length(run: list[FrameHead]) -> int:
     return run[-1].frame - run[0].frame + 1
 
 
-def _is_short(run: list[Judged]) -> bool:
+def _is_short(run: list[FrameHead]) -> bool:
     return _length(run) <= _JOINED
 
 
-def _doubt_of(frame: Judged) -> str:
+def _doubt_of(frame: FrameHead) -> str:
     """Return what frames of one stretch have in common: a lost hand, a part, a camera, or the kind of doubt."""
     if frame.status == Status.LOST or frame.reason is None:
         return frame.status.name
     return frame.reason.part or (frame.reason.kind + frame.reason.camera)
 
 
-def _named(frame: Judged) -> str:
+def _named(frame: FrameHead) -> str:
     return "" if frame.reason is None else frame.reason.part or frame.reason.camera
 
 
-def _stretch(run: list[Judged]) -> Stretch:
+def _stretch(run: list[FrameHead]) -> Stretch:
     worst = max(run, key=probability_off)
     word = "lost" if worst.status == Status.LOST else "low confidence"
     brief, words = word, word

@@ -9,7 +9,6 @@ import numpy as np
 from handtrack.arrays import D2, D3, C, Floats, N
 from handtrack.geometry.camera import Camera
 
-_ROUNDS = 30  # 99 % of a real hand's joints move by less than 0.2 mm in another 270
 _LEAST_ANGLE = 0.01  # [rad] between lines of sight: of less, noise decides where they meet
 
 
@@ -36,26 +35,6 @@ def triangulated(
     total[narrow] = np.eye(3)
     points = np.linalg.solve(total, np.einsum("cnij,cj->ni", across, centres)[..., None])[..., 0]
     points[narrow] = np.nan
-    return points
-
-
-def robustly_triangulated(
-    cameras: Sequence[Camera], pixels: Floats[C, N, D2], scale_px: float
-) -> Floats[N, D3]:
-    """Return points whose images are nearest to where cameras see them, world [m]; NaN as `triangulated` has it.
-
-    Cauchy's loss of the distances in the images, ½ s² log(1 + (r/s)²) with s = scale_px: beyond that, a camera counts for ever
-    less. Reweighted least squares from the plain solution, where a distance from a line of sight is depth / focal length
-    times that in the image.
-    """
-    points = triangulated(cameras, pixels)
-    focal = np.array([np.sqrt(np.prod(np.diag(camera.matrix)[:2])) for camera in cameras])
-    for _ in range(_ROUNDS):
-        depth = np.stack([camera.to_camera(points)[:, 2] for camera in cameras])
-        missed = missed_px(cameras, pixels, points)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            weights = (focal[:, None] / depth) ** 2 / (1.0 + (missed / scale_px) ** 2)
-        points = triangulated(cameras, pixels, weights=np.nan_to_num(weights, posinf=0.0))
     return points
 
 

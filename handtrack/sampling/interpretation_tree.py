@@ -21,19 +21,6 @@ MOVED_RAD = 0.2
 """an angle by which a flip in depth differs at least from the pose"""
 
 
-@dataclass(frozen=True)
-class TreeSettings:
-    """What becomes of branches that do not work out, and of poses that look the same."""
-
-    failing: str = "prune"
-    """where a ray misses its sphere, a hinge cannot follow or a limit is in the way: `prune` the branch, or go on
-    with what is `nearest` and leave the rest to descent"""
-    solutions: str = "nearest"
-    """of several angles for the same joint positions: `nearest` to the given ones, or `all`"""
-    stretched: str = "keep"
-    """the twist of a stretched limb: `keep` it, or `sample` it within its limits (needs an rng)"""
-
-
 @dataclass(frozen=True, eq=False)
 class InterpretationTree:
     """The leaves of a tree, L poses."""
@@ -44,8 +31,6 @@ class InterpretationTree:
     """(L, links) whether a link's end is at the farther of its two depths, chain after chain"""
     exact: Array[L]
     """whether every joint of the chains is on its viewing ray, within limits"""
-    complete: int
-    """how many sets of joint positions the tree would have, had no branch been pruned: 2^links"""
 
     def __len__(self) -> int:
         return len(self.params)
@@ -57,15 +42,26 @@ def interpretation_tree(
     chains: Sequence[Chain | PreparedChain] | None,
     camera: Camera,
     targets_px: Floats[J, D2] | None = None,
-    settings: TreeSettings = TreeSettings(),
+    take_nearest: bool = False,
     rng: np.random.Generator | None = None,
 ) -> InterpretationTree:
     """Return all poses that differ from `params` by forwards/backwards flips along chains. 2003 paper, §3.
 
     For each link the sphere about its start, as large as the link is long, is pierced by the viewing ray of
-    its end: two depths. Chains that do not carry each other are solved once, and the leaves are all their
-    combinations. chains: all that the model offers, where None. targets_px: where the model's joints are seen
-    (NaN where they are not: there, and by default, the given pose's own projection counts).
+    its end: two depths. Of several angles for the same joint positions the nearest to the given ones count. Chains
+    that do not carry each other are solved once, and the leaves are all their combinations.
+
+    Parameters
+    ----------
+    chains
+        all that the model offers, where None
+    targets_px
+        where the model's joints are seen (NaN where they are not: there, and by default, the given pose's own projection counts)
+    take_nearest
+        where a ray misses its sphere, a hinge cannot follow or a limit is in the way, go on with what is nearest and leave the
+        rest to descent; else the branch ends there
+    rng
+        draws the twist of a stretched limb within its limits; without it the given one stays
     """
     ready = [
         prepare(model, chain) if isinstance(chain, Chain) else chain
@@ -84,7 +80,7 @@ def interpretation_tree(
     for number, chain in enumerate(ready):
         carried = _is_carried(chain, ready[:number])
         given = leaves if carried else joint[None]
-        branches = _chain_leaves(model, chain, given, camera.centre, rays, settings, rng)
+        branches = _chain_leaves(model, chain, given, camera.centre, rays, take_nearest, rng)
         # the branches of one leaf, or of any leaf alike where the chain's base is the same in all of them
         row, branch = branches.source, np.arange(len(branches.source))
         if not carried:
@@ -94,9 +90,7 @@ def interpretation_tree(
         leaves[:, chain.columns[chain.own]] = branches.angles[branch][:, chain.own]
         far = np.concatenate([far[row], branches.choice[branch] > 0], axis=1)
         exact = exact[row] & branches.exact[branch]
-    links = sum(len(chain.reach) for chain in ready)
-    solver = _solver_params(model.transform, leaves, params)
-    return InterpretationTree(solver, far, exact, 2**links)
+    return InterpretationTree(_solver_params(model.transform, leaves, params), far, exact)
 
 
 def chain_flips(
@@ -110,7 +104,7 @@ def chain_flips(
 
     least_rad: by how much some angle of a flip differs at least [rad]; a link that lies across the line of sight has none.
     """
-    tree = interpretation_tree(model, params, [chain], camera, settings=TreeSettings("nearest"))
+    tree = interpretation_tree(model, params, [chain], camera, take_nearest=True)
     moved = np.abs(tree.params - params).max(axis=1) > least_rad
     flips = [model.clipped(leaf) for leaf in tree.params[moved]]
     return np.array(flips).reshape(-1, len(params))
@@ -122,17 +116,14 @@ def _chain_leaves(
     given: Floats,
     centre: Floats,
     rays: Floats,
-    settings: TreeSettings,
+    take_nearest: bool,
     rng: np.random.Generator | None,
 ) -> Branches:
     """Return one chain's branches from joint parameters (N, S)."""
-    nearest = settings.failing == "nearest"
     poses = [bone_poses(model.skeleton, row) for row in given]
     branches = rooted(model, chain, poses, given)
     spare = branches.angles
-    if settings.stretched == "sample":
-        if rng is None:
-            raise HandtrackError("stretched = 'sample': sampling needs a random generator, `rng`.")
+    if rng is not None:
         low, high = np.clip(chain.interval.T, -np.pi, np.pi)
         spare = rng.uniform(low, high, size=spare.shape)
     for link, end in enumerate(chain.end_joints):
@@ -140,19 +131,21 @@ def _chain_leaves(
         count = len(branches.end)
         points = np.empty((count, 2, 3))
         missed = np.empty((count, 2), dtype=np.int8)
-        pierce(branches.end, centre, rays[end], length, points, missed, nearest)
+        pierce(branches.end, centre, rays[end], length, points, missed, take_nearest)
         branches = extended(
-            chain, branches, link, points, missed, np.ascontiguousarray(spare[branches.source]), nearest,
+            chain, branches, link, points, missed, np.ascontiguousarray(spare[branches.source]), take_nearest,
             max(REACHED_M, 1e-7 * length),
         )  # fmt: skip
-    branches = _inside(model, chain, branches, given, nearest)
-    if settings.solutions == "all":
-        return branches
+    branches = _inside(model, chain, branches, given, take_nearest)
     return branches.taken(_closest(branches, given[branches.source][:, chain.columns]))
 
 
 def _inside(
-    model: ArticulatedModel, chain: PreparedChain, branches: Branches, given: Floats, nearest: bool
+    model: ArticulatedModel,
+    chain: PreparedChain,
+    branches: Branches,
+    given: Floats,
+    take_nearest: bool,
 ) -> Branches:
     """Return the branches within those limits too that narrow with another parameter."""
     if not np.isin(chain.columns, model.limits.narrowed).any():
@@ -162,7 +155,7 @@ def _inside(
     low, high = np.moveaxis(bounds_of_many(model.limits, joint)[:, chain.columns], -1, 0)
     moved = np.clip(branches.angles, low, high)
     inside = np.all(np.abs(moved - branches.angles) < REACHED_M, axis=1)
-    if not nearest:
+    if not take_nearest:
         return branches.taken(inside)
     return Branches(
         branches.rotation, branches.end, moved, branches.source, branches.choice, branches.exact & inside

@@ -25,14 +25,6 @@ class PolishSettings:
     """linearisations at most"""
     gradient_tolerance: float = 1e-6
     """stop when the gradient on the free directions, each in its own standard deviations, is shorter than this"""
-    damping: float = 1e-3
-    """first λ, as a share of the Gauss-Newton diagonal"""
-    least_damping: float = 1e-12
-    """λ never falls below this"""
-    step_limit_m: float = 0.3
-    """longest move of a translation in one step"""
-    step_limit_rad: float = 0.5
-    """widest turn of an angle in one step"""
 
 
 @dataclass(frozen=True)
@@ -97,8 +89,7 @@ def polish_problem(
     used = np.zeros(count, dtype=np.int64)
     normal, hessian = np.zeros((count, size, size)), np.zeros((count, size, size))
     polish_all(
-        problem, params, settings.iterations, settings.gradient_tolerance, settings.damping,
-        settings.least_damping, settings.step_limit_m, settings.step_limit_rad,
+        problem, params, settings.iterations, settings.gradient_tolerance,
         cost, norm, used, normal, hessian,
     )  # fmt: skip
     converged = (norm < settings.gradient_tolerance) & np.isfinite(cost)

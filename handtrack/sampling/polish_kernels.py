@@ -21,6 +21,11 @@ from handtrack.solver.limited_step_kernels import (
     new_box,
 )
 
+_DAMPING, _LEAST_DAMPING = (
+    1e-3,
+    1e-12,
+)  # λ at first, and at least, as a share of the Gauss-Newton diagonal
+_LONGEST_M, _WIDEST_RAD = 0.3, 0.5  # of one step
 _REJECTIONS = 20  # trials at one linearisation before giving up
 _STEP = 1e-6  # [m, rad] of central differences
 _SLOW = 8  # linearisations after which parts that collide are worth an exact Hessian …
@@ -55,8 +60,7 @@ def _difference(
 
 @numba.njit(cache=True, nogil=True)
 def polish_all(
-    problem, params, iterations, tolerance, damping, least_damping, limit_m, limit_rad,
-    cost, norm, count_used, normal_out, hessian_out,
+    problem, params, iterations, tolerance, cost, norm, count_used, normal_out, hessian_out,
 ):  # fmt: skip  # pragma: no cover - compiled
     """Polish params (N, P) in place; fill costs, gradient norms, iterations (N,) and matrices (N, P, P).
 
@@ -74,7 +78,7 @@ def polish_all(
         x = params[n]
         clip(limits, x, box)
         now = keypoint_system(problem, x, space, gradient, normal, curvature)
-        level, used = damping, 0
+        level, used = _DAMPING, 0
         while now < np.inf:
             hold(x, gradient, box, held, slope)
             norm[n] = 0.0
@@ -106,7 +110,7 @@ def polish_all(
                     continue
                 longest = 1.0
                 for p in range(size):
-                    most = limit_m if problem.is_metre[p] == 1 else limit_rad
+                    most = _LONGEST_M if problem.is_metre[p] == 1 else _WIDEST_RAD
                     longest = max(longest, abs(step[p]) / most)
                 foretold = 0.0
                 for p in range(size):
@@ -124,7 +128,7 @@ def polish_all(
                     moved = True
                     gain = (now - there) / max(foretold, 1e-300)
                     if small or (gain > 0.75 and not refused):
-                        level = max(0.1 * level, least_damping)
+                        level = max(0.1 * level, _LEAST_DAMPING)
                     elif gain < 0.25:
                         level *= 2.0
                     break

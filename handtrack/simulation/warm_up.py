@@ -6,14 +6,13 @@ import multiprocessing
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 
-import numpy as np
-
 from handtrack.arrays import Floats
+from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import thread_count
-from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
+from handtrack.simulation.render import render
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -56,8 +55,9 @@ def _seen(kind: str, model: ArticulatedModel, pose: Floats) -> Observation:
     if kind == "silhouettes":
         return mask_views(model, pose, cameras)
     if kind == "a point cloud":
-        poses = model.joint_params(pose)[None]
-        return next(depth_views(model, poses, Sensor(_SIZE), np.random.default_rng(0)))
+        depth = render(cameras[0], model.flesh["metaballs"].posed(model.bones(pose)))[1]
+        cloud = depth_cloud(cameras[0], depth)
+        return Observation(0, 0.0, cloud=cloud, cloud_views=(cameras[0].centre[None],))
     if kind == "several hypotheses":  # from one camera, whose depth stays open
         cameras = cameras[:1]
     places = model.joint_positions(model.bones(pose))

@@ -254,7 +254,7 @@ def test_points_project_back_to_their_pixels(distortions):
     seen = camera(distortions)
     depth = np.full((120, 160), 0.5)
     depth[:, :40] = 0
-    cloud = depth_cloud(seen, depth, settings=None)
+    cloud = depth_cloud(seen, depth, settings=DepthSettings(support=0))
     assert len(cloud) == 120 * 120
     assert np.allclose(seen.to_camera(cloud.points)[:, 2], 0.5)
     rows, columns = np.nonzero(depth)
@@ -264,7 +264,7 @@ def test_points_project_back_to_their_pixels(distortions):
 def test_what_is_no_measurement_is_left_out():
     depth = np.full((120, 160), 0.5)
     depth[0, 0], depth[0, 1], depth[0, 2], depth[0, 3] = 0, -1, np.nan, np.inf
-    cloud = depth_cloud(camera(), depth, settings=None)
+    cloud = depth_cloud(camera(), depth, settings=DepthSettings(support=0))
     assert len(cloud) == 120 * 160 - 4
     assert np.isfinite(cloud.points).all()
     assert len(depth_cloud(camera(), np.zeros((120, 160)))) == 0

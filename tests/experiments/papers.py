@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import Floats, N
-from handtrack.bench.measuring import data_folder, mean_mm, recording
+from handtrack.bench.measuring import data_folder, recording
 from handtrack.diagnostics.metrics import evaluate
 from handtrack.errors import HandtrackError
 from handtrack.model.model_file import load_model
@@ -26,6 +26,7 @@ from handtrack.tracking.sequence import track_frames
 from tests.experiments.clouds import poor_clouds
 from tests.experiments.jumps import dance_appearance, minima, real_person
 from tests.experiments.silhouettes import binary_fist, field_recovery
+from tests.experiments.tracked_frames import mean_mm
 
 Figures = dict[str, float | int | str]
 OURS: dict[str, object] = {"tracker.estimate": "forward"}

@@ -9,7 +9,7 @@ from handtrack.model.model_file import load_model
 from handtrack.model.root_turn_kernels import turn_root
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.chains import chains_of
-from handtrack.sampling.diffusion import core_radius, covariance_scaled, projected, spherical
+from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
@@ -326,33 +326,6 @@ def test_gaussian_samples_have_the_covariance(rng, spread, scale):
     np.testing.assert_allclose(
         root @ np.cov(drawn.T) @ root.T, scale**2 * np.eye(5), atol=0.05 * scale**2
     )
-
-
-def test_spherical_samples_are_round_and_of_the_same_volume(rng, spread):
-    drawn = spherical(np.zeros(5), spread, 2.0, 40_000, rng)
-    covariance = np.cov(drawn.T)
-    radius = core_radius(spread)
-    np.testing.assert_allclose(covariance, 4.0 * radius**2 * np.eye(5), atol=0.1 * radius**2)
-    np.testing.assert_allclose(radius**5, np.sqrt(np.linalg.det(spread)))
-    elliptic = np.cov(covariance_scaled(np.zeros(5), spread, 2.0, 40_000, rng).T)
-    np.testing.assert_allclose(np.linalg.det(covariance), np.linalg.det(elliptic), rtol=0.1)
-
-
-def test_heavy_tails(rng, spread):
-    """Along each principal axis a Cauchy distribution: half within one spread, one in sixteen beyond ten."""
-    values, vectors = np.linalg.eigh(spread)
-    for sampler, width in (
-        (covariance_scaled, np.sqrt(values)),
-        (spherical, np.full(5, core_radius(spread))),
-    ):
-        drawn = sampler(np.zeros(5), spread, 3.0, 40_000, rng, "cauchy")
-        along = np.abs(drawn @ (vectors if sampler is covariance_scaled else np.eye(5))) / (
-            3.0 * width
-        )
-        np.testing.assert_allclose((along < 1.0).mean(axis=0), 0.5, atol=0.015)
-        np.testing.assert_allclose(
-            (along > 10.0).mean(axis=0), 1 - 2 / np.pi * np.arctan(10), atol=0.005
-        )
 
 
 @pytest.mark.parametrize("coupling", ["26", "18"])

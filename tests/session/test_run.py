@@ -17,7 +17,6 @@ from handtrack.session.run import TrackingRun, size_of_frames, tracked_for_size,
 from handtrack.session.session import Session
 from handtrack.session.session_file import BODY_TRACKING, CameraSettings
 from handtrack.simulation.motion import motion
-from handtrack.simulation.scenes.simulated_clouds import Sensor, depth_views
 from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_result import posed_result
@@ -27,6 +26,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
+from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
 from tests.tracking.test_shared_cameras import camera_at, waving_poses
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Keypoints
-from handtrack.simulation.scenes.simulated_views import field_views, mask_views
+from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
@@ -14,6 +14,7 @@ from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
 from tests.derivatives import check_problem
+from tests.experiments.scenes.simulated_fields import field_views
 
 # Pixels change hands between ellipsoids: the cost has kinks, so steps are short.
 KINKED = {"step": 1e-9, "rtol": 2e-3}

@@ -10,7 +10,6 @@ from handtrack.model.model_file import load_model
 from handtrack.model.pose_changes import changes
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Observation
-from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
@@ -23,6 +22,7 @@ from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.trellis import Minimum, Trellis
+from tests.experiments.scenes.simulated_clouds import FINE, depth_views
 
 HAND = load_model()
 CAMERAS = simulated_rig(2, (320, 240)).cameras

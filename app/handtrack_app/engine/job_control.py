@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 
 from handtrack.arrays import Floats, S
-from handtrack.diagnostics.review import Judged
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.pins import Pin
@@ -31,7 +30,7 @@ from handtrack.session.track_session import (
 from handtrack.store.spans import Span
 from handtrack.tracking.frame.assessment import OutlineFit, hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
-from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.frame.result import FrameHead, FrameResult, Status
 from handtrack_app.engine import jobs
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
@@ -164,7 +163,7 @@ def one_frame(result: FrameResult, fit: OutlineFit | None) -> Notice:
     )
 
 
-def summary(results: Sequence[Judged], total: int, by_hand: int, seconds: float) -> str:
+def summary(results: Sequence[FrameHead], total: int, by_hand: int, seconds: float) -> str:
     """Return how a run of tracking went, in one sentence or two.
 
     total: frames that were to be tracked. by_hand: frames that stayed as they were given.
@@ -244,7 +243,7 @@ def end_words(
     job: BackgroundJob,
     end: JobEnded,
     document: Document,
-    outcomes: Sequence[Judged],
+    outcomes: Sequence[FrameHead],
     moved: Moved,
     live: LiveControl | None,
 ) -> Notice | None:
@@ -312,7 +311,7 @@ class JobControl:
         self._document, self._store, self._live = document, store, live
         self._publish, self._post, self._watch = publish, post, watch
         self._job: BackgroundJob | None = None
-        self._outcomes: dict[int, Judged] = {}
+        self._outcomes: dict[int, FrameHead] = {}
         """what is told of frames in the end; without their arrays, for there may be many"""
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
         self._moved = Moved()

@@ -56,20 +56,16 @@ def depth_cloud(
     depth_m: Array[H, W],
     mask: Array[H, W] | None = None,
     image: Bytes[H, W, D3] | None = None,
-    settings: DepthSettings | None = DepthSettings(),
+    settings: DepthSettings = DepthSettings(),
 ) -> PointCloud:
     """Return the points of a depth image [m] in the world frame.
 
     Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: only
-    pixels > 0 are used. image: uint8 BGR in the same pixels, for colours. settings:
-    None keeps every measured pixel. Raises HandtrackError when a size differs from the camera's.
+    pixels > 0 are used. image: uint8 BGR in the same pixels, for colours. Raises HandtrackError when a size differs from the camera's.
     """
     width, height = camera.size
     check_shape(depth_m, (height, width), f"depth of camera '{camera.name}'")
-    if settings is None:
-        keep = np.isfinite(depth_m) & (depth_m > 0)
-    else:
-        keep = surface_pixels(depth_m, float(camera.matrix[0, 0]), settings)
+    keep = surface_pixels(depth_m, float(camera.matrix[0, 0]), settings)
     if mask is not None:
         check_shape(mask, (height, width), f"mask of camera '{camera.name}'")
         keep &= mask > 0

@@ -9,7 +9,6 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.simulation.motion_files.bvh import turns_about
 from handtrack.simulation.motion_files.clip import MotionClip
 
 INCH_M = 0.0254
@@ -37,7 +36,7 @@ def read_asf_amc(skeleton: Path, motion: Path, fps: float = FPS) -> MotionClip:
     frames = _frames(motion, bones, skeleton)
     count = len(frames)
     root = np.array([frame["root"] for frame in frames]).reshape(count, 6)
-    rotation = {"root": _turn(np.deg2rad(root[:, 3:]))}
+    rotation = {"root": _turn(root[:, 3:])}
     end = {"root": root[:, :3]}
     for bone in bones.values():
         if bone.name == "root":
@@ -46,18 +45,19 @@ def read_asf_amc(skeleton: Path, motion: Path, fps: float = FPS) -> MotionClip:
         for i, freedom in enumerate(bone.freedoms):
             at = ("rx", "ry", "rz").index(freedom)
             angles[:, at] = [frame[bone.name][i] for frame in frames]
-        c = _turn(np.deg2rad(bone.axis_deg)[None])[0]
-        turn = rotation[bone.parent] @ c @ _turn(np.deg2rad(angles)) @ c.T
+        c = _turn(bone.axis_deg[None])[0]
+        turn = rotation[bone.parent] @ c @ _turn(angles) @ c.T
         rotation[bone.name] = turn
         end[bone.name] = end[bone.parent] + turn @ (bone.direction * bone.length)
     names = tuple(end)
     return MotionClip(names, np.stack([end[name] for name in names], axis=1) * unit, fps)
 
 
-def _turn(angles: Floats) -> Floats:
+def _turn(angles_deg: Floats) -> Floats:
     """Return Rz Ry Rx (F, 3, 3) of angles (F, 3)."""
-    x, y, z = (turns_about(axis, angles[:, axis]) for axis in range(3))
-    return z @ y @ x
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
 
 
 def _read(path: Path, what: str) -> list[str]:

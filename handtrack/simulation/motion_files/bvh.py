@@ -122,27 +122,17 @@ def _motion(lines: list[str], at: int, width: int, path: Path) -> tuple[Floats, 
 
 def _local(joint: BvhJoint, frames: Floats, positions: str) -> tuple[Floats, Floats]:
     """Return rotation (F, 3, 3) and place (F, 3) of a joint in its parent."""
-    turn = np.tile(np.eye(3), (len(frames), 1, 1))
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.identity(len(frames))
     moved = np.zeros((len(frames), 3))
     given = np.zeros(3, bool)
     for c, channel in enumerate(joint.channels):
-        axis = "xyz".index(channel[0])
-        values = frames[:, joint.first + c]
+        axis, values = "xyz".index(channel[0]), frames[:, joint.first + c]
         if channel.endswith("position"):
             moved[:, axis] = values
             given[axis] = True
         else:
-            turn = turn @ turns_about(axis, np.deg2rad(values))
+            turn = turn * Rotation.from_euler(channel[0], values[:, None], degrees=True)
     kept = np.where(given & (positions == "replace"), 0.0, joint.offset)
-    return turn, kept + moved
-
-
-def turns_about(axis: int, angles: Floats[F]) -> Floats[F, D3, D3]:
-    """Return rotations by angles [rad] about x, y or z (0, 1, 2)."""
-    turn = np.zeros((len(angles), 3, 3))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    turn[:, axis, axis] = 1.0
-    turn[:, i, i] = turn[:, j, j] = np.cos(angles)
-    turn[:, j, i] = np.sin(angles)
-    turn[:, i, j] = -np.sin(angles)
-    return turn
+    return turn.as_matrix(), kept + moved

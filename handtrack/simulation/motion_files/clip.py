@@ -1,4 +1,4 @@
-"""MotionClip: joint positions over time, and which of a file's joints are the body model's."""
+"""MotionClip: joint positions over time."""
 
 from __future__ import annotations
 
@@ -40,53 +40,3 @@ class MotionClip:
         share = (at - before)[:, None, None]
         places = (1 - share) * self.positions[before] + share * self.positions[before + 1]
         return MotionClip(self.names, places, fps)
-
-
-def _both_sides(pairs: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    return {
-        f"{side}_{ours}": theirs[i]
-        for i, side in enumerate(("left", "right"))
-        for ours, theirs in pairs.items()
-    }
-
-
-BANDAI_JOINTS: dict[str, str] = {
-    "chest": "Chest",
-    "neck": "Neck",
-    "head": "Head",
-    **_both_sides(
-        {
-            "shoulder": ("UpperArm_L", "UpperArm_R"),
-            "elbow": ("LowerArm_L", "LowerArm_R"),
-            "wrist": ("Hand_L", "Hand_R"),
-            "hip": ("UpperLeg_L", "UpperLeg_R"),
-            "knee": ("LowerLeg_L", "LowerLeg_R"),
-            "ankle": ("Foot_L", "Foot_R"),
-            "toe": ("Toes_L", "Toes_R"),
-        }
-    ),
-}
-"""joints of body34 → those of the Bandai Namco Research motion data"""
-
-CMU_JOINTS: dict[str, str] = {
-    "chest": "upperback",
-    "neck": "lowerneck",
-    "head": "upperneck",
-    **_both_sides(
-        {
-            "shoulder": ("lclavicle", "rclavicle"),
-            "elbow": ("lhumerus", "rhumerus"),
-            "wrist": ("lradius", "rradius"),
-            "hip": ("lhipjoint", "rhipjoint"),
-            "knee": ("lfemur", "rfemur"),
-            "ankle": ("ltibia", "rtibia"),
-            "toe": ("lfoot", "rfoot"),
-        }
-    ),
-}
-"""joints of body34 → bones of the CMU motion capture database whose ends they are"""
-
-CMU_WRIST_JOINTS: dict[str, str] = CMU_JOINTS | _both_sides(
-    {"wrist": ("lwrist", "rwrist"), "hand": ("lfingers", "rfingers")}
-)
-"""the same of body38: a CMU forearm is two bones in line, of which the second only rolls; the wrist bends after it"""

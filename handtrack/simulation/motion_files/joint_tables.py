@@ -14,7 +14,6 @@ from handtrack.capture.joints.joint_names import known_body_joint, known_joint
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_text import read_toml
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.simulation.motion_files.clip import BANDAI_JOINTS, CMU_JOINTS, CMU_WRIST_JOINTS
 
 _LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")
 FEWEST = 6
@@ -32,6 +31,20 @@ def _sided(pattern: str, sides: tuple[str, str], *limbs: str) -> dict[str, str]:
 
 
 _WORDS = ("Left", "Right")
+BANDAI_JOINTS = {"chest": "Chest", "neck": "Neck", "head": "Head"} | _sided(
+    "{j}_{s}", ("L", "R"), "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toes"
+)
+"""joints of body34 → those of the Bandai Namco Research motion data"""
+CMU_JOINTS = {"chest": "upperback", "neck": "lowerneck", "head": "upperneck"} | _sided(
+    "{s}{j}", ("l", "r"), "clavicle", "humerus", "radius", "hipjoint", "femur", "tibia", "foot"
+)
+"""joints of body34 → bones of the CMU motion capture database whose ends they are"""
+CMU_WRIST_JOINTS = CMU_JOINTS | {
+    f"{side}_{ours}": f"{side[0]}{theirs}"
+    for side in ("left", "right")
+    for ours, theirs in (("wrist", "wrist"), ("hand", "fingers"))
+}
+"""the same of body38: a CMU forearm is two bones in line, of which the second only rolls; the wrist bends after it"""
 TABLES: dict[str, dict[str, str]] = {
     "mixamo": {"neck": "Neck", "head": "Head", "head_top": "HeadTop_End"}
     | _sided("{s}{j}", _WORDS, "Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot", "ToeBase"),

@@ -1,4 +1,4 @@
-"""Simulated camera images of a known pose: the 2007 paper's field images, and masks."""
+"""Simulated masks of a known pose."""
 
 from __future__ import annotations
 
@@ -7,30 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from handtrack.arrays import D2, Array, Floats, H, P
-from handtrack.diagnostics.residual_image import field_image, model_mask
+from handtrack.diagnostics.residual_image import model_mask
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation, Silhouette
-from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
-
-
-def field_views(
-    model: ArticulatedModel,
-    params: Floats[P],
-    cameras: Sequence[Camera],
-    depth_scaled: bool = False,
-) -> list[PreparedSilhouette]:
-    """Return each camera's field image of a pose, ready for ConicFieldTerm.
-
-    depth_scaled: the paper's scale 1/C*₃₃ [m⁻²]; otherwise fields are −1 at their centres.
-    """
-    flesh = model.flesh["fine"].posed(model.bones(params))
-    seen = []
-    for camera in cameras:
-        field = field_image(camera, flesh, depth_scaled=depth_scaled)
-        silhouette = Silhouette(camera, (field < 0).astype(np.float32), everything(camera))
-        seen.append(prepare(silhouette, observation=field))
-    return seen
 
 
 def mask_views(

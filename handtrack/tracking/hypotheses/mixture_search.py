@@ -20,7 +20,7 @@ from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import PreparedChain, chain_votes
 from handtrack.sampling.diffusion import covariance_scaled, long_tailed, projected
-from handtrack.sampling.interpretation_tree import TreeSettings, interpretation_tree
+from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.suppression import distinct
 from handtrack.solver.covariance import covariance
 from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
@@ -37,7 +37,6 @@ _COARSE = 10.0  # times sigma
 _MEMORY_FRAMES = 10.0  # over about so many frames a belief remembers, so each counts this share of the static priors
 _LEAVES = 96  # of a tree
 _WEIGHTLESS = np.finfo(float).tiny
-TREE = TreeSettings(failing="nearest", stretched="sample")
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +189,7 @@ class FirstHypotheses(MixtureObjective):
             here, normal = params[row], found[row].normal
             assert normal is not None
             tree = interpretation_tree(
-                self.model, here, self.chains, reference.camera, reference.joints, TREE, self.rng
+                self.model, here, self.chains, reference.camera, reference.joints, True, self.rng
             )
             leaves = tree.params
             if len(leaves) > _LEAVES:
@@ -336,7 +335,7 @@ class NextHypotheses(MixtureObjective):
                 [self.chains[c]],
                 reference.camera,
                 reference.joints,
-                TREE,
+                True,
                 self.rng,
             )
             if len(tree):

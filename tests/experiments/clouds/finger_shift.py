@@ -12,14 +12,12 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Floats, P
-from handtrack.bench.measuring import joint_error_mm
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Observation, PointCloud
-from handtrack.simulation.scenes.simulated_clouds import FINE, depth_views
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
@@ -28,6 +26,8 @@ from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.lost_finger import FingerObjective, with_fingers_found
+from tests.experiments.scenes.simulated_clouds import FINE, depth_views
+from tests.experiments.tracked_frames import joint_error_mm
 
 SEEN = ("cloud", "depth", "silhouettes")
 """points all over the hand; one depth camera's; masks of three cameras"""

@@ -12,12 +12,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from handtrack.arrays import F, Floats, S
-from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
-from handtrack.simulation.scenes.simulated_clouds import FINE, NOISY, Sensor, depth_views
+from tests.experiments.scenes.simulated_clouds import FINE, NOISY, Sensor, depth_views
+from tests.experiments.tracked_frames import mean_mm, tracked
 
 PERSON = {"index": 1.0, "middle": -0.1, "ring": 0.8, "little": 1.5}
 """the constants of the person who moves; not the usual ones"""

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import F, Floats, S
-from handtrack.bench.measuring import tracked
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
-from handtrack.simulation.scenes.simulated_clouds import DIGICLOPS, Sensor, depth_views
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.initialize import carried_over
+from tests.experiments.scenes.simulated_clouds import DIGICLOPS, Sensor, depth_views
+from tests.experiments.tracked_frames import tracked
 
 ModeSearch = Mapping[str, tuple[str, dict[str, Any]]]
 WAYS: ModeSearch = {

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import F, Floats, S
-from handtrack.bench.measuring import mean_mm
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
@@ -20,6 +19,7 @@ from handtrack.session.session import Session
 from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement
+from tests.experiments.tracked_frames import mean_mm
 
 FPS, SCAN_S, FIST_S = 10.0, 5.0, 3.0
 _SCAN = ("open", "curl", "open", "pinch", "fist", "open")

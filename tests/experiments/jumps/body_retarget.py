@@ -15,7 +15,8 @@ from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.simulation.motion_files.asf_amc import read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.clip import BANDAI_JOINTS, CMU_JOINTS, MotionClip
+from handtrack.simulation.motion_files.clip import MotionClip
+from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget, retarget_errors
 
 _MM = 1e3

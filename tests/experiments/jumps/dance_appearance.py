@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import D3, Array, F, Floats, H, P, W
-from handtrack.bench.measuring import data_folder, mean_mm, tracked
+from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -19,11 +19,12 @@ from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageKeypoints, ImageView, Observation
 from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
+from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.terms.images.depth_picture import depth_picture
 from handtrack.tracking.frame.result import FrameResult
 from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
+from tests.experiments.tracked_frames import mean_mm, tracked
 
 FPS, FRAMES = 25.0, 100
 CLIP = "bandai_body_motion/dance-short_frames_0300-0899.bvh"

@@ -16,7 +16,6 @@ from handtrack.observation.observation import Keypoints
 from handtrack.sampling.chains import PreparedChain
 from handtrack.sampling.interpretation_tree import (
     InterpretationTree,
-    TreeSettings,
     interpretation_tree,
 )
 from handtrack.sampling.keypoint_problem import keypoint_problem
@@ -71,9 +70,8 @@ def fitted_leaves(scene: JumpScene, chain: PreparedChain) -> Floats[M, P]:
 
 
 def _leaves(scene: JumpScene, chain: PreparedChain, failing: str) -> InterpretationTree:
-    settings = TreeSettings(failing=failing)
     return interpretation_tree(
-        scene.model, scene.start, [chain], scene.camera, scene.targets, settings
+        scene.model, scene.start, [chain], scene.camera, scene.targets, failing == "nearest"
     )
 
 

@@ -7,13 +7,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from handtrack.arrays import Array, Floats, M, N, P
 from handtrack.bench.measuring import alone
-from handtrack.sampling.diffusion import Tails, covariance_scaled, projected, spherical
+from handtrack.sampling.diffusion import projected
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.polish import Polished
@@ -27,12 +27,49 @@ from handtrack.simulation.scenes.jump_scene import (
     jump_scene,
 )
 
+Tails = Literal["gaussian", "cauchy"]
 SAMPLES, POSES = 2000, 100
 SCALES: tuple[tuple[float, Tails], ...] = (
     (1.0, "gaussian"), (4.0, "gaussian"), (8.0, "gaussian"), (16.0, "gaussian"), (1.0, "cauchy"),
 )  # fmt: skip
 EVERYTHING = ("neck", *LIMBS)
 GOOD_SIGMAS = 3.0
+
+
+def covariance_scaled(
+    mean: Floats[P],
+    covariance: Floats[P, P],
+    scale: float,
+    count: int,
+    rng: np.random.Generator,
+    tails: Tails,
+) -> Floats[N, P]:
+    """Return `diffusion.covariance_scaled`, or with Cauchy's tails along each principal axis."""
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    spread = vectors * np.sqrt(np.maximum(values, 0.0))
+    return mean + scale * _unit(len(mean), count, rng, tails) @ spread.T
+
+
+def spherical(
+    mean: Floats[P],
+    covariance: Floats[P, P],
+    scale: float,
+    count: int,
+    rng: np.random.Generator,
+    tails: Tails,
+) -> Floats[N, P]:
+    """Return samples = mean + scale · r z: what knows nothing of the cost but how large its core is.
+
+    r = (λ₁ … λ_P)^(1/2P): sphere and covariance ellipsoid have the same volume, as in the 2003 paper, §5.1.
+    """
+    radius = np.exp(0.5 * np.linalg.slogdet(covariance)[1] / len(covariance))
+    return mean + scale * radius * _unit(len(mean), count, rng, tails)
+
+
+def _unit(size: int, count: int, rng: np.random.Generator, tails: Tails) -> Floats[N, P]:
+    if tails == "cauchy":
+        return rng.standard_cauchy(size=(count, size))
+    return rng.normal(size=(count, size))
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,19 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D2, D3, Axes, F, Floats, J, P
-from handtrack.bench.measuring import data_folder, mean_mm
+from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.clip import BANDAI_JOINTS
+from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
+from tests.experiments.tracked_frames import mean_mm
 
 FPS, FRAMES = 25.0, 100
 CLIP = "bandai_body_motion/dance-short_frames_0300-0899.bvh"

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, J, S
-from handtrack.bench.measuring import tracked
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
@@ -20,6 +19,7 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
+from tests.experiments.tracked_frames import tracked
 
 FRAMES = 100
 FIST = range(40, 60)

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import F, Floats, P, S
-from handtrack.bench.measuring import joint_error_mm
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.motion import motion
-from handtrack.simulation.scenes.simulated_views import field_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
+from tests.experiments.scenes.simulated_fields import field_views
+from tests.experiments.tracked_frames import joint_error_mm
 
 START_M, START_RAD = 0.005, np.deg2rad(3.0)
 ITERATIONS = 20

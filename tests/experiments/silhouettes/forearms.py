@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, D21, F, Floats
-from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
@@ -24,6 +23,7 @@ from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.search.initialize import fit_keypoints, fit_scale
+from tests.experiments.tracked_frames import mean_mm, tracked
 
 ARMS: dict[str, tuple[float, float]] = {
     "none": (0.0, 1.0),

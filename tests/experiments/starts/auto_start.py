@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.bench.measuring import mean_mm, recording
+from handtrack.bench.measuring import recording
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from tests.experiments.tracked_frames import mean_mm
 
 FRAMES: dict[str, Sequence[int]] = {
     "webxr_open_close_3cam": (0, 9, 18, 27, 45, 54, 63, 72, 81, 99),

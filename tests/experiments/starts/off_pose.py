@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack.arrays import F, Floats, P
-from handtrack.bench.measuring import joint_error_mm, tracked
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
@@ -23,6 +22,7 @@ from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import refine_recording
 from handtrack.tracking.tracker import Tracker
+from tests.experiments.tracked_frames import joint_error_mm, tracked
 
 CAMERAS, FRAMES, OFF_FRAME, SEEDS = 3, 7, 3, 200
 OFF_RAD, OFF_M, RIGHT_MM = np.deg2rad(10.0), 0.010, 5.0

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Floats, K
-from handtrack.bench.measuring import mean_mm, tracked
 from handtrack.model.articulated import FINGERS, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
+from tests.experiments.tracked_frames import mean_mm, tracked
 
 SEEN_BEFORE, BLANK, SEEN_AFTER = 8, 10, 6
 CAMERAS, BACK_MM = 3, 15.0

@@ -9,12 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.bench.measuring import mean_mm
 from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.start_confidence import BASIN_M
 from tests.experiments.scenes.start_frames import KINDS, start_frame
+from tests.experiments.tracked_frames import mean_mm
 
 FRAMES, SEED = 168, 88000
 BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
