@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from handtrack.arrays import evenly_spread
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Silhouette
@@ -49,9 +50,8 @@ def mean_overlap(
     """Return how well a track covers the masks: intersection over union, the mean of cameras and of frames, at most 50 that
     are evenly spread. seen: the silhouettes of a frame. None where there are none.
     """
-    chosen = sorted({round(at) for at in np.linspace(0, len(frames) - 1, _LOOKED_AT)})
     found = []
-    for result in (frames[index] for index in chosen):
+    for result in (frames[index] for index in evenly_spread(len(frames), _LOOKED_AT)):
         bones = model.bones(model.transform.solver_params(result.parameters))
         found += outline_overlap(seen(result.frame), model.flesh["fine"], bones).iou.tolist()
     return float(np.mean(found)) if found else None

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import D3, D4, D6, Axes, B, F, Floats, Ints, K, S
-from handtrack.geometry.rotation import euler_angles, rotation_matrix
+from handtrack.geometry.rotation import euler_angles
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 
@@ -131,7 +131,6 @@ def _slopes(own: _Joints, bones: BonePoses, twists: Floats[B, D6, S]) -> Floats[
 
 def _turned(angles: Floats[K, D3]) -> Floats[K, D3, D3]:
     """Return Rz(α) Rx(β) Ry(γ) [rad]."""
-    z, x, y = (
-        rotation_matrix(angles[:, [k]] * axis) for k, axis in enumerate(np.eye(3)[[2, 0, 1]])
-    )
-    return z @ x @ y
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler("ZXY", angles).as_matrix()

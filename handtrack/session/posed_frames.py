@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from handtrack.arrays import Floats, S
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.observation.observation import Observation
 from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import SessionState, marked_frames, readable
 from handtrack.store.store import Store
+from handtrack.tracking.frame.doubt.judgement import Judgement
+from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 
 
@@ -80,17 +85,6 @@ def _tracked(
 def keyframe_result(run: TrackingRun, frame: int, joint_params: Floats[S]) -> FrameResult:
     """Return a frame as a person posed it; nothing is known of its uncertainty."""
     model, values = run.model, np.asarray(joint_params, dtype=float)
-    bones = model.bones(model.transform.solver_params(values))
-    return FrameResult(
-        frame=frame,
-        time_s=float(run.session.time_s(frame)),
-        parameters=values,
-        status=Status.KEYFRAME,
-        energy=float("nan"),
-        iterations=0,
-        parameter_std=np.full(len(values), np.inf),
-        joint_covariance=np.tile(np.eye(3), (len(model.joint_names), 1, 1)),
-        T_world_bone=bones.T_world_bone,
-        joint_positions=model.joint_positions(bones),
-        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
-    )
+    params = model.transform.solver_params(values)
+    seen = Observation(frame, float(run.session.time_s(frame)))
+    return replace(posed_result(model, seen, params, Judgement(Status.KEYFRAME)), parameters=values)

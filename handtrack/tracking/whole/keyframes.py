@@ -7,8 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, P
-from handtrack.model.articulated import ArticulatedModel
+from handtrack.arrays import Floats, P
 from handtrack.model.pose_changes import changes, moved
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.control import Control
@@ -17,7 +16,7 @@ from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.whole.evidence import Evidence, Recording, frame_seconds
-from handtrack.tracking.whole.mode_search import APART_M
+from handtrack.tracking.whole.mode_search import APART_M, largest_move_m
 
 _REACH = 50
 """frames on either side that a correction may change"""
@@ -109,7 +108,7 @@ def _followed(
         # without the correction, too: a pose by all frames is not what one alone would have
         without, there = settled(n, before), settled(n, after)
         cost = evidence.of(n).problem.cost
-        same = _largest_m(model, without, there) < APART_M
+        same = largest_move_m(model, without, there) < APART_M
         worse = same or cost(there) > cost(without) + _TELLS
         return np.zeros_like(before) if worse else changes(np.array([without, there]))[0]
 
@@ -149,14 +148,7 @@ def _followed(
             if worse <= against:
                 break
             step = step * (against / worse) ** 0.5
-        if _largest_m(model, before, there) < _MERGED_M:
+        if largest_move_m(model, before, there) < _MERGED_M:
             break
         found[beside] = there
     return found
-
-
-def _largest_m(model: ArticulatedModel, one: Floats[P], other: Floats[P]) -> float:
-    """Return how far the joint that moves most moves between two poses."""
-    places: Floats[F, P] = np.array([one, other])
-    before, after = (model.joint_positions(model.bones(pose)) for pose in places)
-    return float(np.linalg.norm(after - before, axis=1).max())

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from handtrack.arrays import Array, F, Floats, P
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_changes import changes, moved
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.assessment import assess, energy_ratio
@@ -219,14 +220,8 @@ class ModeSearch:
     def _known(self, n: int, pose: Floats[P]) -> Minimum | None:
         """Return the nearest of a frame's minima that a pose is one with."""
         seen = [one for one in self.minima[n] if one.origin != "bridged"]
-        far = [self.differ_m(one.pose, pose) for one in seen]
+        far = [largest_move_m(self.evidence.model, one.pose, pose) for one in seen]
         return seen[int(np.argmin(far))] if far and min(far) < APART_M else None
-
-    def differ_m(self, one: Floats[P], other: Floats[P]) -> float:
-        """Return by how much the joint that differs most does [m]."""
-        model = self.evidence.model
-        a, b = (model.joint_positions(model.bones(pose)) for pose in (one, other))
-        return float(np.linalg.norm(a - b, axis=1).max())
 
     def _try_fingers(self, n: int) -> None:
         """Put fingers elsewhere in a frame, and carry on what fits."""
@@ -248,6 +243,12 @@ class ModeSearch:
             if self._add(n, found):
                 for towards in (-1, 1):
                     self._carry(n, towards, found.pose, np.zeros_like(found.pose))
+
+
+def largest_move_m(model: ArticulatedModel, one: Floats[P], other: Floats[P]) -> float:
+    """Return by how much the joint that moves most between two poses moves [m]."""
+    a, b = (model.joint_positions(model.bones(pose)) for pose in (one, other))
+    return float(np.linalg.norm(a - b, axis=1).max())
 
 
 def _spread(wanted: Array[F]) -> list[int]:

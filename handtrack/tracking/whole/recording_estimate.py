@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, F, Floats, K, P
+from handtrack.arrays import D3, Array, C, F, Floats, K, P, evenly_spread
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.observation.observation import ImageKeypoints, Observation
@@ -351,7 +351,7 @@ def _samples(evidence: Evidence, posed: Sequence[int]) -> list[tuple[Observation
     if evidence.settings.looks_at_images:
         return []
     found = []
-    for k in np.unique(np.linspace(0, len(posed) - 1, _SAMPLES).round().astype(int)):
+    for k in evenly_spread(len(posed), _SAMPLES):
         bones = evidence.model.bones(evidence.around[posed[k]])
         found.append((evidence.observe(posed[k], bones), bones.position.mean(axis=0)))
     return found
