@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import viser
@@ -66,9 +67,9 @@ class Help:
 
     def __post_init__(self) -> None:
         key = self.page.key
-        key("Help: all keys", "H", self.show, "shift")
-        key("Tour: five things to do", None, self.tour)
-        key("Close the dialog, or leave the camera", "escape", self.escape)
+        key("Help: all keys", "H", self.show, "shift", by_page=True)
+        key("Tour: five things to do", None, self.tour, by_page=True)
+        key("Close the dialog, or leave the camera", "escape", self.escape, by_page=True)
 
     def escape(self, client: viser.ClientHandle) -> None:
         """Close the dialog; where none is open, leave the camera that is looked through."""
@@ -138,7 +139,7 @@ class Help:
 
 
 _TEN = 10
-_Entry = tuple[str, str | None, "KeyModifier | None", Callable[[viser.ClientHandle], object]]
+_Entry = tuple[str, str | None, "KeyModifier | None", Callable[[], object]]
 
 
 def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
@@ -146,50 +147,52 @@ def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
     state = page.state
 
     entries: list[_Entry] = [
-        ("Undo", "Z", "cmd/ctrl", lambda _: page.travel(back=True)),
-        ("Redo", "Z", "cmd/ctrl+shift", lambda _: page.travel(back=False)),
-        ("Redo", "Y", "cmd/ctrl", lambda _: page.travel(back=False)),
-        ("Before/after: the pose before the last step", "tab", None, lambda _: page.flip()),
-        ("Play or pause", "space", None, lambda _: page.play(not state.playing)),
-        ("Next frame", "arrowright", None, lambda _: page.go_to(state.frame + 1)),
-        ("Previous frame", "arrowleft", None, lambda _: page.go_to(state.frame - 1)),
+        ("Undo", "Z", "cmd/ctrl", partial(page.travel, back=True)),
+        ("Redo", "Z", "cmd/ctrl+shift", partial(page.travel, back=False)),
+        ("Redo", "Y", "cmd/ctrl", partial(page.travel, back=False)),
+        ("Before/after: the pose before the last step", "tab", None, page.flip),
+        ("Play or pause", "space", None, lambda: page.play(not state.playing)),
+        ("Next frame", "arrowright", None, lambda: page.go_to(state.frame + 1)),
+        ("Previous frame", "arrowleft", None, lambda: page.go_to(state.frame - 1)),
         (
             "Hide or show the model",
             "H",
             None,
-            lambda _: page.draw("hidden", not state.display.hidden),
+            lambda: page.draw("hidden", not state.display.hidden),
         ),
-        ("Ten frames on", "arrowright", "shift", lambda _: page.go_to(state.frame + _TEN)),
-        ("Ten frames back", "arrowleft", "shift", lambda _: page.go_to(state.frame - _TEN)),
-        ("First frame", "home", None, lambda _: page.go_to(state.start)),
-        ("Last frame", "end", None, lambda _: page.go_to(state.stop - 1)),
-        ("Next low confidence or lost", "N", "shift", lambda _: tracking.go_to_odd()),
+        ("Ten frames on", "arrowright", "shift", lambda: page.go_to(state.frame + _TEN)),
+        ("Ten frames back", "arrowleft", "shift", lambda: page.go_to(state.frame - _TEN)),
+        ("First frame", "home", None, lambda: page.go_to(state.start)),
+        ("Last frame", "end", None, lambda: page.go_to(state.stop - 1)),
+        ("Next low confidence or lost", "N", "shift", tracking.go_to_odd),
         (
             "Keep this pose: a keyframe",
             "M",
             None,
-            lambda _: page.engine.take_pose(state.frame, "shown", state.begin_edit()),
+            lambda: page.engine.take_pose(state.frame, "shown", state.begin_edit()),
         ),
         (
             "No keyframe here: the tracked pose",
             "M",
             "shift",
-            lambda _: page.engine.forget_pose(state.frame, state.begin_edit()),
+            lambda: page.engine.forget_pose(state.frame, state.begin_edit()),
         ),
-        ("Track: from here on", "T", "shift", lambda _: tracking.start("forward ▶")),
-        ("Track: from here back", "B", "shift", lambda _: tracking.start("◀ backward")),
-        ("Track: all frames", None, None, lambda _: tracking.start("all")),
-        ("Track: pause, and go on", "P", "shift", lambda _: tracking.pause_or_go_on()),
-        ("Track: cancel", "C", "shift", lambda _: page.engine.cancel()),
-        ("Refine all frames together", "R", "shift", lambda _: page.engine.refine()),
-        ("Save the track", "V", "shift", lambda _: page.engine.save_track()),
-        ("Save this pose as the first frame's", None, None, lambda _: page.engine.save_pose()),
-        ("Export angles and positions (CSV)", "O", "shift", _export(page, "csv")),
-        ("Export everything (NPZ)", None, None, _export(page, "npz")),
+        ("Track: from here on", "T", "shift", partial(tracking.start, "forward ▶")),
+        ("Track: from here back", "B", "shift", partial(tracking.start, "◀ backward")),
+        ("Track: all frames", None, None, partial(tracking.start, "all")),
+        ("Track: pause, and go on", "P", "shift", tracking.pause_or_go_on),
+        ("Track: cancel", "C", "shift", page.engine.cancel),
+        ("Refine all frames together", "R", "shift", page.engine.refine),
+        ("Save the track", "V", "shift", page.engine.save_track),
+        ("Save this pose as the first frame's", None, None, page.engine.save_pose),
     ]
     for words, key, modifier, act in entries:
         page.key(words, key, act, modifier)
 
+    def export(kind: str, client: viser.ClientHandle) -> None:
+        page.engine.export(kind, client.client_id)
 
-def _export(page: Page, kind: str) -> Callable[[viser.ClientHandle], None]:
-    return lambda client: page.engine.export(kind, client.client_id)
+    page.key(
+        "Export angles and positions (CSV)", "O", partial(export, "csv"), "shift", by_page=True
+    )
+    page.key("Export everything (NPZ)", None, partial(export, "npz"), by_page=True)

@@ -124,8 +124,6 @@ div:has(> .handtrack-next) + div .mantine-Button-root { display: inline-block !i
 .handtrack-bar { height: 5px; border-radius: 3px; background: rgba(128, 128, 128, .3); margin: .35em 0; }
 .handtrack-bar > div { height: 100%; border-radius: 3px; background: #009e73; }
 .mantine-Paper-root[style*="position: absolute"]:has(.handtrack-picture) { width: calc(100vw - 320px) !important; }
-/* in a narrow window the panel lies over the scene; a key hides it */
-@media (max-width: 1100px) { div[style*="position: absolute; inset:"]:has(canvas[data-engine]) { right: 0 !important; } }
 /* the rail: an icon over its name, five side by side */
 div:has(> .handtrack-rail) + div [role="tablist"] { flex-wrap: nowrap !important; background-image: none !important;
   border-bottom: 1px solid rgba(128, 128, 128, .3); }
@@ -182,6 +180,12 @@ body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([dat
 .handtrack-row { display: flex; gap: .8em; justify-content: space-between; }
 .handtrack-row > b { text-align: right; font-variant-numeric: tabular-nums; }
 .handtrack-chip { display: inline-block; width: .7em; height: .7em; border-radius: 2px; margin-right: .4em; }
+/* in a low window, as of 150 %, the tabs need the room: the session's counts go, and the numbers share a line */
+@media (max-height: 640px) {
+  .handtrack-counts { display: none; }
+  .handtrack-score > .handtrack-row { display: inline-flex; gap: .35em; margin-right: .8em; }
+  .handtrack-why { overflow: hidden; white-space: nowrap; text-overflow: ellipsis; }
+}
 .handtrack-table { width: 100%; padding: .2em .9em; font-size: 13px; line-height: 1.4; }
 [data-mantine-color-scheme="light"] .handtrack-warning { color: #a14a00; }
 /* the start page: the button of a card lies over it */

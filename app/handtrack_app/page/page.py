@@ -381,10 +381,10 @@ class Page:
         self.own_widgets[internals.id_of(widget)] = call
 
     def key(
-        self, words: str, key: str | None, act: Callable[[viser.ClientHandle], object],
-        modifier: KeyModifier | None = None,
+        self, words: str, key: str | None, act: Callable[..., object], modifier: KeyModifier | None = None,
+        by_page: bool = False,
     ) -> None:  # fmt: skip
-        """Let a key of a page do something; the palette (Ctrl-K) has it too, or alone (None)."""
+        """Let a key call `act`; the palette (Ctrl-K) has it too, or alone (None). by_page: `act` gets the page whose key it was."""
         hotkey = cast("HotkeyKey | None", key)
         command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
         self.words.on(command, label=words)
@@ -392,7 +392,7 @@ class Page:
         def use(event: UserEvent) -> None:
             first = None if modifier else self.modal.get(event.client.client_id)
             if first is None or key is None or not first(key):
-                act(event.client)
+                act(*[event.client] * by_page)
 
         command.on_trigger(self.from_user(use))
         if key is not None:
@@ -408,7 +408,7 @@ class Page:
         made = self.gui.add_button(
             label, icon=named, hint=hint or None, color=color, visible=visible
         )
-        self.on(made, lambda event: act(event.client) if by_page else act())
+        self.on(made, lambda event: act(*[event.client] * by_page))
         return made
 
     def buttons(

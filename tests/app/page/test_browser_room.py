@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from handtrack_app.page.panels.view import LARGE, LIGHT, Taste
+from handtrack_app.page.panels.view import LARGE, LIGHT, WIDTH, Taste
 from handtrack_app.page.scene.model_view import hand_balls
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
@@ -82,15 +82,19 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path):
 
 
 @pytest.mark.browser
-def test_in_a_narrow_window_the_panel_lies_over_the_scene(tmp_path):
+def test_in_a_narrow_and_low_window_the_panel_hides_nothing_of_the_scene(tmp_path):
     bench = Workbench(tmp_path, port=0, opener=fake_document)
-    with browsing(bench, size=(1000, 700)) as view:
-        wide = lambda: view.page.evaluate(CANVAS)[2]  # noqa: E731
+    with browsing(bench, size=(853, 533)) as view:  # 1280 × 800 at 150 %
+        ends = lambda: sum(view.page.evaluate(CANVAS)[::2])  # noqa: E731
         panel = view.page.get_by_role("tab", name="Review", exact=True)
         assert panel.is_visible()
-        eventually(lambda: wide() == 1000, "all of the window is the scene")
+        eventually(lambda: 853 - ends() >= WIDTH, "it ends where the panel begins")
+        assert share(view, (853, 533)) >= 0.55
+        history = view.page.get_by_text("Edit joints of").bounding_box()
+        assert history["y"] + history["height"] < 533 - 82, "the tab has room beneath the card"
         view.page.keyboard.press("t")
         eventually(lambda: not panel.is_visible(), "the panel is hidden by a key")
+        eventually(lambda: ends() > 800, "and leaves its place to the scene")
 
 
 @pytest.mark.browser
@@ -132,9 +136,9 @@ def test_a_page_that_comes_while_the_session_opens_is_laid_out(tmp_path):
         bench.stop()
 
 
-def share(view: PageUnderTest) -> float:
+def share(view: PageUnderTest, window: tuple[int, int] = (1280, 800)) -> float:
     _, _, width, height = view.page.evaluate(CANVAS)
-    return float(width * height / (1280 * 800))
+    return float(width * height / (window[0] * window[1]))
 
 
 def is_large(bench: Workbench, view: PageUnderTest) -> bool:

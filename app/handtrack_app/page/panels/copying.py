@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -69,16 +70,18 @@ class CopyPanel:
                 self.mirror(event.client) if event.value == MIRROR else acts[event.value](ALL)
             ),
         )
-        keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[object], None]], ...] = (
-            ("Copy the pose", "C", "alt", lambda _: self.copy(ALL)),
-            ("Paste the pose that was copied", "V", "alt", lambda _: self.paste(ALL)),
-            ("Paste it, where it was", "P", "alt", lambda _: self.paste(ALL, with_place=True)),
-            ("Copy the open {part}", "C", "alt+shift", lambda _: self.copy(self.group)),
-            ("Paste into the open {part}", "V", "alt+shift", lambda _: self.paste(self.group)),
+        keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[], None]], ...] = (
+            ("Copy the pose", "C", "alt", partial(self.copy, ALL)),
+            ("Paste the pose that was copied", "V", "alt", partial(self.paste, ALL)),
+            ("Paste it, where it was", "P", "alt", partial(self.paste, ALL, with_place=True)),
+            ("Copy the open {part}", "C", "alt+shift", lambda: self.copy(self.group)),
+            ("Paste into the open {part}", "V", "alt+shift", lambda: self.paste(self.group)),
         )  # fmt: skip
         for words, key, modifier, act in keys:
             page.key(words, key, act, modifier)
-        page.key("Mirror the pose: left and right change places", "M", self.mirror, "alt")
+        page.key(
+            "Mirror the pose: left and right change places", "M", self.mirror, "alt", by_page=True
+        )
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take a session's model."""

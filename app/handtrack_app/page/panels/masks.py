@@ -294,7 +294,7 @@ class CorrectingWidgets:
             )  # fmt: skip
         self.radius.on_update(lambda _: self._show_brush())  # whoever changed it
         for words, key, factor in (("smaller", "[", 1 / _FACTOR), ("larger", "]", _FACTOR)):
-            page.key(f"Brush for masks: {words}", key, lambda _, by=factor: self._resize(by))
+            page.key(f"Brush for masks: {words}", key, partial(self._resize, factor))
         self._other = tuple(self.brushes)[1]
         """what X swaps with"""
         stage.stopped_painting = lambda: self._show_painting(None)

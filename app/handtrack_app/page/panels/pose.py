@@ -110,8 +110,8 @@ class PosePanel:
             self.pins = PinPanel(page, self.stage.grips)
             self.copies = CopyPanel(page, self.stage.looking)
             self.nudges = NudgePanel(page, self.stage)
-        page.key("Fit frame", "F", lambda _: self._fit())
-        page.key("Poses in pictures", "L", self._ask, "alt")
+        page.key("Fit frame", "F", self._fit)
+        page.key("Poses in pictures", "L", self._ask, "alt", by_page=True)
 
     def _edit(self, which: str) -> None:
         if which == _FLIP:
@@ -345,9 +345,10 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
             "<div style='margin-top:.2em'><b>Accepted</b>: tracking and refining leave it.</div>"
         )
     if pose.note:
-        rows += f"<div style='opacity:.8;line-height:1.3;margin-top:.2em'>{html.escape(pose.note)}</div>"
+        note = html.escape(pose.note)
+        rows += f"<div class='handtrack-why' style='opacity:.8;line-height:1.3;margin-top:.2em' title='{note}'>{note}</div>"
     return (
-        "<div style='padding:.2em .9em .3em;font-size:.9em;line-height:1.4'>"
+        "<div class='handtrack-score' style='padding:.2em .9em .3em;font-size:.9em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:center'>"
         f"<b class='handtrack-frame' style='font-size:1.1em'>Frame {pose.frame}</b>"
         f"<span style='background:{colour};color:{_ink(colour)};border-radius:1em;padding:0 .7em'>"
@@ -607,7 +608,7 @@ class NudgePanel:
                 hint="Keys: J L I K move, Y N nearer and farther, U P roll, Shift with I K J L tilts and turns.",
             )  # fmt: skip
         for key, modifier, name in _KEYS:
-            page.key(f"Nudge: {name}", key, partial(self.nudge, name), modifier)
+            page.key(f"Nudge: {name}", key, partial(self.nudge, name), modifier, by_page=True)
 
     def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
         """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
@@ -665,9 +666,9 @@ class PinPanel:
                 "Copy to frames", ("5 before", "5 behind", "both"), self._copy,
                 "The same correction beside, moved as what was tracked moves.", visible=False,
             )  # fmt: skip
-        page.key("Drop the last pin", "Backspace", lambda _: self._drop_last())
+        page.key("Drop the last pin", "Backspace", self._drop_last)
         fit_or_keep = "Pins: fit other joints to the images, or keep them"
-        page.key(fit_or_keep, "X", lambda _: self._switch(), "shift")
+        page.key(fit_or_keep, "X", self._switch, "shift")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Take the size of a session's model."""

@@ -47,7 +47,7 @@ class ReviewPanel:
             self.correct = page.button("Apply correction", self._correct, "tool", "", visible=False)
             self.head = gui.add_html(head_words(None, None))
             self.accept_next = page.button(
-                "Accept and next", lambda: self.do_accept(""), "check",
+                "Accept and next", partial(self.do_accept, ""), "check",
                 "Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.", None, visible=False,
             )  # fmt: skip
             self.go = page.buttons(
@@ -67,10 +67,10 @@ class ReviewPanel:
                 page.button("–", partial(self._chosen, n), visible=False) for n in range(_ROWS)
             ]
             self.more = gui.add_html("")
-        page.key("Review: next in the queue", "Z", lambda _: self.step(1), "shift")
-        page.key("Review: previous in the queue", "U", lambda _: self.step(-1), "shift")
-        page.key("Review: accept and next", "Y", lambda _: self.do_accept(""), "shift")
-        page.key("Review: release the frame", None, lambda _: self.let_go("Frame"))
+        page.key("Review: next in the queue", "Z", partial(self.step, 1), "shift")
+        page.key("Review: previous in the queue", "U", partial(self.step, -1), "shift")
+        page.key("Review: accept and next", "Y", partial(self.do_accept, ""), "shift")
+        page.key("Review: release the frame", None, partial(self.let_go, "Frame"))
 
     # ---- the queue
 

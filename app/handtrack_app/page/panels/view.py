@@ -150,7 +150,7 @@ class SessionPanel:
             ("Orbit view", "0", partial(self._show_look, None)),
             ("See the {kind} in all cameras", "B", partial(self._show_look, ALL)),
         ):
-            self.page.key(words, key, act)
+            self.page.key(words, key, act, by_page=True)
         self.stage.looking.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
@@ -245,12 +245,12 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str
         cameras = f"{number} camera{'s' if number != 1 else ''}"
         frames = "live" if session.live else f"{session.stop - session.start} frames"
         counts = f"{frames}, {cameras}, {session.fps:g} frames/s"
-        facts = f"<div style='opacity:.85' title='{html.escape(session.model)}'>{counts}</div>"
+        facts = f"<div class='handtrack-counts' style='opacity:.85' title='{html.escape(session.model)}'>{counts}</div>"
         facts += f"<div>{_SAVED[saved]}</div>" if saved in _SAVED else ""
     elif progress.state == "failed":
         title = "No session"
     return (
-        "<div style='padding:.2em .9em 0;font-size:.9em;line-height:1.4'>"
+        "<div class='handtrack-head' style='padding:.2em .9em 0;font-size:.9em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
         f"<span class='handtrack-title' style='font-size:1.1em;font-weight:600'>{title}</span>"
         f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
@@ -342,9 +342,9 @@ class Room:
             )  # fmt: skip
         own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
         own(self.text, lambda client, chosen: self.change(client, text=chosen))
-        self.page.key("Hide or show the panel", "T", self.fold)
-        self.page.key("Light or dark", None, self._other_colours)
-        self.page.key("Large or usual text", None, self._other_text)
+        self.page.key("Hide or show the panel", "T", self.fold, by_page=True)
+        self.page.key("Light or dark", None, self._other_colours, by_page=True)
+        self.page.key("Large or usual text", None, self._other_text, by_page=True)
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
@@ -431,7 +431,7 @@ class ZoomKeys:
             ("View: wider", "X", "Out"),
             ("View: the whole image", "V", "All"),
         ):
-            self.page.key(words, key, acts[act])
+            self.page.key(words, key, acts[act], by_page=True)
 
     def _say(self, client: viser.ClientHandle, view: Through | None) -> None:
         line = self._lines.get(client.client_id)

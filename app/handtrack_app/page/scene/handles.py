@@ -81,7 +81,7 @@ class GrabKeys:
             ("G", "Grab: move the {kind}; then X, Y or Z"),
             ("R", "Turn the {kind}; then X, Y or Z"),
         ):
-            self.page.key(words, key, partial(self._begin, key))
+            self.page.key(words, key, partial(self._begin, key), by_page=True)
 
     def _begin(self, kind: str, client: viser.ClientHandle) -> None:
         self._kind, self._axis = kind, ""

@@ -50,8 +50,8 @@ class TimelinePanel:
         with self.tab:
             self.picture = gui.add_html(_BEFORE_SESSION)
             self.cursor = gui.add_html("")
-        page.key("Timeline: fewer frames", "F", lambda _: self.look_closer(_ZOOM[0]), "shift")
-        page.key("Timeline: more frames", "G", lambda _: self.look_closer(_ZOOM[1]), "shift")
+        page.key("Timeline: fewer frames", "F", partial(self.look_closer, _ZOOM[0]), "shift")
+        page.key("Timeline: more frames", "G", partial(self.look_closer, _ZOOM[1]), "shift")
 
     def fit(self, session: SessionSnapshot) -> None:
         """Make the timeline fit a session's frames; built once."""
