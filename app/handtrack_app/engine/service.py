@@ -7,7 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from handtrack.errors import HandtrackError
 from handtrack.session.session_state import Edit
@@ -90,22 +90,22 @@ class PreviewService(Service, ABC):
         self._change(lambda: self.publish(Notice("done", title, save(self.store))))
 
 
-# ---- The render thread: makes beside the worker what is only shown: clouds, surfaces, pictures of them
+# ---- A thread beside the worker: makes what is only shown (clouds, surfaces, pictures of them), or fits a frame anew
 
 
 log = logging.getLogger(__name__)
-Make = Callable[[], Snapshot | None]
+Made = TypeVar("Made")
 
 
-class RenderThread:
-    """Makes snapshots one after the other; of each kind only the newest order counts."""
+class NewestFirst(Generic[Made]):
+    """Makes things one after the other; of each kind only the newest order counts."""
 
-    def __init__(self, publish: Callable[[Snapshot], None]) -> None:
-        self._publish = publish
-        self._mail: Mailbox[tuple[str, Make]] = Mailbox(lambda order: order[0])
+    def __init__(self, take: Callable[[Made], None], name: str) -> None:
+        """take: gets what is made, on the thread of this name."""
+        self._take = take
+        self._mail: Mailbox[tuple[str, Callable[[], Made | None]]] = Mailbox(lambda order: order[0])
         self._stopping = threading.Event()
-        self._said: Notice | None = None
-        self._thread = threading.Thread(target=self._work, name="render", daemon=True)
+        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
 
     def start(self) -> None:
         self._thread.start()
@@ -116,13 +116,13 @@ class RenderThread:
         if self._thread.is_alive():
             self._thread.join(timeout)
 
-    def ask(self, kind: str, make: Make) -> None:
-        """Have something made and published; a waiting order of this kind is dropped."""
+    def ask(self, kind: str, make: Callable[[], Made | None]) -> None:
+        """Have something made and taken; a waiting order of this kind is dropped."""
         self._mail.put((kind, make))
 
-    def wait_for(self, kind: str, make: Make) -> Snapshot | None:
+    def wait_for(self, kind: str, make: Callable[[], Made | None]) -> Made | None:
         """Have something made, and wait for it; None where it cannot be."""
-        made, done = list[Snapshot | None](), threading.Event()
+        made, done = list[Made | None](), threading.Event()
 
         def make_and_tell() -> None:
             try:
@@ -142,19 +142,29 @@ class RenderThread:
             if order is not None:
                 self._serve(*order)
 
-    def _serve(self, kind: str, make: Make) -> None:
+    def _serve(self, kind: str, make: Callable[[], Made | None]) -> None:
+        made = make()
+        if made is not None:
+            self._take(made)
+
+
+class RenderThread(NewestFirst[Snapshot]):
+    """Makes what is shown; what cannot be made is told."""
+
+    def __init__(self, publish: Callable[[Snapshot], None]) -> None:
+        super().__init__(publish, "render")
+        self._said: Notice | None = None
+
+    def _serve(self, kind: str, make: Callable[[], Snapshot | None]) -> None:
         try:
-            snapshot = make()
+            super()._serve(kind, make)
         except HandtrackError as error:
             self._say(Notice("error", "That cannot be shown", str(error)))
         except Exception as error:  # the page must go on, and the user must know
             log.exception("could not make %s", kind)
             self._say(Notice.of_mistake(error))
-        else:
-            if snapshot is not None:
-                self._publish(snapshot)
 
     def _say(self, notice: Notice) -> None:
         if notice != self._said:  # the next frame would say the same
             self._said = notice
-            self._publish(notice)
+            self._take(notice)

@@ -154,9 +154,9 @@ class CloudRenderer:
         """Return how a pair is matched; None where it would be the picture of the last time."""
         session, frame = moment.session, moment.frame
         settings = (session.file.clouds or CloudSettings()).matching
-        if self._is_painted(frame, moment.wanted, pair, settings):
+        key = (pair, settings, id(session.rig))
+        if self._is_painted(frame, moment.wanted, key):
             return None
-        key = (pair, settings)
         if self._matcher is None or self._matcher[0] != key:
             self._matcher = (
                 key,
