@@ -335,6 +335,20 @@ class Session:
         changed.__dict__.pop("frame_count", None)
         return changed
 
+    @property
+    def corrected(self) -> dict[str, str]:
+        """By how much cameras are corrected, in words, by their names."""
+        known = self.corrections.items()
+        return {n: one.error.figures for n, one in known if self.is_of_calibration(n, one)}
+
+    @property
+    def corrected_words(self) -> list[str]:
+        """The same in sentences."""
+        return [
+            f"camera '{name}' counts as corrected, as was decided in the workbench: {figures}."
+            for name, figures in self.corrected.items()
+        ]
+
     def calibration_digest(self, camera: str) -> str:
         """Return a digest of a camera as calibration.toml and `lag_s` have it."""
         text = f"{rig_json(CameraRig((self.calibrated[camera],)))} {self._lags[camera]}"

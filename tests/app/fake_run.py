@@ -142,6 +142,10 @@ class FakeSession:
         ]
         return replace(self, rig=CameraRig(tuple(cameras)), corrections=corrections)
 
+    @property
+    def corrected(self) -> dict[str, str]:
+        return {name: one.error.figures for name, one in self.corrections.items()}
+
     def calibration_digest(self, camera: str) -> str:
         return camera
 

@@ -164,7 +164,7 @@ def _save(
     over = f", over {earlier} of an earlier take" if earlier > 0 else ""
     counts = {status.name.lower(): sum(r.status == status for r in results) for status in Status}
     notes = [
-        *dict.fromkeys([*run.session.warnings, *run.notes]),
+        *dict.fromkeys([*run.session.corrected_words, *run.session.warnings, *run.notes]),
         *warnings,
         *_doubts(results),
     ]

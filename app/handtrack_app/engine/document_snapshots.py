@@ -202,6 +202,7 @@ def timeline_snapshot(document: Document) -> TimelineSnapshot:
         document.marked, queue(document), resolved(document.laid, document.takes.frames_of),
         resolved(document.hidden, document.takes.frames_of), document.is_posed,
         {name: one.error.figures for name, one in document.camera_errors.items()},
+        document.run.session.corrected,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.diagnostics.score import Score, score
 from handtrack.errors import HandtrackError
 from handtrack.session.run import TrackingRun
+from handtrack.session.session_state import decide
 from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import energy_parts, pose_snapshot, timeline_snapshot
@@ -49,15 +50,18 @@ class ReviewService(Service):
             self.opened.announce(timeline_snapshot(self.document))
 
     @command(edits=True, words="the correction of camera {camera}")
-    def correct_camera(self, camera: str) -> None:
-        """Use a camera as the estimate of the whole recording found it, from now on."""
+    def correct_camera(self, camera: str, on: bool = True) -> None:
+        """Use a camera as the estimate of the whole recording found it, from now on; or as it was calibrated."""
         self.jobs.require_idle()
-        edit = edits.corrected_camera(self.document, camera)
+        edit = (
+            edits.corrected_camera(self.document, camera) if on else decide(camera={camera: None})
+        )
         words = f"Correction of camera {camera}"
-        self.opened.see_cameras(lambda: self.store.do(words, edit))
-        error = self.document.run.session.corrections[camera].error
-        again = "Frames tracked so far stay; Track all uses the correction."
-        self.publish(Notice("done", words, f"Corrected by {error.figures}. {again}"))
+        self.opened.see_cameras(lambda: self.store.do(words if on else f"{words} removed", edit))
+        figures = self.document.run.session.corrected.get(camera, "")
+        done = f"Corrected by {figures}" if on else "Its calibration counts again"
+        again = f"{done}. Frames tracked so far stay; track again to use it."
+        self.publish(Notice("done", f"Camera {camera}", again))
 
     @command(view=True, latest=())
     def want_curves(self, names: tuple[str, ...]) -> None:

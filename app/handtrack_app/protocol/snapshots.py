@@ -184,6 +184,8 @@ class TimelineSnapshot:
     """somebody said where the model is: by a first pose, by hand, or by tracking"""
     cameras_off: Mapping[str, str] = field(default_factory=dict)
     """by how much cameras are surely off, in words, by their names: what can be corrected"""
+    cameras_corrected: Mapping[str, str] = field(default_factory=dict)
+    """by how much others are corrected"""
 
     @property
     def accepted(self) -> frozenset[int]:

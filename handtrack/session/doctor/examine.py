@@ -19,6 +19,7 @@ from handtrack.session.doctor.check_views import (
     check_synchrony,
     check_view,
     error,
+    note,
     ok,
     warning,
 )
@@ -62,6 +63,7 @@ def examine(session: Session) -> list[Finding]:
         found += _all_of(check(session))
     # last, since looking at the files is what brings these to light
     found += [warning(text) for text in session.warnings]
+    found += [note(text) for text in session.corrected_words]
     return list(dict.fromkeys(found))  # two checks may meet the same damaged file
 
 

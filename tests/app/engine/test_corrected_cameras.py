@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.examine import examine
 from handtrack.session.posed_frames import keyframe_result
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
@@ -61,7 +62,12 @@ def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder
         np.testing.assert_allclose(seen[NAME].camera.rotation, expected.rotation)
         others = [one for one in session.views if one.name != NAME]
         assert all(one.times is None for one in others)
-    assert not Session.open(folder).warnings
+    session = Session.open(folder)
+    assert not session.warnings
+    (said,) = (
+        found.text for found in examine(session) if NAME in found.text and "1.50°" in found.text
+    )
+    assert "4.0 mm" in said and "+2.00 frames" in said
 
 
 def test_what_a_later_estimate_finds_adds_to_a_correction(folder):

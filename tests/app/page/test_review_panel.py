@@ -77,6 +77,11 @@ def test_a_camera_that_is_surely_off_is_corrected_by_a_button_and_undo_takes_it_
         frustum = bench.stage.cameras.frusta["side"]
         turned = lambda: not np.allclose(frustum.wxyz, SO3.from_matrix(calibrated.rotation.T).wxyz)  # noqa: E731
         eventually(turned, "drawn as corrected")
+        assert "corrected by rotation 2.00°" in review.off.content
+        client.set_value(review.restore, True)
+        eventually(lambda: review.correct.visible and not turned(), "as it was calibrated")
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(lambda: review.restore.visible and turned(), "corrected again")
         client.set_value(bench.layout.pose.edit_buttons, "Undo")
         eventually(lambda: review.correct.visible and not turned(), "offered again")
         back = document.run.session.rig["side"].rotation

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -44,7 +44,15 @@ class ReviewPanel:
         with self.tab:
             self.about = gui.add_html("")
             self.off = gui.add_html("", visible=False)
-            self.correct = page.button("Apply correction", self._correct, "tool", "", visible=False)
+            self.correct = page.button(
+                "Apply correction", self._correct, "tool",
+                "Uses the camera as the estimate of all frames found it. calibration.toml stays as it is; undo takes it back. "
+                "Then track again.", visible=False,
+            )  # fmt: skip
+            self.restore = page.button(
+                "Remove correction", partial(self._correct, on=False), "x",
+                "The camera counts as it was calibrated. Then track again.", visible=False,
+            )  # fmt: skip
             self.head = gui.add_html(head_words(None, None))
             self.accept_next = page.button(
                 "Accept and next", partial(self.do_accept, ""), "check",
@@ -145,10 +153,11 @@ class ReviewPanel:
                 last += 1
         self.page.engine.accept(((first, last),), on=False)
 
-    def _correct(self) -> None:
-        for camera in self.strip.cameras_off if self.strip else ():
-            self.page.engine.correct_camera(camera)
-            return
+    def _correct(self, on: bool = True) -> None:
+        if self.strip is not None:
+            known = self.strip.cameras_off if on else self.strip.cameras_corrected
+            for camera in list(known)[:1]:
+                self.page.engine.correct_camera(camera, on)
 
     # ---- showing
 
@@ -193,7 +202,7 @@ class ReviewPanel:
             return
         tracked = bool((strip.status >= 0).any() or strip.by_hand)
         put(self.head, content=head_words(strip, self.at, self.done))
-        self._show_camera(strip.cameras_off)
+        self._show_cameras(strip)
         put(self.accept_next, visible=bool(self.stretches))
         put(self.go, visible=bool(self.stretches))
         put(self.accept, visible=tracked)
@@ -213,21 +222,21 @@ class ReviewPanel:
         put(self.more, content=shown if left > 0 or first else "")
         self.show_frame()
 
-    def _show_camera(self, off: Mapping[str, str]) -> None:
-        """Show how far the first camera is off, and offer to correct it."""
-        for camera, figures in off.items():
-            words = f"Estimated error of camera '{camera}': {figures}."
-            shown = text(html.escape(words), faint=False, kind="handtrack-warning")
-            put(self.off, content=shown)
-            put(
-                self.correct,
-                label=f"Apply correction to {camera}",
-                hint=f"Corrects camera '{camera}' by {figures}. calibration.toml stays as it is; undo takes it back. Then "
-                "track again.",
-            )
-            break
-        put(self.off, visible=bool(off))
-        put(self.correct, visible=bool(off))
+    def _show_cameras(self, strip: TimelineSnapshot) -> None:
+        """Say which cameras are off or corrected, and by how much; the first of each can be changed."""
+        off, corrected = strip.cameras_off, strip.cameras_corrected
+        lines = [f"Estimated error of camera '{name}': {off[name]}." for name in off]
+        lines += [f"Camera '{name}' is corrected by {corrected[name]}." for name in corrected]
+        shown = "<br>".join(map(html.escape, lines))
+        put(self.off, content=text(shown, faint=False, kind="handtrack-warning" if off else ""))
+        put(self.off, visible=bool(lines))
+        for button, words, names in (
+            (self.correct, "Apply correction to", list(off)),
+            (self.restore, "Remove correction of", list(corrected)),
+        ):
+            if names:
+                put(button, label=f"{words} {names[0]}")
+            put(button, visible=bool(names))
 
 
 def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) -> str:
