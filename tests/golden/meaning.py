@@ -15,14 +15,12 @@ from handtrack.store.log import read_log
 from handtrack.version import VERSION
 
 CLOSE = 1e-6
-_WHOLE = 64
-"""numbers of an array that are written out; of a larger one what follows from them"""
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 
 def meaning(path: Path) -> Any:
     """Return what a file says, as JSON has it; of a folder, which is a log, its records."""
-    read = {".npz": _npz, ".html": _page, "": _log}.get(path.suffix, _text)
+    read = {".npz": _npz, "": _log}.get(path.suffix, _text)
     return json.loads(json.dumps(read(path)).replace(VERSION, "VERSION"))
 
 
@@ -46,7 +44,7 @@ def differences(before: Any, after: Any, where: str = "") -> Iterator[str]:
     elif before != after:
         (words, numbers), (others, theirs) = (_apart(str(text)) for text in (before, after))
         if words != others or not isinstance(after, type(before)):
-            yield f"{where}: {_shown(after)}, {_shown(before)} before"
+            yield f"{where}: {after!r}, {before!r} before"
         else:
             yield from differences(numbers, theirs, where)
 
@@ -56,68 +54,20 @@ def _apart(text: str) -> tuple[list[str], list[float]]:
     return _NUMBER.split(text), [float(number) for number in _NUMBER.findall(text)]
 
 
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) < _WHOLE else f"{text[:_WHOLE]}…"
-
-
-def array_told(values: Any) -> Any:
-    """Return an array as JSON has it: a large one by its shape, its ends and sums that no change leaves as they are."""
-    array = np.asarray(values)
-    kind = {"f": "float", "i": "whole", "u": "whole"}.get(array.dtype.kind, "text")
-    flat = array.ravel()
-    if kind == "text":
-        return {"text": [x.decode() if isinstance(x, bytes) else str(x) for x in flat]}
-    told: dict[str, Any] = {"kind": kind, "shape": list(array.shape)}
-    if flat.size <= _WHOLE:
-        return told | {"values": flat.astype(float).tolist()}
-    finite = np.where(np.isfinite(flat), flat, 0.0).astype(float)
-    along = np.cos(np.arange(flat.size))
-    return told | {
-        "ends": [*finite[:4].tolist(), *finite[-4:].tolist()],
-        "mean": float(finite.mean()),
-        "spread": float(finite.std()),
-        "order": float((finite * along).mean()),
-        "not finite": int((~np.isfinite(flat.astype(float))).sum()),
-    }
-
-
 def _text(path: Path) -> list[str]:
     return path.read_text(encoding="utf-8").splitlines()
 
 
-def _page(path: Path) -> dict[str, Any]:
-    """Return what a page says, and the data that it draws."""
-    text = path.read_text(encoding="utf-8")
-    begin = text.find('{"session":')
-    data = json.JSONDecoder().raw_decode(text[begin:])[0] if begin >= 0 else None
-    shown = re.sub(r"<(style|script|svg)\b.*?</\1>|<[^>]*>", " ", text, flags=re.DOTALL)
-    return {"shown": " ".join(shown.split()), "data": _in_short(data)}
-
-
-def _in_short(tree: Any) -> Any:
-    """Return a tree with long lists of numbers told in short."""
-    if isinstance(tree, dict):
-        return {name: _in_short(value) for name, value in tree.items()}
-    if (
-        isinstance(tree, list)
-        and np.asarray(tree[:1]).dtype.kind in "fi"
-        and np.size(tree) > _WHOLE
-    ):
-        return array_told(tree)
-    return tree
-
-
 def _npz(path: Path) -> dict[str, Any]:
     with np.load(path) as arrays:
-        return {name: array_told(arrays[name]) for name in arrays.files}
+        return {name: [arrays[name].dtype.kind, arrays[name].tolist()] for name in arrays.files}
 
 
 def _log(path: Path) -> list[Any]:
     """Return the records of a log of the store."""
     damage: list[str] = []
     records = [
-        {"kind": r.kind, "data": r.data, "payload": array_told(np.frombuffer(r.payload, "<f8"))}
+        {"kind": r.kind, "data": r.data, "payload": np.frombuffer(r.payload, "<f8").tolist()}
         for r in read_log(path, damage)
     ]
     assert not damage, damage

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.model_file import load_model
 from handtrack.sampling.chains import chain_along, chain_votes, chains_of, prepare
 from handtrack.sampling.interpretation_tree import interpretation_tree
@@ -33,22 +32,6 @@ def test_two_hinges_by_hand():
     bend = np.arctan2(0.8, 0.6)
     found = sorted(np.round(np.mod(out, 2 * np.pi), 9).tolist())
     np.testing.assert_allclose(found, [[0.0, bend], [np.pi, np.pi - bend]], atol=1e-8)
-
-
-def test_two_hinges_give_back_random_turns(rng):
-    out = np.zeros((2, 2))
-    for _ in range(200):
-        a, b, v = (u / np.linalg.norm(u) for u in rng.normal(size=(3, 3)))
-        alpha, beta = rng.uniform(-np.pi, np.pi, 2)
-        goal = rotation_matrix(a * alpha) @ rotation_matrix(b * beta) @ v
-        count = two_hinges(a, b, v, goal, 0.0, 0.0, out)
-        assert count == 2
-        for first, second in out:
-            reached = rotation_matrix(a * first) @ rotation_matrix(b * second) @ v
-            np.testing.assert_allclose(reached, goal, atol=1e-7)
-        assert (
-            np.abs(np.exp(1j * out) - np.exp(1j * np.array([alpha, beta]))).max(axis=1).min() < 1e-6
-        )
 
 
 @pytest.mark.parametrize(
@@ -281,34 +264,6 @@ def test_what_a_coupling_takes_is_not_a_fingers_own():
     np.testing.assert_allclose(ready.ratio[3], 2 / 3)
 
 
-def test_links_keep_their_length_in_every_pose(rng):
-    model = load_model("body34")
-    for chain in chains_of(model):
-        ready = prepare(model, chain)
-        joints = [model.joint_names.index(name) for name in chain.joints]
-        for _ in range(5):
-            params = model.clipped(model.rest_params() + 0.7 * rng.normal(size=34))
-            points = model.joint_positions(model.bones(params))[joints]
-            lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-            np.testing.assert_allclose(lengths, np.linalg.norm(ready.reach, axis=1), rtol=1e-12)
-
-
-def _spread(model, **std):
-    variance = np.full(len(model.transform.names), 1e-12)
-    for name, value in std.items():
-        variance[model.transform.names.index(name)] = value**2
-    return np.diag(variance)
-
-
-def test_what_is_known_and_where_the_root_is_have_no_say(body):
-    chains = chains_of(body)
-    nothing = chain_votes(body, body.rest_params(), np.zeros((34, 34)), chains)
-    np.testing.assert_allclose(nothing, 0.2)
-    root = chain_votes(body, body.rest_params(), _spread(body, root_tz=3.0, neck_flex=0.1), chains)
-    assert chains[int(np.argmax(root))].name == "neck"
-    assert root.max() > 0.99
-
-
 def _along(model, **direction):
     """Return (P,) a unit direction among parameters in units of their ranges, and those ranges (inf where there is none)."""
     low, high = model.bounds(model.rest_params()).T
@@ -349,6 +304,7 @@ def test_directions_vote_until_they_make_up_95_percent_of_the_variance(body, sma
     assert votes["right_leg"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_where_no_chain_has_a_say_all_are_alike(body):
-    assert set(_votes(body, (1.0, {"root_tz": 1.0})).values()) == {0.2}
-    assert set(_votes(body, (1.0, {"spine_flex": 1.0})).values()) == {0.2}
+def test_what_is_known_and_where_the_root_is_have_no_say(body):
+    for nothing in ((), [(1.0, {"root_tz": 1.0})], [(1.0, {"spine_flex": 1.0})]):
+        assert set(_votes(body, *nothing).values()) == {0.2}
+    assert _votes(body, (9.0, {"root_tz": 1.0}), (0.01, {"neck_flex": 1.0}))["neck"] > 0.99

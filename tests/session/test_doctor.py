@@ -408,13 +408,6 @@ def with_joints(folder: Path, seed: int, noise_px: float) -> Path:
     })  # fmt: skip
 
 
-def turned(folder: Path, number: int, degrees: tuple[float, float, float]) -> None:
-    cameras = list(Session.open(folder).rig.cameras)
-    one, turn = cameras[number], rotation_matrix(np.deg2rad(degrees))
-    cameras[number] = replace(one, rotation=turn @ one.rotation, translation=turn @ one.translation)
-    write_rig(folder / "calibration.toml", CameraRig(tuple(cameras)))
-
-
 def tracked(folder: Path, use: dict[str, object]) -> tuple[str, TrackingRun]:
     """Return what is said after tracking, and the run."""
     run = TrackingRun.open(Session.open(folder), QUICK | use)
@@ -438,22 +431,23 @@ def test_cameras_that_agree_are_not_questioned(tmp_path, seed):
     assert said == ""
 
 
-@pytest.mark.parametrize(("number", "degrees"), [(2, (0.7, -0.7, 0.0))])
-def test_a_camera_turned_by_a_degree_is_named(tmp_path, number, degrees):
-    folder = simulated(tmp_path / "session", number)
-    turned(folder, number, degrees)
+def test_a_camera_turned_by_a_degree_is_named(tmp_path):
+    folder = simulated(tmp_path / "session", 2)
+    cameras = list(Session.open(folder).rig.cameras)
+    one, turn = cameras[2], rotation_matrix(np.deg2rad([0.7, -0.7, 0.0]))
+    cameras[2] = replace(one, rotation=turn @ one.rotation, translation=turn @ one.translation)
+    write_rig(folder / "calibration.toml", CameraRig(tuple(cameras)))
     said, run = tracked(folder, {})
-    assert said.startswith(f"camera 'cam{number}' "), said
+    assert said.startswith("camera 'cam2' "), said
     angle = re.search(r"turned by about (\d\.\d)°", said)
     assert angle and float(angle[1]) == pytest.approx(1.0, abs=0.45), said
     (found,) = check_tracked_cameras(run.session)
     assert (found.severity, found.text) == ("warning", f"{POSES_FILE}: {said}")
 
 
-@pytest.mark.parametrize(("cameras", "lost"), [(3, [1])])
-def test_a_lens_that_lost_its_k3_is_named(tmp_path, cameras, lost):
+def test_a_lens_that_lost_its_k3_is_named(tmp_path):
     """The hand is seen beside the middle, where the coefficient counts; the same with the whole lens is no fault."""
-    folder = simulated(tmp_path / "session", 1, cameras)
+    folder = simulated(tmp_path / "session", 1)
     rig = []
     for number, one in enumerate(Session.open(folder).rig.cameras):
         turn = rotation_matrix(np.deg2rad([0.0, 14.0 * (-1) ** number, 0.0]))
@@ -462,8 +456,7 @@ def test_a_lens_that_lost_its_k3_is_named(tmp_path, cameras, lost):
     write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
     with_joints(folder, 1, 1.0)
     assert tracked(folder, JOINTS_ALONE)[0] == ""
-    for number in lost:
-        rig[number] = replace(rig[number], distortions=np.array([*LENS[:4], 0.0]))
+    rig[1] = replace(rig[1], distortions=np.array([*LENS[:4], 0.0]))
     write_rig(folder / "calibration.toml", CameraRig(tuple(rig)))
     said, _ = tracked(folder, JOINTS_ALONE)
     assert "camera 'cam1'" in said and "with another lens" in said, said

@@ -70,33 +70,6 @@ def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian(rng):
         )
 
 
-def test_moving_hand_and_cameras_together_changes_nothing(rng):
-    bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng)
-    turn, shift = Rotation.random(rng=rng).as_matrix(), rng.normal(size=3)
-
-    def carried(silhouette):
-        camera = silhouette.camera
-        rotation = camera.rotation @ turn.T
-        moved = replace(
-            camera, rotation=rotation, translation=camera.translation - rotation @ shift
-        )
-        return replace(silhouette, camera=moved)
-
-    there = BonePoses(
-        turn @ bones.reference + shift, turn @ bones.rotation, bones.position @ turn.T + shift
-    )
-    here = ConicFieldTerm(seen, flesh).linearize(bones)
-    other = ConicFieldTerm([carried(s) for s in seen], flesh).linearize(there)
-    both = np.kron(np.eye(10), turn)
-    assert other.cost == pytest.approx(here.cost, rel=1e-9)
-    np.testing.assert_allclose(
-        both.T @ other.gradient, here.gradient, atol=1e-8 * np.abs(here.gradient).max()
-    )
-    np.testing.assert_allclose(
-        both.T @ other.hessian @ both, here.hessian, atol=1e-8 * np.abs(here.hessian).max()
-    )
-
-
 def test_ellipsoids_behind_around_and_beside_the_camera_are_skipped(rng):
     bones, flesh, seen = bones_of(rng), ellipsoids_of(rng), silhouettes_of(rng, full=True)
     centre = seen[0].camera.centre

@@ -14,12 +14,6 @@ from tests.derivatives import check_parameter_term
 from tests.terms.plain_rows import system_of
 
 
-def test_a_point_row_by_hand():
-    """A point one metre along x from the reference, measured along y: turning about z moves it."""
-    row = motion_row(np.array([[2.0, 0, 0]]), np.array([[0.0, 1, 0]]), np.array([1.0, 0, 0]))
-    np.testing.assert_array_equal(row, [[0, 1, 0, 0, 0, 1]])
-
-
 def test_a_point_row_times_a_twist_is_the_points_speed(rng):
     points, normals = rng.normal(size=(2, 5, 3))
     reference, v, w = rng.normal(size=(3, 3))
