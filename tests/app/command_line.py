@@ -39,6 +39,12 @@ class CommandLine:
         assert "Traceback" not in out + err
         return Ended(code, out, err)
 
+    def does(self, *words: object) -> Ended:
+        """Run a command that ends well."""
+        ended = self(*words)
+        assert ended.code == 0, ended.err
+        return ended
+
 
 QUICK = "\n[tracking]\ntracker.recovery = false\ntracker.escape = false\n"
 """settings with which a lost finger is not searched for: half of the time that a frame takes"""

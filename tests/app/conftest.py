@@ -9,9 +9,9 @@ import pytest
 from handtrack.errors import HandtrackError
 from handtrack_app.cli import main
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
 from tests.app.command_line import CommandLine, small_recording
+from tests.app.desk import shown
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import Browser, WireClient
@@ -20,10 +20,8 @@ from tests.app.wire import Browser, WireClient
 @pytest.fixture
 def bench(tmp_path):
     """A started workbench that shows the fake session."""
-    workbench = Workbench(tmp_path, port=0, opener=fake_document).start()
-    assert workbench.wait_ready()
-    yield workbench
-    workbench.stop()
+    with shown(tmp_path, opener=fake_document) as workbench:
+        yield workbench
 
 
 @pytest.fixture
@@ -86,8 +84,6 @@ def session(recorded, tmp_path):
 @pytest.fixture
 def cloudy(tmp_path):
     """A workbench with a recording that has clouds, the first of them shown."""
-    workbench = Workbench(cloudy_session(tmp_path), port=0).start()
-    assert workbench.wait_ready()
-    eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
-    yield workbench
-    workbench.stop()
+    with shown(cloudy_session(tmp_path)) as workbench:
+        eventually(lambda: bool(workbench.stage.cloud.points.visible), "the cloud came")
+        yield workbench

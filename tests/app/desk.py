@@ -1,14 +1,17 @@
-"""A worker on a fake run, and all that it says."""
+"""A worker and all that it says, on a fake run too; and a workbench."""
 
 import pickle
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.worker import Worker
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
+from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 
 
@@ -52,15 +55,30 @@ class Listener:
         return self.wait(snapshots.ProgressSnapshot, lambda p: p.state == state)
 
 
-def a_desk(folder: Path, **options: Any) -> Iterator[tuple[Worker, Listener]]:
+def working(folder: Path, opener: Any = None) -> tuple[Worker, Listener]:
+    """Return a worker that has a session open, and all that it says."""
     listener = Listener()
-    worker = Worker(
-        EnginePlan(folder, opener=lambda f: fake_document(f, **options)), listener.publish
-    )
+    worker = Worker(EnginePlan(folder, opener=opener or Opening().document), listener.publish)
     worker.start()
-    listener.state("idle")
+    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
+    return worker, listener
+
+
+def a_desk(folder: Path, **options: Any) -> Iterator[tuple[Worker, Listener]]:
+    worker, listener = working(folder, lambda f: fake_document(f, **options))
     yield worker, listener
     worker.stop()
+
+
+@contextmanager
+def shown(folder: Path, **options: Any) -> Iterator[Workbench]:
+    """Show a session in a workbench."""
+    bench = Workbench(folder, port=0, **options).start()
+    try:
+        assert bench.wait_ready()
+        yield bench
+    finally:
+        bench.stop()
 
 
 def pose_with(listener: Listener, **changes: float) -> tuple[float, ...]:

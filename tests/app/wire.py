@@ -31,6 +31,19 @@ class Browser:
         uuid = next(one for one, handle in commands.items() if handle._impl.props.label == words)
         self.wire.send({"type": "CommandTriggerMessage", "uuid": uuid})
 
+    def drag(
+        self, node: str, start: Any, end: Any, modifier: str | None = None, part: int = 0
+    ) -> None:
+        """Drag a place of the scene; part: of what is drawn many times."""
+        said = {
+            "type": "SceneNodeDragMessage", "name": node, "owner": str(self.number) if node.startswith("/grips") else "",
+            "modifier": modifier, "instance_index": part, "button": "left", "start_position": np.asarray(start, float).tolist(),
+            "start_screen_pos": [0.5, 0.5], "end_screen_pos": [0.6, 0.5],
+        }  # fmt: skip
+        for phase, share in (("start", 0.3), ("update", 0.7), ("end", 1.0)):
+            at = start + share * np.subtract(end, start)
+            self.wire.send(said | {"phase": phase, "end_position": at.tolist()})
+
     @property
     def view(self) -> Through | None:
         return self.bench.stage.looking.views.of(self.number)

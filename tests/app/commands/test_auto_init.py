@@ -51,8 +51,7 @@ def test_a_recording_without_a_first_pose(handtrack, session, tmp_path):
     refused = handtrack("track", session)
     assert refused.code == 2
     out = tmp_path / "poses.npz"
-    ended = handtrack("track", session, "--init", "auto", "--frames", "0:3", "--out", out)
-    assert ended.code == 0
+    ended = handtrack.does("track", session, "--init", "auto", "--frames", "0:3", "--out", out)
     assert "\n  or: " in ended.err
     assert worst_error_mm(out, session) < 1.0  # measured 0.1 mm
     assert (read_npz(out).start_confidence or 0.0) > 0.85
@@ -68,8 +67,7 @@ def test_a_start_that_is_not_sure_is_not_tracked_from_in_silence(handtrack, sess
     assert refused.code == 2
     assert "--yes" in refused.err
     assert not out.exists()
-    ended = handtrack(*asked, "--yes")
-    assert ended.code == 0
+    ended = handtrack.does(*asked, "--yes")
     sure = read_npz(out).start_confidence
     assert sure is not None
     assert 0.0 < sure < 0.85
@@ -87,6 +85,5 @@ def test_a_start_that_is_not_sure_is_taken_where_the_next_frames_confirm_it(
     monkeypatch.setattr(track_options, "find_first_poses", unsure)
     asked = ("track", session, "--init", "auto", "--out", tmp_path / "poses.npz", "--frames")
     assert handtrack(*asked, "0:4").code == 2, "too few to confirm it"
-    ended = handtrack(*asked, "0:5")
-    assert ended.code == 0
+    handtrack.does(*asked, "0:5")
     assert (read_npz(tmp_path / "poses.npz").status == Status.TRACKED).all()

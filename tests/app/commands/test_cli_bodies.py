@@ -15,8 +15,7 @@ def folder(tmp_path_factory):
 
 
 def test_a_persons_size_is_saved(handtrack, folder):
-    ended = handtrack("size", folder, "--init", "auto", "--count", "6")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("size", folder, "--init", "auto", "--count", "6")
     saved = folder / "body.json"
     assert re.search(r"\+\d\.\d ± \d\.\d %, trunk", ended.out)
     assert f"Saved to {saved}" in ended.out

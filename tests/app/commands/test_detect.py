@@ -77,7 +77,7 @@ def test_a_page_that_waits_is_shown_what_is_detected(
     shown = tmp_path / "shown"
     shown.mkdir()
     monkeypatch.setenv(PREVIEW, str(shown))
-    assert handtrack("detect", folder).code == 0
+    handtrack.does("detect", folder)
     pictures = previews(shown)
     assert set(pictures) == {view.name for view in scene.session.views}
     for number, view in enumerate(scene.session.views):
@@ -89,12 +89,11 @@ def test_a_page_that_waits_is_shown_what_is_detected(
         apart = np.linalg.norm(np.stack([columns, rows], axis=1)[:, None] - seen, axis=2)
         assert len(rows) and apart.min(axis=1).max() < 5
     shutil.rmtree(shown)
-    assert handtrack("detect", folder).code == 0, "a page that has gone is no matter"
+    handtrack.does("detect", folder)  # a page that has gone is no matter
 
 
 def test_joints_are_written_and_the_session_reads_them(handtrack, folder, scene):
-    ended = handtrack("detect", folder, "--write")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("detect", folder, "--write")
     assert f"cam0: found in {FRAMES - 1} of {FRAMES} images (75.0 %)." in ended.out
     session = Session.open(folder)
     for view in session.views:
@@ -105,8 +104,7 @@ def test_joints_are_written_and_the_session_reads_them(handtrack, folder, scene)
         assert view.keypoints(FRAMES - 1, 5.0) == ()
     files = sorted((folder / "keypoints" / "cam1").iterdir())
     assert [file.name for file in files] == [f"{frame:06d}.json" for frame in range(FRAMES)]
-    again = handtrack("detect", folder, "--write")
-    assert again.code == 0, again.err
+    again = handtrack.does("detect", folder, "--write")
     assert "session.toml" not in again.out  # it says so already
 
 
@@ -144,8 +142,7 @@ def test_of_two_hands_the_sessions_is_written(handtrack, folder, scene):
 
 def test_a_hand_of_the_other_side_is_left_out_and_told(handtrack, folder, scene):
     scene.places = {"left": MINE}
-    ended = handtrack("detect", folder, "--write")
-    assert ended.code == 0
+    ended = handtrack.does("detect", folder, "--write")
     assert f"camera 'cam1': in {FRAMES - 1} images all hands look like left ones" in ended.err
     assert "keypoints" not in (folder / "session.toml").read_text()
 
@@ -172,7 +169,7 @@ def test_points_outside_of_what_is_observed_are_missing(handtrack, folder, scene
     """Beyond the image's border, or the region of interest: the networks guess them."""
     edit(folder / "session.toml", 'masks = "masks/cam0/*.png"', "roi = [0, 0, 64, 24]")
     scene.places = {"right": np.array([0.2, 0.0, 0.0])}  # half of it is right of both images
-    assert handtrack("detect", folder, "--write").code == 0
+    handtrack.does("detect", folder, "--write")
     for view, (width, height) in zip(Session.open(folder).views, ((64, 24), (64, 48)), strict=True):
         true = view.camera.project(0.5 * keypoints() + scene.places["right"])
         within = ((true >= -0.5) & (true <= np.array([width, height]) - 0.5)).all(axis=1)
@@ -208,7 +205,6 @@ def test_weights_are_installed_whole(handtrack, data_dir, tmp_path, monkeypatch)
     if not file.is_file():
         pytest.skip(f"no detector's weights at {file}")
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-    ended = handtrack("detector", "install", file)
-    assert ended.code == 0, ended.err
+    handtrack.does("detector", "install", file)
     installed = read_weights(tmp_path / "home/detector/hand_landmarker.task")
     assert installed.palm == read_weights(file).palm

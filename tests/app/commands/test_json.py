@@ -23,8 +23,7 @@ def test_what_is_printed_is_one_object(tmp_path, capsys):
         (["board", "--board", "chessboard:9x6:25mm", "--out", tmp_path / "b.svg"], "page_mm"),
         (["simulate", "--out", tmp_path / "s", "--frames", 1, "--cameras", 1, "--size", 64, 48], "session"),
     ):  # fmt: skip
-        ended = handtrack(*words, "--json")
-        assert ended.code == 0, ended.err
+        ended = handtrack.does(*words, "--json")
         assert key in json.loads(ended.out)
 
 

@@ -26,8 +26,7 @@ def poses(tmp_path):
 
 
 def errors(handtrack: CommandLine, poses: Path, truth: Path, *more: str) -> tuple[float, str]:
-    ended = handtrack("evaluate", poses, "--truth", truth, "--json", *more)
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("evaluate", poses, "--truth", truth, "--json", *more)
     found = json.loads(ended.out)
     return found["mpjpe_mm"], found["keypoint_definition"]
 
@@ -35,10 +34,9 @@ def errors(handtrack: CommandLine, poses: Path, truth: Path, *more: str) -> tupl
 def test_what_is_compared_is_what_the_truth_says_or_what_is_asked_for(handtrack, poses, tmp_path):
     theirs, ours = tmp_path / "theirs.npz", tmp_path / "ours.npz"
     for out, definition in ((theirs, "mediapipe21"), (ours, "joints")):
-        ended = handtrack(
+        handtrack.does(
             "export", poses, "--to", "keypoints", "--out", out, "--landmarks", definition
         )
-        assert ended.code == 0, ended.err
     assert errors(handtrack, poses, theirs) == (pytest.approx(0.0, abs=1e-6), "mediapipe21")
     assert errors(handtrack, poses, ours) == (pytest.approx(0.0, abs=1e-6), "joints")
     off, definition = errors(handtrack, poses, theirs, "--landmarks", "joints")

@@ -43,14 +43,14 @@ def test_c11_scaled_videos_are_taken_where_that_is_said(handtrack, tmp_path):
     words = new(tmp_path / "made", "--masks", "none")
     refused(handtrack, tmp_path, [*words, "--video", f"cam0={small}"], ["0.5 times"])
     refused(handtrack, tmp_path, [*words, "--scaled", "--video", f"cam0={cut}"], ["cam0"])
-    assert handtrack(*words, "--scaled", "--video", f"cam0={small}").code == 0
+    handtrack.does(*words, "--scaled", "--video", f"cam0={small}")
     assert Session.open(tmp_path / "made").rig["cam0"].size == (width // 2, height // 2)
 
 
 def test_c7_videos_of_different_rates_are_joined_by_time(handtrack, tmp_path):
     slow, fast = (video(tmp_path / f"{fps}.avi", fps, fps // 5, SIZE) for fps in (25, 100))
     videos = ["--video", f"cam0={slow}", "--video", f"cam1={fast}"]
-    assert handtrack(*new(tmp_path / "made", "--masks", "none", *videos)).code == 0
+    handtrack.does(*new(tmp_path / "made", "--masks", "none", *videos))
     session = Session.open(tmp_path / "made")
     assert [camera.fps for camera in session.file.cameras] == [None, 100.0]
     levels = [round(session.image(name, 4).mean() / 8) for name in session.camera_names]
@@ -73,7 +73,7 @@ def test_image_folders_and_depth_make_a_session(handtrack, tmp_path):
     words = new(tmp_path / "made", "--images", f"cam0={images}/*.png", "--depth", f"cam1={depth}")
     refused(handtrack, tmp_path, [*words, "--fps", 30], ["--depth cam1="])
     refused(handtrack, tmp_path, [*words, "--depth-scale", 0.0005], ["--fps"])
-    assert handtrack(*words, "--fps", 30, "--depth-scale", 0.0005).code == 0
+    handtrack.does(*words, "--fps", 30, "--depth-scale", 0.0005)
     session = Session.open(tmp_path / "made")
     assert session.frame_count == 3
     assert session.image("cam0", 2)[0, 0, 0] == 16
@@ -87,11 +87,11 @@ def test_links_are_read_by_who_made_them_alone(handtrack, tmp_path, monkeypatch)
     film, images = video(tmp_path / "a.avi", 25, 3, SIZE), pictures(tmp_path / "left", 3)
     made, others = tmp_path / "made", tmp_path / "sent"
     sources = ["--video", f"cam0={film}", "--images", f"cam1={images}/*.png"]
-    assert handtrack(*new(made, "--link", "--masks", "none", *sources)).code == 0
+    handtrack.does(*new(made, "--link", "--masks", "none", *sources))
     assert sorted(path.name for path in made.iterdir()) == ["calibration.toml", "session.toml"]
     session = Session.open(made)
     assert [round(session.image(n, 2).mean() / 8) for n in ("cam0", "cam1")] == [2, 2]
-    assert handtrack("doctor", made).code == 0
+    handtrack.does("doctor", made)
 
     shutil.copytree(made, others)  # as somebody else's session would have the same words
     for other in (CALIBRATION, f"{tmp_path}/left/../../{tmp_path.parent.name}/a.avi"):
@@ -129,16 +129,15 @@ def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypa
     images = ["--images", f"cam0={pictures(tmp_path / 'left', 3)}", "--fps", 30]
     monkeypatch.setattr(OneHand, "right", 0.03)
     out = tmp_path / "a"
-    ended = handtrack(*new(out, *images, "--track"))
-    assert ended.code == 0
+    ended = handtrack.does(*new(out, *images, "--track"))
     assert "97 % sure" in ended.err
     assert Session.open(out).file.hand.side == "left"
     assert done == [(out, True, True), (out, "auto")]
 
     monkeypatch.setattr(OneHand, "right", 0.6)
-    assert handtrack(*new(tmp_path / "b", *images)).code == 0
+    handtrack.does(*new(tmp_path / "b", *images))
     assert Session.open(tmp_path / "b").file.hand.side == "right"
-    assert handtrack(*new(tmp_path / "c", *images, "--side", "left")).code == 0
+    handtrack.does(*new(tmp_path / "c", *images, "--side", "left"))
     assert Session.open(tmp_path / "c").file.hand.side == "left"
     assert len(done) == 2
     handtrack(*new(tmp_path / "d", *images, "--track", "--masks", "skin_ycrcb"))
@@ -163,6 +162,6 @@ def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_m
 def test_new_takes_truth_along(handtrack, tmp_path):
     words = ["--video", f"cam0={SOURCE}/cam0.mp4", "--masks", "none"]
     (truth,) = sample("truth/trc", tmp_path / "truth")
-    assert handtrack(*new(tmp_path / "made", *words, "--truth", truth)).code == 0
+    handtrack.does(*new(tmp_path / "made", *words, "--truth", truth))
     found = read_truth(tmp_path / "made/truth.npz").keypoints21
     np.testing.assert_allclose(found, moving(), atol=1e-7)

@@ -22,10 +22,9 @@ RIG = ["--calibration", bundled_session() / "calibration.toml", "--fps", 30]
 
 def test_a_session_of_joints_alone(handtrack, tmp_path):
     (left,), (right,) = (sample(f"hands/{n}", tmp_path / n) for n in ("openpose", "deeplabcut_csv"))
-    ended = handtrack(
+    ended = handtrack.does(
         "new", "--out", tmp_path / "made", *RIG, "--keypoints", f"cam0={left}", "--keypoints", f"cam1={right}",
     )  # fmt: skip
-    assert ended.code == 0, ended.err
     assert "DeepLabCut's CSV, a hand in 3 frames; not a hand's, so left out: elbow." in ended.err
     session = Session.open(tmp_path / "made")
     assert session.frame_count == 3
@@ -47,13 +46,12 @@ def test_masks_are_made_by_the_joints_of_most_images(handtrack, tmp_path):
             *("--images", f"cam{number}={tmp_path / str(count)}"),
             *("--keypoints", f"cam{number}={joints}"),
         ]
-    ended = handtrack(*words, "--out", tmp_path / "made")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does(*words, "--out", tmp_path / "made")
     assert "masks of cam0: by the joints (method seeded)." in ended.err
     first, second = Session.open(tmp_path / "made").file.cameras
     assert isinstance(first.masks, Seeded)
     assert isinstance(second.masks, SkinYCrCb)
-    assert handtrack(*words, "--out", tmp_path / "named", "--masks", "skin_ycrcb").code == 0
+    handtrack.does(*words, "--out", tmp_path / "named", "--masks", "skin_ycrcb")
     named = Session.open(tmp_path / "named").file.cameras
     assert all(isinstance(camera.masks, SkinYCrCb) for camera in named)
 
@@ -61,7 +59,7 @@ def test_masks_are_made_by_the_joints_of_most_images(handtrack, tmp_path):
 def test_shares_are_of_the_camera_s_image(handtrack, tmp_path):
     (path,) = sample("hands/mediapipe", tmp_path)
     words = ["new", "--out", tmp_path / "made", *RIG, "--side", "left"]
-    assert handtrack(*words, "--keypoints", f"cam0={path}").code == 0
+    handtrack.does(*words, "--keypoints", f"cam0={path}")
     session = Session.open(tmp_path / "made")
     assert (session.file.hand.side, session.file.cameras[0].keypoint_layout) == (
         "left",
@@ -107,8 +105,7 @@ def test_joints_tell_the_unit(form, factor, said, handtrack, tmp_path):
         folder = tmp_path / camera.name
         write_joints({0: points, 1: points}, "hand_right", folder)
         words += ["--keypoints", f"{camera.name}={folder}"]
-    ended = handtrack(*words, "--out", tmp_path / "made", "--yes")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does(*words, "--out", tmp_path / "made", "--yes")
     assert said in ended.err
     found = Session.open(tmp_path / "made").rig["cam1"].translation / rig["cam1"].translation
     assert found == pytest.approx(1.0, abs=1e-9 if form == "json" else 0.25)
@@ -147,8 +144,7 @@ def test_own_markers_are_refused_with_a_table_that_then_names_them(handtrack, tm
     for ours, theirs in {"wrist": "palm", "index_mcp": "D2_base", "index_tip": "D2_tip"}.items():
         text = text.replace(f'{ours} = ""', f'{ours} = "{theirs}"')
     table.write_text(text)
-    ended = handtrack(*words, "--names", table)
-    assert ended.code == 0, ended.err
+    handtrack.does(*words, "--names", table)
     points = Session.open(tmp_path / "made").view("cam0").keypoints(0, 1.0)[0]
     at = points.pixels[points.names.index("index_tip")]
     np.testing.assert_allclose(

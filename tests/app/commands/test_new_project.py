@@ -57,10 +57,9 @@ def project(
 
 @pytest.mark.parametrize("version", CALIBRATIONS)
 def test_everything_is_found(version, handtrack, tmp_path):
-    ended = handtrack(
+    ended = handtrack.does(
         "new", "--out", tmp_path / "made", "--project", project(tmp_path / "p", version)
     )
-    assert ended.code == 0, ended.err
     assert f"the calibration is {tmp_path / 'p' / CALIBRATIONS[version]}" in ended.err
     assert "no video of cam1: joints alone." in ended.err
     session = Session.open(tmp_path / "made")
@@ -73,8 +72,7 @@ def test_everything_is_found(version, handtrack, tmp_path):
 
 def test_cameras_of_other_names_are_taken_in_order(handtrack, tmp_path):
     trial = project(tmp_path / "p", names=("int_a_img", "int_b_img"))
-    ended = handtrack("new", "--out", tmp_path / "made", "--project", trial)
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("new", "--out", tmp_path / "made", "--project", trial)
     assert "in order, as Pose2Sim does: cam0 is 'int_a_img', cam1 is 'int_b_img'." in ended.err
     session = Session.open(tmp_path / "made")
     seen = session.view("int_b_img").keypoints(5, 1.0)[0]
@@ -89,8 +87,7 @@ def test_what_pose2sim_synchronised_stays_so(handtrack, tmp_path):
     later.mkdir()
     for f in range(2, len(pixels())):
         shutil.copyfile(trial / f"pose/cam1_json/cam_{f:05d}.json", later / f"cam_{f - 2:05d}.json")
-    ended = handtrack("new", "--out", tmp_path / "made", "--project", trial)
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("new", "--out", tmp_path / "made", "--project", trial)
     assert "synchronised as in pose-sync: cameras are late by frames: cam1 by 2." in ended.err
     session = Session.open(tmp_path / "made")
     for camera, own in (("cam0", 5), ("cam1", 7)):

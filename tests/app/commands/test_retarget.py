@@ -20,8 +20,7 @@ def file(tmp_path):
 
 def test_a_motion_becomes_a_session_that_is_exported(handtrack, file, tmp_path):
     made = tmp_path / "made"
-    ended = handtrack("retarget", file, "--out", made, "--json")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("retarget", file, "--out", made, "--json")
     assert "18 joints by the names of common use." in ended.err
     told = json.loads(ended.out)
     assert (told["model"], told["frames"], told["fps"]) == ("body34", len(places()), 25.0)
@@ -38,17 +37,16 @@ def test_a_motion_becomes_a_session_that_is_exported(handtrack, file, tmp_path):
     measured = handtrack("evaluate", made / "tracks/poses.npz", "--truth", file, "--json")
     assert json.loads(measured.out)["mpjpe_mm"] < 8  # points of the file itself, by their names
     for form in ("csv", "bvh", "trc", "glb"):
-        assert handtrack("export", made / "tracks/poses.npz", "--to", form).code == 0
+        handtrack.does("export", made / "tracks/poses.npz", "--to", form)
 
 
 def test_our_own_bvh_gives_the_same_angles(handtrack, file, tmp_path):
     first, second = tmp_path / "first", tmp_path / "second.npz"
-    assert handtrack("retarget", file, "--out", first).code == 0
-    assert handtrack("export", first / "tracks/poses.npz", "--to", "bvh").code == 0
-    ended = handtrack(
+    handtrack.does("retarget", file, "--out", first)
+    handtrack.does("export", first / "tracks/poses.npz", "--to", "bvh")
+    handtrack.does(
         "retarget", first / "tracks/poses.bvh", "--out", second, "--scale", first / "person.json"
     )
-    assert ended.code == 0, ended.err
     one, other = read_npz(first / "tracks/poses.npz"), read_npz(second)
     np.testing.assert_allclose(other.parameters, one.parameters, atol=1e-5)
     np.testing.assert_allclose(other.joint_positions, one.joint_positions, atol=1e-4)
@@ -56,8 +54,7 @@ def test_our_own_bvh_gives_the_same_angles(handtrack, file, tmp_path):
 
 def test_a_hand_s_motion(handtrack, tmp_path):
     (file,) = sample("motion/left_hand", tmp_path)
-    ended = handtrack("retarget", file, "--out", tmp_path / "made", "--side", "left", "--json")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("retarget", file, "--out", tmp_path / "made", "--side", "left", "--json")
     told = json.loads(ended.out)
     assert (told["model"], told["median_mm"] < 1.0) == ("hand26", True)
     assert Session.open(tmp_path / "made").file.hand.side == "left"
@@ -65,11 +62,10 @@ def test_a_hand_s_motion(handtrack, tmp_path):
 
 def test_a_recording_is_rendered_of_a_motion_file(handtrack, file, tmp_path):
     made = tmp_path / "made"
-    ended = handtrack(
+    handtrack.does(
         "simulate", "--out", made, "--motion", file, "--frames", 4, "--cameras", 2, "--size", 160, 120, "--no-images",
         "--joints-px", 0, "--clouds",
     )  # fmt: skip
-    assert ended.code == 0, ended.err
     session = Session.open(made)
     assert (session.frame_count, session.file.hand.model) == (4, "body34")
     truth = session.truth

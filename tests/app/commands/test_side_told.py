@@ -29,14 +29,13 @@ def asked(monkeypatch):
 
 def test_c31_track_and_doctor_name_the_other_side(handtrack, tracked, tmp_path, asked):
     session = Path(shutil.copytree(tracked, tmp_path / "session"))
-    assert handtrack("track", session, "--frames", "0:2").code == 0
+    handtrack.does("track", session, "--frames", "0:2")
     assert DOUBT not in handtrack("doctor", session).out
     assert asked == []  # its first pose says where each joint is
     poses = read_npz(session / "tracks/poses.npz")
     row = dict(zip(poses.parameter_names, map(float, poses.parameters[0]), strict=True))
     (session / "init.json").write_text(json.dumps({"frame": 0, "parameters": row}))
-    ended = handtrack("track", session, "--frames", "0:2", "--json", "--restart")
-    assert ended.code == 0
+    ended = handtrack.does("track", session, "--frames", "0:2", "--json", "--restart")
     assert asked == [[0, 1]]
     assert DOUBT in json.loads(ended.out)["warnings"]
     assert f"note: {DOUBT}" in ended.err
@@ -58,5 +57,5 @@ def test_joints_of_the_other_hand_are_asked_about_before_anything_is_tracked(
         assert refused.code == 2
         assert "--yes" in refused.err
         assert not out.exists()
-    assert handtrack(*tracked, "--yes").code == 0
+    handtrack.does(*tracked, "--yes")
     assert out.exists()

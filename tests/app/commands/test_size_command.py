@@ -40,15 +40,13 @@ def larger(made, tmp_path):
 
 def test_a_size_is_saved_and_used(handtrack, larger):
     def error():
-        ended = handtrack("track", larger, "--frames", "0:4")
-        assert ended.code == 0
+        ended = handtrack.does("track", larger, "--frames", "0:4")
         assert ("mm ±" in ended.out) == (larger / "hand.json").exists(), ended.out
         words = ["evaluate", larger / "tracks/poses.npz", "--truth", larger / "truth.npz", "--json"]
         return json.loads(handtrack(*words).out)["mpjpe_tracked_mm"]
 
     before = error()
-    ended = handtrack("size", larger, "--count", "4", "--frames", "0:5")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("size", larger, "--count", "4", "--frames", "0:5")
     assert f"Saved to {larger / 'hand.json'}" in ended.out
     assert re.search(r"Hand 19[789] mm ± [12], within the adult range\.", ended.out)
     assert read_scale(larger / "hand.json").overall == pytest.approx(LARGER, rel=0.015)
@@ -71,11 +69,10 @@ def test_a_size_is_saved_and_used(handtrack, larger):
 def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, larger, tmp_path):
     """A tracked result has the person; half of its frames know them better when they begin with their file."""
     edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
-    assert handtrack("track", larger).code == 0
-    ended = handtrack(
+    handtrack.does("track", larger)
+    ended = handtrack.does(
         "person", larger / "tracks/poses.npz", "--out", larger / "person.toml", "--json"
     )
-    assert ended.code == 0, ended.err
     found, said = read_scale(larger / "person.toml"), json.loads(ended.out)
     assert found.overall == pytest.approx(LARGER, rel=0.015)
     assert found.parts.keys() >= {"thumb", "index", "middle", "ring", "little"}
@@ -88,7 +85,7 @@ def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, lar
     def person_of(*more):
         out = tmp_path / "few.npz"
         out.unlink(missing_ok=True)
-        assert handtrack("track", larger, "--frames", "0:3", "--out", out, *more).code == 0
+        handtrack.does("track", larger, "--frames", "0:3", "--out", out, *more)
         return scale_from(json.loads(read_npz(out).scale), "track")
 
     both = person_of("--person", str(larger / "person.toml"))
@@ -106,15 +103,14 @@ def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, lar
     edit(larger / "session.toml", 'scale = "fit"\n', "scale = 1.0\n")
     refused(handtrack, larger.parent, ["track", larger], ["person.toml"])
     edit(larger / "session.toml", '\nperson = "person.toml"', "")
-    assert handtrack("track", larger, "--frames", "0:1", "--out", given, "--restart").code == 0
+    handtrack.does("track", larger, "--frames", "0:1", "--out", given, "--restart")
     refused(handtrack, larger.parent, ["person", given], ["given"])
     refused(handtrack, larger.parent, ["person", given, "--frames", "0:1"], ["--frames"])
 
 
 def test_a_size_that_is_fitted_later(handtrack, larger):
     edit(larger / "session.toml", "scale = 1.0", 'scale = "fit"')
-    ended = handtrack("track", larger, "--frames", "0:2", "--size-later")
-    assert ended.code == 0, ended.err
+    ended = handtrack.does("track", larger, "--frames", "0:2", "--size-later")
     told = [ended.err.index(w) for w in ("to the 2 frames that were tracked", "tracking again")]
     assert told == sorted(told)
     track = read_npz(larger / "tracks/poses.npz")

@@ -94,8 +94,7 @@ def test_a1_killed_at_random_moments_the_same_command_ends_with_the_same_bytes(
         (lease,) = (session / "tracks").glob("lease-*.json")
         assert set(before) <= set(frames_of(session)) if before else lease.exists()
     left = frames_of(session)
-    ended = handtrack("track", session)
-    assert ended.code == 0
+    ended = handtrack.does("track", session)
     assert f"resuming at frame {len(left)} of {FRAMES} (take 1" in ended.err
     assert (session / POSES).read_bytes() == whole
     assert not list((session / "tracks").glob("lease-*"))
@@ -113,14 +112,14 @@ def test_a1_signals_to_end_are_clean_stops(handtrack, session, whole, monkeypatc
         there = read_npz(session / POSES).frame.tolist()
         assert there == list(range(len(there)))
         assert len(there) >= frames, "and those solved ahead, which nothing could change any more"
-    assert handtrack("track", session).code == 0
+    handtrack.does("track", session)
     assert (session / POSES).read_bytes() == whole
 
 
 def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
     handtrack, session, monkeypatch
 ):
-    assert handtrack("track", session).code == 0
+    handtrack.does("track", session)
     before = read_npz(session / POSES)
     with interrupted(monkeypatch, 2):
         ended = handtrack("track", session, "--set", "silhouettes.weight=1.3")
@@ -129,7 +128,7 @@ def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
         assert kept.frame.tolist() == before.frame.tolist()
         assert not np.array_equal(kept.parameters[0], before.parameters[0]), "it lies above"
         np.testing.assert_array_equal(kept.parameters[-1], before.parameters[-1])
-    assert handtrack("track", session, "--set", "silhouettes.weight=1.3").code == 0
+    handtrack.does("track", session, "--set", "silhouettes.weight=1.3")
     assert "resuming" not in handtrack("track", session, "--frames", "1:3").err
     assert read_npz(session / POSES).frame.tolist() == [1, 2], (
         "what is asked for and done is the track"
@@ -139,7 +138,7 @@ def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
 def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
     handtrack, session, monkeypatch
 ):
-    assert handtrack("track", session).code == 0
+    handtrack.does("track", session)
     before = (session / POSES).read_bytes()
     with interrupted(monkeypatch, 2):
         ended = handtrack("track", session, "--set", "model.forearm=true")
@@ -147,7 +146,7 @@ def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
     assert (session / POSES).read_bytes() == before
     assert [span.take for span in Store(session / "tracks").current()] == [2]
     assert "--restore 3" in ended.err
-    assert handtrack("takes", session, "--restore", 3).code == 0
+    handtrack.does("takes", session, "--restore", 3)
     assert "wrist_flex" in read_npz(session / POSES).parameter_names
 
 
@@ -156,8 +155,7 @@ def test_what_is_finished_or_begun_anew_is_a_new_take(handtrack, session, monkey
     with interrupted(monkeypatch, 1):
         assert handtrack(*words).code == 130
     for more in (["--restart"], []):
-        ended = handtrack(*words, *more)
-        assert ended.code == 0
+        ended = handtrack.does(*words, *more)
         assert "resuming" not in ended.err
     takes = Store(session / "tracks").takes()
     assert [take.is_finished for take in takes] == [False, True, True]
@@ -211,8 +209,7 @@ def test_damage_in_what_is_resumed_is_told_and_tracked_again(
     content = bytearray(log.read_bytes())
     content[content.index(b'"frame":1') + 900] ^= 4
     log.write_bytes(content)
-    ended = handtrack("track", session)
-    assert ended.code == 0
+    ended = handtrack.does("track", session)
     assert f"note: {log}: " in ended.err
     assert (session / POSES).read_bytes() == whole
 
@@ -227,5 +224,5 @@ def test_a23_what_was_left_by_a_kill_is_removed_by_the_next_run(handtrack, sessi
     for path in left:
         path.write_text("half")
         os.utime(path, (0, 0))
-    assert handtrack("track", session, "--frames", "0:1").code == 0
+    handtrack.does("track", session, "--frames", "0:1")
     assert not any(path.exists() for path in left)

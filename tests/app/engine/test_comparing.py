@@ -8,7 +8,6 @@ from handtrack_app.protocol.snapshots import APART, TakeCard, WorkSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 
 def _bends(bench: Workbench) -> list[float]:
@@ -58,7 +57,7 @@ def test_a_take_is_compared_and_some_of_its_frames_come_back(bench, wire):
     eventually(lambda: _bends(bench) == second, "the frames of take 2 again")
 
 
-def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench):
+def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
     document, tracking = bench.worker.document, bench.layout.tracking
     assert not tracking.between.visible
     for frame, by in ((2, 0.05), (9, 0.4)):
@@ -67,9 +66,8 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench):
     bench.go_to(5)
     eventually(lambda: bool(tracking.between.visible), "offered")
     assert tracking.between.label == "Track between 2 and 9"
-    with WireClient(bench.url) as client:
-        client.set_value(tracking.between, True)
-        eventually(lambda: set(document.results) == set(range(3, 9)), "tracked")
+    wire.set_value(tracking.between, True)
+    eventually(lambda: set(document.results) == set(range(3, 9)), "tracked")
     at = document.model.parameter_names.index("index_mcp_flex")
     bends = [float(document.results[f].parameters[at]) for f in range(3, 9)]
     # the fake bends a finger by 0.02 a frame from where it began

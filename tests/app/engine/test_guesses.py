@@ -12,11 +12,9 @@ from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs
 from handtrack_app.engine.job_control import Guesses
-from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened, show_results
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 WAYS = ((0.03, 0.9, "no forearm in view"), (0.08, 0.06, "turned by 170°"))
 """where the hand is along x [m], how sure, and in words"""
@@ -49,17 +47,10 @@ def search(monkeypatch):
     go.set()
 
 
-@pytest.fixture
-def client(bench):
-    """One page for a whole test."""
-    with WireClient(bench.url) as one:
-        yield one
-
-
-def test_the_hand_is_found_taken_and_can_be_undone(bench, client, search):
+def test_the_hand_is_found_taken_and_can_be_undone(bench, wire, search):
     panel, state = bench.layout.guesses, bench.state
     before = state.values
-    client.set_value(panel.find, "best frame")
+    wire.set_value(panel.find, "best frame")
     eventually(lambda: bool(panel.cancel.visible) and not panel.find.visible, "it can be cancelled")
     shown = bench.layout.progress
     eventually(
@@ -76,13 +67,13 @@ def test_the_hand_is_found_taken_and_can_be_undone(bench, client, search):
     eventually(lambda: ">found<" in bench.layout.pose.card.content, "called found")
     eventually(lambda: "found</span>" in bench.layout.timeline.picture.content, "marked")
     assert "set by hand" not in bench.layout.timeline.picture.content
-    client.set_value(panel.takes, "2")
+    wire.set_value(panel.takes, "2")
     eventually(lambda: abs(state.values[0] - 0.08) < 1e-9, "the other one")
-    client.set_value(bench.layout.pose.edit_buttons, "Undo")
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: abs(state.values[0] - 0.03) < 1e-9, "undone")
-    client.set_value(bench.layout.pose.edit_buttons, "Undo")
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: np.allclose(state.values, before), "the pose before the search")
-    client.set_value(panel.takes, "77")
+    wire.set_value(panel.takes, "77")
     bench.go_to(6)
     eventually(lambda: not bench.stage.ghosts.bones.visible and not panel.folder.visible, "hidden")
     bench.go_to(5)
@@ -121,10 +112,8 @@ def test_a_search_can_be_cancelled_and_may_find_nothing(bench, search):
     assert panel.guesses is None
 
 
-def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path):
-    document = fake_document(tmp_path)
-    bench = Workbench(tmp_path, port=0, opener=lambda _: document).start()
-    assert bench.wait_ready()
+def test_hypotheses_that_the_tracker_carries_are_ghosts(bench):
+    document = bench.worker.document
     model = document.model
     (result,) = document.run.track(range(4, 5), 4, model.rest_params())
     other = model.clipped(model.transform.solver_params(result.parameters) + 0.1)
@@ -148,4 +137,3 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(tmp_path):
     np.testing.assert_allclose(document.by_hand[4], carried[1].parameters, atol=1e-9)
     bench.layout.page.draw("ghosts", False)
     assert not ghosts.bones.visible
-    bench.stop()

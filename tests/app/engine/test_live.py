@@ -7,10 +7,9 @@ import pytest
 import handtrack.session.live.live_session as live_session
 from handtrack.session.session import Session
 from handtrack_app.engine.live_control import open_live_document
-from handtrack_app.engine.worker import Worker
-from handtrack_app.process.child import EnginePlan, LiveOptions
+from handtrack_app.process.child import LiveOptions
 from handtrack_app.protocol import snapshots
-from tests.app.desk import Listener
+from tests.app.desk import working
 from tests.app.waiting import eventually
 from tests.live_cameras import ScriptedDevice
 from tests.session.small_session import make_session
@@ -27,13 +26,8 @@ class Studio:
         waiting = list(self.devices)
         monkeypatch.setattr(live_session, "open_device", lambda *_: waiting.pop(0))
         options = LiveOptions({}, 10.0)
-        self.listener = Listener()
-        self.worker = Worker(
-            EnginePlan(folder, opener=lambda f: open_live_document(options, f, FAST)),
-            self.listener.publish,
-        )
-        self.worker.start()
-        self.listener.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", 60.0)
+        opener = lambda f: open_live_document(options, f, FAST)  # noqa: E731
+        self.worker, self.listener = working(folder, opener)
 
     def show(self) -> None:
         for device in self.devices:

@@ -12,14 +12,12 @@ from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.versions import versions
 from handtrack.session.session import Session
 from handtrack.session.sources.corrected_masks import encoded
-from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.worker import Worker
-from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call
 from tests.app.calls import call
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
-from tests.app.desk import Listener
+from tests.app.desk import Listener, working
 from tests.app.waiting import eventually
 
 Desk = tuple[Worker, Listener, Path]
@@ -37,11 +35,7 @@ def desk(tmp_path):
 
 
 def begun(folder: Path) -> Desk:
-    listener = Listener()
-    worker = Worker(EnginePlan(folder, opener=Opening().document), listener.publish)
-    worker.start()
-    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
-    return worker, listener, folder
+    return (*working(folder), folder)
 
 
 def method(card: snapshots.MaskCard, camera: str = "cam0") -> str:

@@ -9,12 +9,10 @@ from handtrack.session.session_state import decide
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.worker import Worker
-from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
-from tests.app.fake_run import FRAMES, fake_document
+from tests.app.desk import a_desk
+from tests.app.fake_run import FRAMES
 from tests.app.opened import did, opened, posed, tracked
-from tests.app.waiting import eventually
 
 
 def _use(store: Persistence, model: str) -> None:
@@ -92,19 +90,10 @@ def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path):
     store = opened(tmp_path)
     did(store, edits.setting("model.forearm", "false"))
     store.close()
-    worker = Worker(
-        EnginePlan(tmp_path, opener=lambda f: fake_document(f, step_s=0.0)),
-        (seen := []).append,
-    )
-    worker.start()
-    try:
-        assert worker.wait_opened(60.0) is None
+    for worker, listener in a_desk(tmp_path, step_s=0.0):
         assert not worker.document.results, "a setting says that there is no forearm"
-        hidden = [s.hidden for s in seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
-        assert [(span.take, span.first, span.stop) for span in hidden] == [(1, 0, FRAMES)]
+        (span,) = listener.wait(snapshots.TimelineSnapshot).hidden
+        assert (span.take, span.first, span.stop) == (1, 0, FRAMES)
         worker.engine.show_take(1)
-        eventually(lambda: len(worker.document.results) == FRAMES, "its frames show")
-    finally:
-        worker.stop()
-    strip = [s for s in seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
-    assert not strip.hidden and (strip.status >= 0).all()
+        strip = listener.wait(snapshots.TimelineSnapshot, lambda s: not s.hidden)
+        assert len(worker.document.results) == FRAMES and (strip.status >= 0).all()

@@ -16,10 +16,10 @@ from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.engine.worker import Worker
-from handtrack_app.process.child import EnginePlan
 from tests.app.calls import call
 from tests.app.command_line import FRAMES as WHOLE
 from tests.app.command_line import small_recording
+from tests.app.desk import working
 from tests.app.waiting import eventually
 from tests.session.small_session import edit
 
@@ -102,8 +102,8 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
     assert isinstance(end, Ended)
     expected = end.track
     assert expected.status.tolist().count(Status.KEYFRAME) == 1
-    assert handtrack("track", copies[1]).code == 0
-    assert handtrack("batch", copies[2], "--jobs", 1, "--out", tmp_path / "out").code == 0
+    handtrack.does("track", copies[1])
+    handtrack.does("batch", copies[2], "--jobs", 1, "--out", tmp_path / "out")
     worker, seen = opened(copies[3])
     before = worker.document.results[1]
     tracked_by(worker, seen, call("track", 0, WHOLE, worker.document.first_frame, anew=True))
@@ -136,8 +136,5 @@ def corrected(folder: Path) -> None:
 
 
 def opened(folder: Path) -> tuple[Worker, list]:
-    seen = []
-    worker = Worker(EnginePlan(folder, preview=False), seen.append)
-    worker.start()
-    assert worker.wait_opened(60.0) is None
-    return worker, seen
+    worker, listener = working(folder)
+    return worker, listener.seen

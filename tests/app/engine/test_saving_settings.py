@@ -17,7 +17,6 @@ from tests.app.cloudy_session import cloudy_session
 from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 pytestmark = pytest.mark.usefixtures("left_open")
 TEXT = "[session]\nformat = 1  # of the file\n"
@@ -33,18 +32,17 @@ def store(tmp_path):
     return store
 
 
-def test_a_changed_setting_is_saved_by_its_button(bench):
+def test_a_changed_setting_is_saved_by_its_button(bench, wire):
     panel, path = bench.layout.settings, bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")
     control = panel.controls["cloud.weight"].widget
-    with WireClient(bench.url) as client:
-        client.set_value(control, 2.0)
-        eventually(lambda: bool(panel.saved.save.visible), "it can be saved")
-        client.set_value(panel.saved.save, True)
-        eventually(lambda: control.label == "Cloud", "no longer marked")
-        eventually(
-            lambda: not panel.saved.save.visible and not panel.saved.back.visible, "nothing to save"
-        )
+    wire.set_value(control, 2.0)
+    eventually(lambda: bool(panel.saved.save.visible), "it can be saved")
+    wire.set_value(panel.saved.save, True)
+    eventually(lambda: control.label == "Cloud", "no longer marked")
+    eventually(
+        lambda: not panel.saved.save.visible and not panel.saved.back.visible, "nothing to save"
+    )
     assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
     assert control.value == 2.0
     bench.engine.set_setting("cloud.weight", 1.0)

@@ -61,7 +61,7 @@ def test_c43_the_command_hands_the_wish_to_take_over_on_to_the_store(
         "handtrack_app.workbench.run_workbench", lambda folder, **options: asked.update(options)
     )
     for words, wanted in ((["--take-over"], True), ([], False)):
-        assert handtrack("open", bundled_session(), *words).code == 0
+        handtrack.does("open", bundled_session(), *words)
         assert asked["take_over"] is wanted
     holder = Persistence.open(fake_document(tmp_path))
     worker = Workbench(tmp_path, port=0, opener=fake_document, take_over=True).worker

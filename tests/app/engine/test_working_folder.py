@@ -4,7 +4,7 @@ import pytest
 
 from handtrack.session import bundled
 from handtrack.session.bundled import working_folder
-from handtrack_app.workbench import Workbench
+from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 
@@ -29,18 +29,10 @@ def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(shelf, 
 
 
 def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path):
-    bench = Workbench(
-        tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.01), demo=True
-    ).start()
-    try:
+    with shown(tmp_path, opener=lambda f: fake_document(f, step_s=0.01), demo=True) as bench:
         eventually(lambda: bench.state.playing, "it plays")
         timeline = bench.layout.timeline
         eventually(lambda: (timeline.strip.status >= 0).sum() == FRAMES, "what was tracked")
-    finally:
-        bench.stop()
-    bench = Workbench(tmp_path, port=0, opener=fake_document, demo=True).start()
-    try:
+    with shown(tmp_path, opener=fake_document, demo=True) as bench:
         eventually(lambda: bench.state.playing, "it plays at once")
         assert not bench.worker.busy
-    finally:
-        bench.stop()

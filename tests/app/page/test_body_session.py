@@ -12,7 +12,7 @@ from handtrack_app.engine.inverse_kinematics import reach, stem_bones
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.palette import limb_of
-from handtrack_app.workbench import Workbench
+from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -25,10 +25,8 @@ def opened(tmp_path_factory):
     what = Simulation(
         cameras=2, frames=2, size=(96, 72), motion="still", model="body34", distance_m=3.5, images=False
     )  # fmt: skip
-    workbench = Workbench(simulate(folder, what), port=0).start()
-    assert workbench.wait_ready()
-    yield workbench
-    workbench.stop()
+    with shown(simulate(folder, what)) as workbench:
+        yield workbench
 
 
 def test_its_parts_stand_on_their_bones(opened):

@@ -59,59 +59,49 @@ def test_a_slow_page_shows_all_of_one_frame(tmp_path):
         assert len({one["cursor"] for one in samples}) >= 5, "it plays"
 
 
-def test_no_more_than_two_frames_are_on_their_way(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=fake_document).start()
-    assert bench.wait_ready()
-    try:
-        with WireClient(bench.url, draws=False) as wire:
-            eventually(bench.server.get_clients, "it is there")
-            asked, send = list[int](), bench.worker.send
-
-            def sent(call):
-                if call.name == "show_frame":
-                    asked.append(call.arguments["frame"])
-                send(call)
-
-            bench.worker.send = sent
-            bench.page.play(True)
-            eventually(lambda: len(asked) == 2, "it draws none of them")
-            time.sleep(0.3)
-            answered = 0  # a frame that is told again is asked about again
-            while len(asked) == 2:
-                eventually(lambda: len(asked) > 2 or len(_questions(wire)) > answered, "a question")  # noqa: B023
-                for question in _questions(wire)[answered:]:
-                    wire.answer(question, None)
-                    answered += 1
-                time.sleep(0.3)
-            assert len(asked) == 3 and answered >= 2, "it takes the frame, and has drawn it"
-    finally:
-        bench.stop()
-
-
-def test_nothing_is_played_while_no_page_is_open(tmp_path):
-    """The demo plays by itself, and its page may be closed, or never be opened: the program rests then."""
-    bench = Workbench(tmp_path, port=0, opener=fake_document).start()
-    assert bench.wait_ready()
-    try:
+def test_no_more_than_two_frames_are_on_their_way(bench):
+    with WireClient(bench.url, draws=False) as wire:
+        eventually(bench.server.get_clients, "it is there")
         asked, send = list[int](), bench.worker.send
 
         def sent(call):
-            asked.extend([1] if call.name == "show_frame" else [])
+            if call.name == "show_frame":
+                asked.append(call.arguments["frame"])
             send(call)
 
         bench.worker.send = sent
         bench.page.play(True)
-        time.sleep(0.5)
-        assert not asked, "nobody sees it"
-        with WireClient(bench.url):
-            eventually(lambda: len(asked) > 2, "it plays to who comes")
-        eventually(lambda: not bench.server.get_clients(), "the page was closed")
-        time.sleep(0.2)
-        asked.clear()
-        time.sleep(0.5)
-        assert not asked, "nobody sees it any more"
-    finally:
-        bench.stop()
+        eventually(lambda: len(asked) == 2, "it draws none of them")
+        time.sleep(0.3)
+        answered = 0  # a frame that is told again is asked about again
+        while len(asked) == 2:
+            eventually(lambda: len(asked) > 2 or len(_questions(wire)) > answered, "a question")  # noqa: B023
+            for question in _questions(wire)[answered:]:
+                wire.answer(question, None)
+                answered += 1
+            time.sleep(0.3)
+        assert len(asked) == 3 and answered >= 2, "it takes the frame, and has drawn it"
+
+
+def test_nothing_is_played_while_no_page_is_open(bench):
+    """The demo plays by itself, and its page may be closed, or never be opened: the program rests then."""
+    asked, send = list[int](), bench.worker.send
+
+    def sent(call):
+        asked.extend([1] if call.name == "show_frame" else [])
+        send(call)
+
+    bench.worker.send = sent
+    bench.page.play(True)
+    time.sleep(0.5)
+    assert not asked, "nobody sees it"
+    with WireClient(bench.url):
+        eventually(lambda: len(asked) > 2, "it plays to who comes")
+    eventually(lambda: not bench.server.get_clients(), "the page was closed")
+    time.sleep(0.2)
+    asked.clear()
+    time.sleep(0.5)
+    assert not asked, "nobody sees it any more"
 
 
 def _questions(wire: WireClient) -> list[dict[str, Any]]:

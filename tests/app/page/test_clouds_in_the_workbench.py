@@ -7,15 +7,12 @@ import pytest
 
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.session.clouds_settings import CLOUD_SETTINGS, CloudSettings
-from handtrack_app.engine.opening import Opening
-from handtrack_app.engine.worker import Worker
 from handtrack_app.page.panels.cloud import CROP, STEREO, THIN
 from handtrack_app.page.panels.settings import in_file, on_page
 from handtrack_app.page.scene.camera_view import pixel_box
-from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
-from tests.app.desk import Listener
+from tests.app.desk import working
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
@@ -23,12 +20,7 @@ from tests.app.wire import WireClient
 @pytest.fixture
 def desk(tmp_path):
     """A worker with the recording open; its clouds are wanted."""
-    listener = Listener()
-    worker = Worker(
-        EnginePlan(cloudy_session(tmp_path), opener=Opening().document), listener.publish
-    )
-    worker.start()
-    listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
+    worker, listener = working(cloudy_session(tmp_path))
     yield worker, listener, tmp_path
     worker.stop()
 
@@ -58,9 +50,7 @@ def test_the_energys_parts_are_on_the_timeline_and_come_back(desk):
     total = np.sum([np.nan_to_num(part) for part in strip.terms.values()], axis=0)
     np.testing.assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
     worker.stop()
-    again = Listener()
-    second = Worker(EnginePlan(folder, opener=Opening().document), again.publish)
-    second.start()
+    second, again = working(folder)
     back = again.wait(snapshots.TimelineSnapshot, lambda s: bool(s.terms))
     np.testing.assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
     second.stop()
@@ -149,11 +139,9 @@ def test_a_dragged_box_is_found_in_the_image():
 
 
 def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp_path):
-    folder, listener = cloudy_session(tmp_path), Listener()
+    folder = cloudy_session(tmp_path)
     (folder / "init.json").unlink()
-    worker = Worker(EnginePlan(folder, opener=Opening().document), listener.publish)
-    worker.start()
-    listener.state("idle")
+    worker, listener = working(folder)
     worker.engine.want_cloud(snapshots.CloudSelection(points=True))
     cloud = listener.wait(snapshots.CloudSnapshot)
     assert all(c.name != "crop" for c in cloud.counts)

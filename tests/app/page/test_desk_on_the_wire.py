@@ -7,7 +7,6 @@ from handtrack_app.engine import tuning_service
 from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
-from tests.app.wire import WireClient
 
 
 @pytest.fixture(autouse=True)
@@ -20,18 +19,7 @@ def _pose(bench: Workbench) -> snapshots.PoseSnapshot:
     return bench.stage.pose
 
 
-def _drag(bench: Workbench, wire: WireClient, node: str, modifier: str | None, start, end) -> None:
-    owner = str(max(bench.server.get_clients())) if node.startswith("/grips") else ""
-    said = {
-        "type": "SceneNodeDragMessage", "name": node, "owner": owner, "modifier": modifier, "instance_index": 0, "button": "left",
-        "start_position": [float(v) for v in start], "start_screen_pos": [0.5, 0.5], "end_screen_pos": [0.6, 0.5],
-    }  # fmt: skip
-    for phase, share in (("start", 0.3), ("update", 0.7), ("end", 1.0)):
-        at = np.asarray(start) + share * (np.asarray(end) - start)
-        wire.send(said | {"phase": phase, "end_position": [float(v) for v in at]})
-
-
-def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, wire, page):
+def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     page.press("Camera view: front")
     eventually(lambda: page.number in bench.stage.grips._grips, "it can be taken hold of")
     before, session = _pose(bench), bench.stage.session
@@ -39,7 +27,7 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, wire, page):
     bone = session.bone_names.index("ring_metacarpal")
     palm = before.centre[list(session.ellipsoid_bone).index(bone)]
     aim = palm + 0.02 * card.rotation[:, 0]
-    _drag(bench, wire, "/grips/flesh", None, palm, aim)
+    page.drag("/grips/flesh", palm, aim)
     eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], aim - palm, atol=1e-6), "moved")  # fmt: skip
     np.testing.assert_allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9)
     assert not _pose(bench).pins
@@ -48,7 +36,7 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, wire, page):
         _pose(bench).joints[session.joint_names.index("index_tip")],
     )
     axis = (middle - card.centre) / np.linalg.norm(middle - card.centre)
-    _drag(bench, wire, "/grips/flesh", "shift", tip, tip + 0.03 * np.cross(axis, tip - middle) / 0.1)  # fmt: skip
+    page.drag("/grips/flesh", tip, tip + 0.3 * np.cross(axis, tip - middle), "shift")
     eventually(lambda: np.abs(_pose(bench).values[3:6] - before.values[3:6]).max() > 0.1, "turned")  # fmt: skip
     np.testing.assert_allclose(_pose(bench).values[6:], before.values[6:], atol=1e-9)
     page.press("Undo")
@@ -56,13 +44,13 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, wire, page):
     assert not np.allclose(_pose(bench).values[:3], before.values[:3])
 
 
-def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, wire, page):
+def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, page):
     before, session = _pose(bench), bench.stage.session
     bench.layout.page.draw("handle", False)  # it stands before the hand, and takes the pointer
     bench.stage.apply()
     pip = before.joints[session.joint_names.index("index_pip")]
     aim = pip + (0.0, -0.006, -0.012)
-    _drag(bench, wire, "/hand/flesh", "shift", pip, aim)
+    page.drag("/hand/flesh", pip, aim, "shift")
 
     def reached():
         there = _pose(bench).joints[session.joint_names.index("index_pip")]

@@ -68,24 +68,14 @@ def test_a_pin_that_the_pose_misses_is_marked(bench, shown):
     assert marks._heads.batched_scales[1] > 1.5 * marks._heads.batched_scales[0]
 
 
-def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(
-    bench,
-    wire,
-    page,
-):
+def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(bench, page):
     page.press("Camera view: front")
     grips = bench.stage.grips
     eventually(lambda: page.number in grips._grips, "the hand can be taken hold of")
     pose, session = bench.stage.pose, bench.stage.session
     tip = pose.joints[session.joint_names.index("index_tip")]
     aim = tip + 0.02 * page.view.card.rotation[:, 0]
-    drag = {
-        "type": "SceneNodeDragMessage", "name": "/grips/flesh", "owner": str(page.number), "modifier": None,
-        "instance_index": _ellipsoid(session, "index_distal"), "button": "left", "start_position": tip.tolist(),
-        "start_screen_pos": [0.5, 0.5], "end_screen_pos": [0.6, 0.5],
-    }  # fmt: skip
-    for phase, share in (("start", 0.3), ("update", 0.7), ("end", 1.0)):
-        wire.send(drag | {"phase": phase, "end_position": (tip + share * (aim - tip)).tolist()})
+    page.drag("/grips/flesh", tip, aim, part=_ellipsoid(session, "index_distal"))
     eventually(lambda: bool(bench.stage.pose and bench.stage.pose.pins), "pinned")
 
     def follows():

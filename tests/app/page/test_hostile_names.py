@@ -7,7 +7,7 @@ from pathlib import Path
 
 import viser
 
-from handtrack_app.workbench import Workbench
+from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.session.small_session import edit
 
@@ -29,12 +29,8 @@ def test_c53_names_in_a_sessions_files_are_text(recorded, tmp_path):
     for file in ("session.toml", "calibration.toml"):
         edit(folder / file, 'name = "cam0"', f"name = {json.dumps('cam' + TAG)}")
     (folder / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
-    bench = Workbench(folder, port=0).start()
-    try:
-        assert bench.wait_ready()
+    with shown(folder) as bench:
         eventually(
             lambda: any("&lt;img" in text for text in written_in(bench.server)), "the name is shown"
         )
         assert [text for text in written_in(bench.server) if "<img" in text] == []
-    finally:
-        bench.stop()

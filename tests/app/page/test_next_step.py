@@ -3,6 +3,7 @@
 import numpy as np
 
 from handtrack_app.workbench import Workbench
+from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -29,25 +30,19 @@ def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
 
 
 def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.05))
-    bench.start()
-    assert bench.wait_ready()
-    try:
-        next_step, progress = bench.layout.next, bench.layout
-        with WireClient(bench.url) as client:
-            bench.engine.track(3, FRAMES, 3)
-            eventually(lambda: (_status(bench) >= 0).sum() > 2, "some frames")
-            assert not next_step.button.visible, "it is under way"
-            bench.engine.cancel()
-            eventually(lambda: progress.progress.state == "idle", "cancelled")
-            before = np.flatnonzero(_status(bench) >= 0)
-            assert before[-1] < FRAMES - 1
-            eventually(lambda: next_step.button.visible, "it can go on")
-            client.set_value(next_step.button, True)
-            eventually(lambda: all(_status(bench)[3:] >= 0), "to the end")
-            assert (_status(bench)[:3] < 0).all(), "only from where it ended"
-    finally:
-        bench.stop()
+    opener = lambda f: fake_document(f, step_s=0.05)  # noqa: E731
+    with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
+        button = bench.layout.next.button
+        bench.engine.track(3, FRAMES, 3)
+        eventually(lambda: (_status(bench) >= 0).sum() > 2, "some frames")
+        assert not button.visible, "it is under way"
+        bench.engine.cancel()
+        eventually(lambda: bench.layout.progress.state == "idle", "cancelled")
+        assert np.flatnonzero(_status(bench) >= 0)[-1] < FRAMES - 1
+        eventually(lambda: button.visible, "it can go on")
+        client.set_value(button, True)
+        eventually(lambda: all(_status(bench)[3:] >= 0), "to the end")
+        assert (_status(bench)[:3] < 0).all(), "only from where it ended"
 
 
 def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):

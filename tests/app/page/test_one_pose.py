@@ -15,6 +15,7 @@ from handtrack_app.page.scene import camera_view
 from handtrack_app.page.time.lanes import cursor_picture
 from handtrack_app.protocol import snapshots
 from handtrack_app.workbench import Workbench
+from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import Browser, WireClient
@@ -126,14 +127,12 @@ def witness(tmp_path, monkeypatch):
         return painted(self, *given)
 
     monkeypatch.setattr(CameraPictures, "screen", late)
-    bench = Workbench(tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.05)).start()
-    assert bench.wait_ready()
-    with WireClient(bench.url) as wire:
+    opener = lambda f: fake_document(f, step_s=0.05)  # noqa: E731
+    with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as wire:
         page = Browser(bench, wire)
         show = bench.page.show
         yield bench, Witness(bench, wire), page
         object.__setattr__(bench.page, "show", show)
-    bench.stop()
 
 
 def test_played_edited_and_tracked_at_once_all_that_shows_is_of_one_pose(

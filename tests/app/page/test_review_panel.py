@@ -11,6 +11,7 @@ from handtrack.tracking.whole.refinement import CameraError
 from handtrack_app.page.panels.review import undoubted
 from handtrack_app.protocol.snapshots import Notice, TimelineSnapshot
 from handtrack_app.workbench import Workbench
+from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -61,9 +62,7 @@ EXACT = CameraError("front", (0.0, 0.1, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) 
 
 def test_a_camera_that_is_surely_off_is_corrected_by_a_button_and_undo_takes_it_back(tmp_path):
     opener = partial(fake_document, step_s=0.0, refined_by=0.1, refined_cameras=(EXACT, OFF))
-    bench = Workbench(tmp_path, port=0, opener=opener).start()
-    assert bench.wait_ready()
-    with WireClient(bench.url) as client:
+    with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
         review, document = bench.layout.review, bench.worker.document
         calibrated = document.run.session.rig["side"]
         bench.engine.track(0, FRAMES, 3)
@@ -86,7 +85,6 @@ def test_a_camera_that_is_surely_off_is_corrected_by_a_button_and_undo_takes_it_
         eventually(lambda: review.correct.visible and not turned(), "offered again")
         back = document.run.session.rig["side"].rotation
         np.testing.assert_array_equal(back, calibrated.rotation)
-    bench.stop()
 
 
 def _card(first: int, last: int, brief: str = "thumb") -> Stretch:

@@ -8,9 +8,9 @@ from handtrack.session.formats.tables import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.cli import main
 from handtrack_app.commands import track
-from handtrack_app.workbench import Workbench
 from tests.app.command_line import QUICK
 from tests.app.commands.test_cli_interrupts import Interrupter
+from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.session.small_session import edit
@@ -35,14 +35,11 @@ def test_what_was_tracked_is_there_and_shown_by_a_button_where_it_does_not_fit(c
     other = shutil.copytree(cancelled, tmp_path / "other")
     edit(other / "session.toml", 'forearm = "auto"', "forearm = false")
     for session, fits in ((cancelled, True), (other, False)):
-        bench = Workbench(session, port=0).start()
-        assert bench.wait_ready()
-        timeline = bench.layout.timeline
-        there = lambda: [n for n, status in enumerate(timeline.strip.status) if status >= 0]  # noqa: B023, E731
-        with WireClient(bench.url) as wire:
+        with shown(session) as bench, WireClient(bench.url) as wire:
+            timeline = bench.layout.timeline
+            there = lambda: [n for n, status in enumerate(timeline.strip.status) if status >= 0]  # noqa: B023, E731
             if not fits:
                 assert there() == []
                 wire.press("Show them")
             eventually(lambda: there() == frames, "all that was tracked")  # noqa: B023
             assert "wrist_flex" in bench.state.names
-        bench.stop()

@@ -12,7 +12,7 @@ from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.page.page import Display
 from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.protocol import snapshots
-from handtrack_app.workbench import Workbench
+from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -81,25 +81,19 @@ def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(be
     )
 
 
-def follows_the_slider(bench: Workbench, count: int) -> None:
-    """Move a slider on the wire; each time the moved hand comes back to the client."""
-    slider = bench.layout.pose.sliders["index_mcp_flex"]
-    with WireClient(bench.url) as client:
-        for k in range(count):
-            sent = client.set_value(slider, 10.0 + 0.5 * k)
-            came = client.wait_for(sent, "/hand/flesh", "batched_positions")
-            assert came is not None, "the hand did not move"
-
-
 def test_the_hand_follows_a_slider_while_tracking(tmp_path):
     opener = lambda f: fake_document(f, stuck=lambda frame: frame == 4)  # noqa: E731
-    bench = Workbench(tmp_path, port=0, opener=opener).start()
-    assert bench.wait_ready()
-    bench.engine.track(0, FRAMES, 0)
-    eventually(lambda: bench.layout.tracking.progress.state == "tracking", "it is tracked")
-    follows_the_slider(bench, 10)
-    assert bench.layout.tracking.progress.state == "tracking"
-    bench.stop()
+    with shown(tmp_path, opener=opener) as bench:
+        bench.engine.track(0, FRAMES, 0)
+        tracking = bench.layout.tracking
+        eventually(lambda: tracking.progress.state == "tracking", "it is tracked")
+        slider = bench.layout.pose.sliders["index_mcp_flex"]
+        with WireClient(bench.url) as client:
+            for k in range(10):
+                sent = client.set_value(slider, 10.0 + 0.5 * k)
+                came = client.wait_for(sent, "/hand/flesh", "batched_positions")
+                assert came is not None, "the hand did not move"
+        assert tracking.progress.state == "tracking"
 
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench, wire):
