@@ -48,6 +48,11 @@ def check_shape(array: Array[*Axes], shape: tuple[int | None, ...], name: str) -
         raise HandtrackError(f"{name}: expected an array of shape {expected}, found {array.shape}")
 
 
+def pixel_grid(size: tuple[int, int]) -> Floats[H, W, D2]:
+    """Return column and row of each pixel of an image of (width, height)."""
+    return np.stack(np.meshgrid(np.arange(float(size[0])), np.arange(float(size[1]))), axis=-1)
+
+
 def evenly_spread(count: int, most: int) -> list[int]:
     """Return all rows of `count`, or at most so many, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int)).tolist() if count else []

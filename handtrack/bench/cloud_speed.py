@@ -217,16 +217,9 @@ class DenseCloud:
         return self._rows(params, True)[1] @ self.scene.model.transform.matrix
 
     def _rows(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:
-        surface = self.scene.surface
         bones, twist, _ = self.scene.model.linearize(params)
-        residual = np.empty(len(self.points))
-        jacobian = np.empty((len(self.points) if want_jacobian else 0, twist.shape[2]))
-        start, members = surface.links
-        dense_rows(
-            self.points, surface.posed(bones).table, surface.ellipsoids.bone, start, members, surface.sharpness,
-            surface.turning_level, SIGMA_M, bones.reference, twist, want_jacobian, residual, jacobian,
-        )  # fmt: skip
-        return residual, jacobian
+        posed = self.scene.surface.posed(bones)
+        return dense_rows(self.points, posed, SIGMA_M, bones.reference, twist, want_jacobian)
 
 
 class _ReachedError(Exception):

@@ -10,9 +10,12 @@ from handtrack.model.surfaces.metaballs_kernels import ellipsoid_distance, ellip
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def dense_rows(
-    points, table, bone, start, members, sharpness, turning, sigma, reference, twist, want_jacobian, residual, jacobian
-):  # fmt: skip  # pragma: no cover - compiled
-    """Fill residual (N,) = d/σ and jacobian (N, S) = its derivatives by joint parameters. twist: (B, 6, S)."""
+    points, surface, sigma, reference, twist, want_jacobian
+):  # pragma: no cover - compiled
+    """Return residual (N,) = d/σ and, if wanted, its derivatives by joint parameters (N, S). twist: (B, 6, S)."""
+    table, bone, start, members, sharpness, turning = surface
+    residual = np.empty(points.shape[0])
+    jacobian = np.empty((points.shape[0] if want_jacobian else 0, twist.shape[2]))
     each, wrench = np.empty(table.shape[0]), np.empty(6)
     for i in range(points.shape[0]):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
@@ -42,3 +45,4 @@ def dense_rows(
             for k in range(6):
                 for s in range(jacobian.shape[1]):
                     jacobian[i, s] += wrench[k] * twist[bone[e], k, s]
+    return residual, jacobian

@@ -39,11 +39,11 @@ def image_rows(problem, params, space, want_jacobian, residual, jacobian):  # pr
                 d0, d1, d2 = x - at[0, 0], y - at[0, 1], z - at[0, 2]
                 t0, t1, t2 = d1 * n2 - d2 * n1, d2 * n0 - d0 * n2, d0 * n1 - d1 * n0
                 for s in range(3):
-                    lever = space.root_jacobian[:, s]
+                    lever = space.root[1][:, s]
                     out[3 + s] = lever[0] * t0 + lever[1] * t1 + lever[2] * t2
                 for n in range(problem.chain_start[b], problem.chain_start[b + 1]):
                     h = problem.chain[n]
-                    base = problem.hinge_bone[h]
+                    base = problem.tree.hinge_bone[h]
                     d0, d1, d2 = x - at[base, 0], y - at[base, 1], z - at[base, 2]
                     t0, t1, t2 = d1 * n2 - d2 * n1, d2 * n0 - d0 * n2, d0 * n1 - d1 * n0
                     out[6 + h] = axes[h, 0] * t0 + axes[h, 1] * t1 + axes[h, 2] * t2

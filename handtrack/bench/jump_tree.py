@@ -121,11 +121,11 @@ def leaves_one_by_one(
     directions = camera.rays(camera.project(model.joint_positions(bones)))[chain.end_joints]
     directions = [tuple(float(x) for x in ray) for ray in directions]
     axes = [
-        [tuple(float(x) for x in chain.axes[h]) for h in chain.hinges(i)]
+        [tuple(float(x) for x in chain.turns.axes[h]) for h in chain.hinges(i)]
         for i in range(len(directions))
     ]
     interval = [
-        [tuple(map(float, chain.interval[h])) for h in chain.hinges(i)]
+        [tuple(map(float, chain.turns.interval[h])) for h in chain.hinges(i)]
         for i in range(len(directions))
     ]
     leaves = []

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Axes, Floats, H, K, W
+from handtrack.arrays import D2, D3, Axes, Floats, H, K, W, pixel_grid
 from handtrack.errors import HandtrackError
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 from handtrack.geometry.rotation import rotation_matrix
@@ -127,8 +127,7 @@ class PinholeView:
 
     def source(self, lens: SourceLens) -> Floats[H, W, D2]:
         """Return the pixel (H, W, 2) of the lens's image that each of the view's pixels shows; NaN where none does."""
-        columns, rows = np.meshgrid(np.arange(self.size[0]), np.arange(self.size[1]))
-        pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1).astype(float)
+        pixels = np.dstack([pixel_grid(self.size), np.ones(self.size[::-1])])
         return lens.project(pixels @ np.linalg.inv(self.matrix).T @ self.rotation)
 
 

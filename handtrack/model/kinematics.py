@@ -101,7 +101,7 @@ class BoneFields:
 def bone_poses(skeleton: Skeleton, joint_params: Floats[S]) -> BonePoses:
     """Return the bones' poses for joint parameters [m, rad]. 2007 paper, eqs. 8–9 (at bone ends)."""
     params = _checked(skeleton, joint_params)
-    rotation, position, _, _ = pose(*skeleton.tree, params)
+    rotation, position, _, _ = pose(skeleton.tree, params)
     return BonePoses(position[0], rotation, position, skeleton.scale_change, skeleton.shift)
 
 
@@ -111,7 +111,7 @@ def linearize(skeleton: Skeleton, joint_params: Floats[S]) -> tuple[BonePoses, F
     Column s of bone b is the twist of b per unit of parameter s: the same screw for every bone after
     the joint. Replaces eqs. 30–39 of the 2007 paper; docs/explanation/model.md.
     """
-    rotation, position, jacobian = linearize_pose(*skeleton.tree, _checked(skeleton, joint_params))
+    rotation, position, jacobian = linearize_pose(skeleton.tree, _checked(skeleton, joint_params))
     return BonePoses(
         position[0], rotation, position, skeleton.scale_change, skeleton.shift
     ), jacobian

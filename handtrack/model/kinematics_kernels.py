@@ -47,18 +47,10 @@ def _multiply(a, b, out):  # pragma: no cover - compiled
 
 @numba.njit(cache=True, nogil=True)
 def pose_bones(
-    params,
-    root_rotation,
-    parent,
-    offset,
-    rest,
-    hinge_bone,
-    hinge_axis,
-    rotation,
-    position,
-    axis_world,
+    tree, params, root_rotation, rotation, position, axis_world
 ):  # pragma: no cover - compiled
     """Fill rotation (B, 3, 3), position (B, 3) and the hinges' world axes (S − 6, 3)."""
+    parent, offset, rest, hinge_bone, hinge_axis = tree
     bones, hinges = parent.shape[0], hinge_bone.shape[0]
     step, frame = np.empty((3, 3)), np.empty((3, 3))
     for i in range(3):  # whole rows would be shorter, but take seconds to compile
@@ -88,57 +80,60 @@ def pose_bones(
 
 
 @numba.njit(cache=True, nogil=True)
-def twist_columns(root_jacobian, parent, hinge_bone, axis_world, position, out):  # pragma: no cover
-    """Fill the twist Jacobian (B, 6, S): screws of a bone's own hinges and of all its ancestors'."""
-    bones, hinges = parent.shape[0], hinge_bone.shape[0]
-    out[:] = 0.0
-    for b in range(bones):
-        if b > 0:
-            for i in range(6):
-                for s in range(out.shape[2]):
-                    out[b, i, s] = out[parent[b], i, s]
-        else:
-            for i in range(3):
-                out[0, i, i] = 1.0
-                for j in range(3):
-                    out[0, 3 + i, 3 + j] = root_jacobian[i, j]
-        for h in range(hinges):
-            if hinge_bone[h] == b:
-                w0, w1, w2 = axis_world[h, 0], axis_world[h, 1], axis_world[h, 2]
-                r0 = position[b, 0] - position[0, 0]
-                r1 = position[b, 1] - position[0, 1]
-                r2 = position[b, 2] - position[0, 2]
-                out[b, 0, 6 + h] = r1 * w2 - r2 * w1
-                out[b, 1, 6 + h] = r2 * w0 - r0 * w2
-                out[b, 2, 6 + h] = r0 * w1 - r1 * w0
-                out[b, 3, 6 + h] = w0
-                out[b, 4, 6 + h] = w1
-                out[b, 5, 6 + h] = w2
+def screws(tree, root_jacobian, axis_world, position, out):  # pragma: no cover - compiled
+    """Fill the screw (S, 6) of every joint parameter: world axes, about the root."""
+    out[:6] = 0.0
+    for s in range(3):
+        out[s, s] = 1.0
+        for i in range(3):
+            out[3 + s, 3 + i] = root_jacobian[i, s]
+    for h in range(tree.hinge_bone.shape[0]):
+        b = tree.hinge_bone[h]
+        w0, w1, w2 = axis_world[h, 0], axis_world[h, 1], axis_world[h, 2]
+        r0 = position[b, 0] - position[0, 0]
+        r1 = position[b, 1] - position[0, 1]
+        r2 = position[b, 2] - position[0, 2]
+        out[6 + h, 0] = r1 * w2 - r2 * w1
+        out[6 + h, 1] = r2 * w0 - r0 * w2
+        out[6 + h, 2] = r0 * w1 - r1 * w0
+        out[6 + h, 3], out[6 + h, 4], out[6 + h, 5] = w0, w1, w2
 
 
 @numba.njit(cache=True, nogil=True)
-def pose(parent, offset, rest, hinge_bone, hinge_axis, params):  # pragma: no cover - compiled
+def twist_columns(tree, screw, out):  # pragma: no cover - compiled
+    """Fill the twist Jacobian (B, 6, S): screws (S, 6) of a bone's own hinges and of all its ancestors'."""
+    out[:] = 0.0
+    for b in range(out.shape[0]):
+        for i in range(6):
+            for s in range(out.shape[2]):
+                if b > 0:
+                    out[b, i, s] = out[tree.parent[b], i, s]
+                elif s < 6:
+                    out[b, i, s] = screw[s, i]
+        for h in range(tree.hinge_bone.shape[0]):
+            if tree.hinge_bone[h] == b:
+                for i in range(6):
+                    out[b, i, 6 + h] = screw[6 + h, i]
+
+
+@numba.njit(cache=True, nogil=True)
+def pose(tree, params):  # pragma: no cover - compiled
     """Return rotation (B, 3, 3), position (B, 3), the hinges' world axes and the root's left Jacobian, for params (S,)."""
-    bones = parent.shape[0]
+    bones = tree.parent.shape[0]
     rotation, position = np.empty((bones, 3, 3)), np.empty((bones, 3))
-    axes, root = np.empty((hinge_bone.shape[0], 3)), np.empty((5, 3, 3))
+    axes, root = np.empty((tree.hinge_bone.shape[0], 3)), np.empty((5, 3, 3))
     turn_root(params[3:6], root[0], root[1], root[2:])
-    pose_bones(
-        params, root[0], parent, offset, rest, hinge_bone, hinge_axis, rotation, position, axes
-    )  # fmt: skip
+    pose_bones(tree, params, root[0], rotation, position, axes)
     return rotation, position, axes, root[1]
 
 
 @numba.njit(cache=True, nogil=True)
-def linearize_pose(
-    parent, offset, rest, hinge_bone, hinge_axis, params
-):  # pragma: no cover - compiled
+def linearize_pose(tree, params):  # pragma: no cover - compiled
     """Return rotation, position and the twist Jacobian (B, 6, S)."""
-    rotation, position, axes, root_jacobian = pose(
-        parent, offset, rest, hinge_bone, hinge_axis, params
-    )
-    jacobian = np.empty((parent.shape[0], 6, params.shape[0]))
-    twist_columns(root_jacobian, parent, hinge_bone, axes, position, jacobian)
+    rotation, position, axes, root_jacobian = pose(tree, params)
+    screw, jacobian = np.empty((len(params), 6)), np.empty((len(position), 6, len(params)))
+    screws(tree, root_jacobian, axes, position, screw)
+    twist_columns(tree, screw, jacobian)
     return rotation, position, jacobian
 
 

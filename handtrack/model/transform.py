@@ -75,7 +75,7 @@ class ParameterTransform:
         assert len(set(joint)) == len(joint), (
             "a joint parameter may follow one solver parameter only"
         )
-        return Links(joint, leader, np.ascontiguousarray(self.matrix[joint, leader]))
+        return Links(joint.copy(), leader.copy(), self.matrix[joint, leader])
 
 
 def build_transform(

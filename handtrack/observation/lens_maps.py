@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, Array, Axes, Floats, H, Ints, W
+from handtrack.arrays import D2, Array, Axes, Floats, H, Ints, W, pixel_grid
 from handtrack.geometry.camera import Camera
 
 Roi = tuple[int, int, int, int]
@@ -42,8 +42,7 @@ def lens_maps(camera: Camera, roi: Roi | None = None) -> LensMaps:
 def _lens_maps(camera: Camera, roi: Roi | None) -> LensMaps:
     width, height = camera.size
     straight = camera.without_distortion() if camera.is_distorted else camera
-    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
-    pixels = np.stack([columns, rows], axis=-1).astype(float)
+    pixels = pixel_grid(camera.size)
     source = camera.distort_points(pixels) if camera.is_distorted else pixels
     inside = _inside(source, (0, 0, width, height)) & _inside(source, roi or (0, 0, width, height))
     valid = longest_runs(inside)

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, C, Floats, Ints, J, K, L, M, P
+from handtrack.arrays import D3, Array, C, Floats, Ints, J, K, L, M, P
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_names
+from handtrack.sampling.limb_ik_kernels import Turns
 
 _SAME_POINT_M = 1e-9
 _HELD = -1
@@ -48,17 +49,10 @@ class PreparedChain:
     """the joint parameters of all hinges before the chain"""
     columns: Ints[K]
     """joint parameter of each hinge"""
-    axes: Floats[K, D3]
-    """at the zero pose, world"""
+    turns: Turns
     link: Ints[K]
     """the link that a hinge moves; −1: it moves the first joint or other limbs and is left alone; L: it moves no
     joint of the chain"""
-    leader: Ints[K]
-    """the hinge that this one follows; itself when free; −1 when it keeps its angle"""
-    ratio: Floats[K]
-    """to the leader's angle"""
-    interval: Floats[K, D2]
-    """limits [rad]"""
     reach: Floats[L, D3]
     """from a link's start to its end at the zero pose [m]"""
     end_joints: Ints[L]
@@ -140,11 +134,8 @@ def prepare(model: ArticulatedModel, chain: Chain) -> PreparedChain:
         start_point=model.joint_point[start],
         base_columns=np.concatenate([before, columns[link < 0]]),
         columns=columns,
-        axes=axes,
+        turns=Turns(axes, leader, ratio, model.limits.interval[columns]),
         link=link,
-        leader=leader,
-        ratio=ratio,
-        interval=model.limits.interval[columns],
         reach=np.diff(points[joints], axis=0),
         end_joints=joints[1:],
     )

@@ -124,7 +124,7 @@ def _chain_leaves(
     branches = rooted(model, chain, poses, given)
     spare = branches.angles
     if rng is not None:
-        low, high = np.clip(chain.interval.T, -np.pi, np.pi)
+        low, high = np.clip(chain.turns.interval.T, -np.pi, np.pi)
         spare = rng.uniform(low, high, size=spare.shape)
     for link, end in enumerate(chain.end_joints):
         length = float(np.linalg.norm(chain.reach[link]))

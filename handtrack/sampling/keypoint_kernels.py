@@ -15,6 +15,7 @@ from handtrack.model.kinematics_kernels import pose_bones
 from handtrack.model.root_turn_kernels import turn_root
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.collision_kernels import collision_sums
+from handtrack.terms.loss import robust, robust_slope
 
 _NEAREST_M = 1e-3  # a point this close to a camera's plane counts as behind it
 
@@ -26,14 +27,8 @@ class Workspace(NamedTuple):
     rotation: Floats
     position: Floats
     axis_world: Floats
-    root_rotation: Floats
-    root_jacobian: Floats
-    root_slope: Floats
-    arm: Floats
-    force: Floats
-    stiffness: Floats
-    bend: Floats
-    half: Floats
+    root: Floats
+    """(5, 3, 3) the root's rotation, its left Jacobian, and how that turns with the rotation vector"""
     screw: Floats
     """(S, 6) of each joint parameter"""
     wrench: Floats
@@ -42,8 +37,6 @@ class Workspace(NamedTuple):
     """(B, 6, 6) Gauss-Newton's matrix likewise"""
     bent: Floats
     """(B, 6, 6) the rest of the Hessian; its rows belong to the parameter nearer to the root"""
-    by_stiff: Floats
-    by_bent: Floats
     joint_gradient: Floats
     joint_normal: Floats
     """(S, S) lower triangle; pairs of which none is above the other stay zero"""
@@ -90,48 +83,29 @@ def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
 @numba.njit(cache=True, nogil=True)
 def workspace(problem):  # pragma: no cover - compiled
     """Return a Workspace for a problem."""
-    bones, hinges = problem.parent.shape[0], problem.hinge_bone.shape[0]
+    bones, hinges = problem.tree.parent.shape[0], problem.tree.hinge_bone.shape[0]
     count = 6 + hinges
     parts = bones if collides(problem.overlaps) else 0
     return Workspace(
         np.zeros(count), np.zeros((bones, 3, 3)), np.zeros((bones, 3)), np.zeros((hinges, 3)),
-        np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3, 3)), np.zeros(3), np.zeros(3),
-        np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((count, 6)),
-        np.zeros((bones, 6)), np.zeros((bones, 6, 6)), np.zeros((bones, 6, 6)), np.zeros(6),
-        np.zeros(6), np.zeros(count), np.zeros((count, count)), np.zeros((count, count)),
+        np.zeros((5, 3, 3)), np.zeros((count, 6)), np.zeros((bones, 6)), np.zeros((bones, 6, 6)),
+        np.zeros((bones, 6, 6)), np.zeros(count), np.zeros((count, count)), np.zeros((count, count)),
         np.zeros(1, np.int64), np.zeros(6 * parts), np.zeros((6 * parts, 6 * parts)),
         np.zeros((parts, 6, count)),
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
-def _loss(kind, scale, squared):  # pragma: no cover - compiled
-    """Return ρ, ρ′ and ρ″ of a squared residual: terms/loss.py."""
-    if kind == 1:
-        s2 = scale * scale
-        share = s2 / (squared + s2)
-        return squared * share, share * share, -2.0 * share * share / (squared + s2)
-    if kind == 2 and squared > scale * scale:
-        size = np.sqrt(squared)
-        return (
-            2.0 * scale * size - scale * scale, scale / size, -0.5 * scale / (size * squared),
-        )  # fmt: skip
-    return squared, 1.0, 0.0
-
-
 @numba.njit(cache=True, nogil=True)
 def pose(problem, params, space):  # pragma: no cover - compiled
     """Place the bones of solver parameters (P,)."""
-    q = space.joint_params
+    q, (joint, leader, ratio) = space.joint_params, problem.links
     for s in range(q.shape[0]):
         q[s] = problem.shift[s]
-    for k in range(problem.joint.shape[0]):
-        q[problem.joint[k]] += problem.ratio[k] * params[problem.leader[k]]
-    turn_root(q[3:6], space.root_rotation, space.root_jacobian, space.root_slope)
-    pose_bones(
-        q, space.root_rotation, problem.parent, problem.offset, problem.rest, problem.hinge_bone,
-        problem.hinge_axis, space.rotation, space.position, space.axis_world,
-    )  # fmt: skip
+    for k in range(joint.shape[0]):
+        q[joint[k]] += ratio[k] * params[leader[k]]
+    root = space.root
+    turn_root(q[3:6], root[0], root[1], root[2:])
+    pose_bones(problem.tree, q, root[0], space.rotation, space.position, space.axis_world)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -170,7 +144,7 @@ def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
             v = problem.camera_focal[c, 1] * b / d + problem.camera_middle[c, 1]
             squared = (u - problem.target[o, 0]) ** 2 + (v - problem.target[o, 1]) ** 2
         squared *= problem.information[o]
-        cost += 0.5 * _loss(problem.loss_kind, problem.loss_scale, squared)[0]
+        cost += 0.5 * robust(problem.loss, squared)[0]
     return cost
 
 
@@ -215,7 +189,7 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
                 z - problem.target[o, 2],
             )
             squared = info * (d0 * d0 + d1 * d1 + d2 * d2)
-            value, weight, second = _loss(problem.loss_kind, problem.loss_scale, squared)
+            value, weight = robust(problem.loss, squared)
             weight *= info
             f0, f1, f2 = d0, d1, d2
             for i in range(3):
@@ -231,7 +205,7 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
             u = fu * a / d + problem.camera_middle[c, 0] - problem.target[o, 0]
             v = fv * b / d + problem.camera_middle[c, 1] - problem.target[o, 1]
             squared = info * (u * u + v * v)
-            value, weight, second = _loss(problem.loss_kind, problem.loss_scale, squared)
+            value, weight = robust(problem.loss, squared)
             weight *= info
             uz, vz = -fu * a / (d * d), -fv * b / (d * d)
             nu = (
@@ -255,10 +229,11 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
         force[0] += weight * f0
         force[1] += weight * f1
         force[2] += weight * f2
+        second = robust_slope(problem.loss, squared)
         if second != 0.0:
-            robust = 2.0 * second * info * info
+            steep = 2.0 * second * info * info
             along = (f0, f1, f2)
             for i in range(3):
                 for j in range(3):
-                    bend[i, j] += robust * along[i] * along[j]
+                    bend[i, j] += steep * along[i] * along[j]
     return cost

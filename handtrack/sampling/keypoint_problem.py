@@ -8,10 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, B, C, Floats, Ints, J, K, L, M, P, Q, S
-from handtrack.errors import HandtrackError, unknown_name
+from handtrack.arrays import D2, D3, C, Floats, Ints, K, L, M, P, Q, S
+from handtrack.errors import unknown_name
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.kinematics_kernels import KinematicTree
 from handtrack.model.moving_limits import MovingLimits
+from handtrack.model.transform import Links
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
 from handtrack.terms.collision import CollisionTerm
@@ -20,28 +22,17 @@ from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.priors.priors import LinearPrior
 from handtrack.terms.term import ParameterTerm
 
-POLISHED = ("quadratic", "Geman-McClure", "Huber")
-"""losses that polishing knows"""
-
 
 class KeypointProblem(NamedTuple):
     """Model, observations and priors; K points are looked at O times, by C cameras or in space."""
 
-    parent: Ints[B]
-    offset: Floats[B, D3]
-    rest: Floats[B, D3, D3]
-    hinge_bone: Ints[J]
-    hinge_axis: Floats[J, D3]
+    tree: KinematicTree
     chain_start: Ints[Q]
     """(B + 1,) where each bone's hinges begin in `chain`"""
     chain: Ints[Q]
     """the hinges that move each bone, from the root"""
-    joint: Ints[L]
-    """joint parameter, …"""
-    leader: Ints[L]
-    """… the one solver parameter that leads it …"""
-    ratio: Floats[L]
-    """… and by how much"""
+    links: Links
+    """each joint parameter has one leader"""
     shift: Floats[S]
     """joint parameters = ratio · leader + shift"""
     limits: MovingLimits
@@ -67,8 +58,7 @@ class KeypointProblem(NamedTuple):
     """[px]"""
     overlaps: Collisions | None
     """parts that may not pass through each other; None is compiled without them, which takes a third of the time"""
-    loss_kind: int
-    loss_scale: float
+    loss: Loss
     prior_at: Floats[P]
     """where the priors were expanded; they are quadratic, so this is exact everywhere"""
     prior_cost: float
@@ -85,35 +75,22 @@ def keypoint_problem(
 ) -> KeypointProblem:
     """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of `observed`.
 
-    priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints or losses.
+    priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints.
     """
     skeleton = model.skeleton
-    if loss.name not in POLISHED:
-        raise HandtrackError(
-            f"polishing knows the losses {', '.join(POLISHED)}; found {loss.name}."
-        )
-    joint, leader = np.nonzero(model.transform.matrix)
-    assert len(set(joint)) == len(joint), "a joint parameter may follow one solver parameter only"
     chain = [_hinges_above(model, bone) for bone in range(skeleton.bone_count)]
     prior = _expanded(model, priors)
     return KeypointProblem(
-        parent=np.asarray(skeleton.parent, dtype=np.int64),
-        offset=np.ascontiguousarray(skeleton.offset),
-        rest=np.ascontiguousarray(skeleton.rest_rotation),
-        hinge_bone=np.asarray(skeleton.hinge_bone, dtype=np.int64),
-        hinge_axis=np.ascontiguousarray(skeleton.hinge_axis),
+        tree=skeleton.tree,
         chain_start=np.concatenate([[0], np.cumsum([len(c) for c in chain])]).astype(np.int64),
         chain=np.array([h for c in chain for h in c], dtype=np.int64),
-        joint=joint.astype(np.int64),
-        leader=leader.astype(np.int64),
-        ratio=np.ascontiguousarray(model.transform.matrix[joint, leader]),
+        links=model.transform.links,
         shift=np.ascontiguousarray(model.transform.offset),
         limits=model.moving_limits,
         is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
         **_observations(model, observed),
         overlaps=None if collision is None else collision.collisions,
-        loss_kind=loss.kind,
-        loss_scale=loss.scale or 1.0,
+        loss=loss,
         prior_at=model.rest_params(),
         prior_cost=float(prior.cost),
         prior_gradient=np.ascontiguousarray(prior.gradient),

@@ -12,7 +12,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from handtrack.model.kinematics_kernels import twist_columns
+from handtrack.model.kinematics_kernels import screws, twist_columns
 from handtrack.sampling.keypoint_kernels import (
     collisions,
     place,
@@ -64,33 +64,14 @@ def _add_turning(d, f, out):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _screws(problem, space):  # pragma: no cover - compiled
-    """Fill the screw (S, 6) of every joint parameter: world axes, about the root."""
-    screw, at, axes, turn = space.screw, space.position, space.axis_world, space.root_jacobian
-    for s in range(3):
-        for i in range(3):
-            screw[s, i] = 1.0 if i == s else 0.0
-            screw[s, 3 + i] = 0.0
-            screw[3 + s, i] = 0.0
-            screw[3 + s, 3 + i] = turn[i, s]
-    for h in range(problem.hinge_bone.shape[0]):
-        b = problem.hinge_bone[h]
-        w0, w1, w2 = axes[h, 0], axes[h, 1], axes[h, 2]
-        r0, r1, r2 = at[b, 0] - at[0, 0], at[b, 1] - at[0, 1], at[b, 2] - at[0, 2]
-        screw[6 + h, 0] = r1 * w2 - r2 * w1
-        screw[6 + h, 1] = r2 * w0 - r0 * w2
-        screw[6 + h, 2] = r0 * w1 - r1 * w0
-        screw[6 + h, 3], screw[6 + h, 4], screw[6 + h, 5] = w0, w1, w2
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def _dress(problem, space, t, b, first, last, gradient, normal, curvature):  # pragma: no cover
-    """Fill gradient and both matrices' row of joint parameter t, which moves bone b and all after it.
-
-    The parameters above it are the root's and the chain's entries first … last − 1.
-    """
+def _dress(problem, space, t, by_stiff, by_bent):  # pragma: no cover - compiled
+    """Fill gradient and both matrices' row of joint parameter t, from the bone it moves and those above."""
+    b, first, last = 0, 0, 0
+    if t >= 6:
+        b = problem.tree.hinge_bone[t - 6]
+        first, last = problem.chain_start[b], problem.chain_start[b + 1]
     screw, wrench = space.screw, space.wrench
-    stiff, bent, by_stiff, by_bent = space.stiff, space.bent, space.by_stiff, space.by_bent
+    stiff, bent = space.stiff, space.bent
     slope = 0.0
     for i in range(6):
         slope += screw[t, i] * wrench[b, i]
@@ -99,7 +80,7 @@ def _dress(problem, space, t, b, first, last, gradient, normal, curvature):  # p
             x += stiff[b, i, j] * screw[t, j]
             y += bent[b, i, j] * screw[t, j]
         by_stiff[i], by_bent[i] = x, y
-    gradient[t] = slope
+    space.joint_gradient[t] = slope
     for n in range(6 + last - first):
         s = n if n < 6 else 6 + problem.chain[first + n - 6]
         if s > t:
@@ -108,16 +89,18 @@ def _dress(problem, space, t, b, first, last, gradient, normal, curvature):  # p
         for i in range(6):
             x += screw[s, i] * by_stiff[i]
             y += screw[s, i] * by_bent[i]
-        normal[t, s] = x
-        curvature[t, s] = y
+        space.joint_normal[t, s] = x
+        space.joint_curvature[t, s] = y
 
 
 @numba.njit(cache=True, nogil=True)
 def keypoint_system(problem, params, space, gradient, normal, curvature):  # pragma: no cover
     """Return the cost; fill gradient (P,), Gauss-Newton matrix (P, P), and what the exact Hessian has beyond it."""
     pose(problem, params, space)
-    bones = problem.parent.shape[0]
-    force, arm, wrench = space.force, space.arm, space.wrench
+    parent = problem.tree.parent
+    force, arm, wrench = np.empty(3), np.empty(3), space.wrench
+    stiffness, bend, half = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    by_stiff, by_bent = np.empty(6), np.empty(6)
     wrench[:] = 0.0
     space.stiff[:] = 0.0
     space.bent[:] = 0.0
@@ -125,7 +108,7 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
     for k in range(problem.point.shape[0]):
         b = problem.point_bone[k]
         x, y, z = place(problem, space, k, b)
-        cost += point_forces(problem, k, x, y, z, force, space.stiffness, space.bend)
+        cost += point_forces(problem, k, x, y, z, force, stiffness, bend)
         if not cost < np.inf:
             return np.inf
         arm[0] = x - space.position[0, 0]
@@ -135,71 +118,66 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
             j, m = (i + 1) % 3, (i + 2) % 3
             wrench[b, i] += force[i]
             wrench[b, 3 + i] += arm[j] * force[m] - arm[m] * force[j]
-        _spread(arm, space.stiffness, space.half, space.stiff[b])
-        _spread(arm, space.bend, space.half, space.bent[b])
+        _spread(arm, stiffness, half, space.stiff[b])
+        _spread(arm, bend, half, space.bent[b])
         _add_turning(arm, force, space.bent[b])
-    for b in range(bones - 1, 0, -1):  # sums over all that hangs on a bone: twists share one frame
-        p = problem.parent[b]
+    # sums over all that hangs on a bone: twists share one frame
+    for b in range(parent.shape[0] - 1, 0, -1):
+        p = parent[b]
         for i in range(6):
             wrench[p, i] += wrench[b, i]
             for j in range(6):
                 space.stiff[p, i, j] += space.stiff[b, i, j]
                 space.bent[p, i, j] += space.bent[b, i, j]
-    _screws(problem, space)
+    screws(problem.tree, space.root[1], space.axis_world, space.position, space.screw)
     g, n, c = space.joint_gradient, space.joint_normal, space.joint_curvature
     if space.collided.sum() > 0:  # what a collision left between limbs, and in the twists
         n[:] = 0.0
         space.bone_gradient[:] = 0.0
         space.bone_hessian[:] = 0.0
         space.collided[0] = 0
-    for t in range(6):
-        _dress(problem, space, t, 0, 0, 0, g, n, c)
-    for h in range(problem.hinge_bone.shape[0]):
-        b = problem.hinge_bone[h]
-        first, last = problem.chain_start[b], problem.chain_start[b + 1]
-        _dress(problem, space, 6 + h, b, first, last, g, n, c)
-    cost += add_collisions(problem.overlaps, problem, space, g, n)
-    turn = space.root_slope
+    for t in range(g.shape[0]):
+        _dress(problem, space, t, by_stiff, by_bent)
+    cost += add_collisions(problem.overlaps, problem, space)
+    turn = space.root[2:]
     for i in range(3):  # the root's rotation vector: its axes J e_j turn with it
         for j in range(i + 1):
             for m in range(3):
                 c[3 + i, 3 + j] += turn[i, m, j] * wrench[0, 3 + m]
-    _pull_back(problem, params, g, n, c, gradient, normal, curvature)
+    _pull_back(problem, params, space, gradient, normal, curvature)
     return cost + prior_cost(problem, params)
 
 
-def add_collisions(overlaps, problem, space, gradient, normal):  # pragma: no cover - compiled
-    """Return the cost of parts that overlap; add gradient (S,) and Gauss-Newton matrix (lower triangle)."""
+def add_collisions(overlaps, problem, space):  # pragma: no cover - compiled
+    """Return the cost of parts that overlap; add to the joint gradient (S,) and Gauss-Newton matrix (lower triangle)."""
     raise NotImplementedError
 
 
 @overload(add_collisions)
-def _add_collisions(overlaps, problem, space, gradient, normal):  # pragma: no cover - compiled
+def _add_collisions(overlaps, problem, space):  # pragma: no cover - compiled
     if isinstance(overlaps, types.NoneType):
-        return lambda overlaps, problem, space, gradient, normal: 0.0
+        return lambda overlaps, problem, space: 0.0
 
-    def add(overlaps, problem, space, gradient, normal):
+    def add(overlaps, problem, space):
         cost = collisions(overlaps, space, True)
         if cost > 0.0:
             space.collided[0] = 1
-            twist_columns(
-                space.root_jacobian, problem.parent, problem.hinge_bone, space.axis_world,
-                space.position, space.twist,
-            )  # fmt: skip
+            twist_columns(problem.tree, space.screw, space.twist)
             g, h = pull_back(Sums(6, space.bone_gradient, space.bone_hessian), space.twist)
-            for s in range(gradient.shape[0]):
-                gradient[s] += g[s]
+            for s in range(g.shape[0]):
+                space.joint_gradient[s] += g[s]
                 for t in range(s + 1):
-                    normal[s, t] += h[s, t]
+                    space.joint_normal[s, t] += h[s, t]
         return cost
 
     return add
 
 
 @numba.njit(cache=True, nogil=True)
-def _pull_back(problem, params, g, n, c, gradient, normal, curvature):  # pragma: no cover
+def _pull_back(problem, params, space, gradient, normal, curvature):  # pragma: no cover
     """Bring joint parameters' sums to solver parameters and add the priors."""
-    size = params.shape[0]
+    g, n, c = space.joint_gradient, space.joint_normal, space.joint_curvature
+    (joint, leader, ratios), size = problem.links, params.shape[0]
     for p in range(size):
         slope = problem.prior_gradient[p]
         for r in range(size):
@@ -207,14 +185,14 @@ def _pull_back(problem, params, g, n, c, gradient, normal, curvature):  # pragma
             normal[p, r] = problem.prior_hessian[p, r]
             curvature[p, r] = 0.0
         gradient[p] = slope
-    for a in range(problem.joint.shape[0]):
-        s, p, ratio = problem.joint[a], problem.leader[a], problem.ratio[a]
+    for a in range(joint.shape[0]):
+        s, p, ratio = joint[a], leader[a], ratios[a]
         gradient[p] += ratio * g[s]
-        for b in range(problem.joint.shape[0]):
-            t, r = problem.joint[b], problem.leader[b]
+        for b in range(joint.shape[0]):
+            t, r = joint[b], leader[b]
             if t > s:
                 continue
-            both = ratio * problem.ratio[b]
+            both = ratio * ratios[b]
             x, y = both * n[s, t], both * c[s, t]
             normal[p, r] += x
             curvature[p, r] += y

@@ -51,7 +51,7 @@ def rooted(
     end = np.stack([bones.to_world(chain.start_bone, chain.start_point) for bones in poses])
     angles = np.ascontiguousarray(joint_params[:, chain.columns])
     for h in chain.hinges(-1):  # these move the first joint: they stay as they are
-        turn = np.stack([_turn(chain.axes[h], angle) for angle in angles[:, h]])
+        turn = np.stack([_turn(chain.turns.axes[h], angle) for angle in angles[:, h]])
         rotation = rotation @ turn
     count = len(poses)
     none = np.empty((count, 0), dtype=np.int8)
@@ -76,21 +76,13 @@ def extended(
     """
     hinges = chain.hinges(link)
     first = int(hinges[0]) if len(hinges) else 0
-    most, count = 2 * missed.size, chain.columns.size
-    parent, which = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int8)
-    rotation, end = np.empty((most, 3, 3)), np.empty((most, 3))
-    angles, miss = np.empty((most, count)), np.empty(most)
-    kept = grow(
-        branches.rotation, branches.end, branches.angles, spare, targets, missed, chain.axes, chain.leader,
-        chain.ratio, chain.interval, first, first + len(hinges), chain.reach[link], take_nearest, tolerance,
-        parent, which, rotation, end, angles, miss,
+    rotation, end, angles, parent, which, miss = grow(
+        chain.turns, (first, first + len(hinges)), chain.reach[link],
+        (branches.rotation, branches.end, branches.angles, spare), (targets, missed), take_nearest, tolerance,
     )  # fmt: skip
-    parent = parent[:kept]
-    choice = np.concatenate([branches.choice[parent], which[:kept, None]], axis=1)
-    exact = branches.exact[parent] & (miss[:kept] <= tolerance)
-    return Branches(
-        rotation[:kept], end[:kept], angles[:kept], branches.source[parent], choice, exact
-    )
+    choice = np.concatenate([branches.choice[parent], which[:, None]], axis=1)
+    exact = branches.exact[parent] & (miss <= tolerance)
+    return Branches(rotation, end, angles, branches.source[parent], choice, exact)
 
 
 def bounds_of_many(limits: Limits, joint_params: Floats[N, S]) -> Floats[N, S, D2]:

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
+
+from handtrack.arrays import D2, D3, Floats, Ints, K
 
 TOUCHING = 1e-12  # relative to the squared length: a ray or a circle that touches within rounding
 PARALLEL = (
     1e-7  # sine between a direction and an axis below which the turn about it is not determined
 )
 LIMIT_SLACK = 1e-9  # [rad] beyond a limit that is rounding
+
+
+class Turns(NamedTuple):
+    """A chain's hinges in kinematic order, K of them, at the zero pose."""
+
+    axes: Floats[K, D3]
+    """world"""
+    leader: Ints[K]
+    """the hinge that this one follows; itself when free; −1 when it keeps its angle"""
+    ratio: Floats[K]
+    """to the leader's angle"""
+    interval: Floats[K, D2]
+    """limits [rad]"""
 
 
 @numba.njit(cache=True, nogil=True)
@@ -135,26 +152,27 @@ def into_interval(angle, low, high, near):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def grow(
-    rotation, start, angles, spare, targets, missed, axes, leader, ratio, interval, first, last, reach, take_nearest,
-    tolerance, parent, which, new_rotation, new_end, new_angles, miss,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Fill the children of every leaf for one link, its hinges first … last − 1; return how many.
+def grow(turns, own, reach, leaves, aims, take_nearest, tolerance):  # pragma: no cover - compiled
+    """Return the children of every leaf for one link: rotation, end, angles, parent, target and miss of each.
 
-    rotation (N, 3, 3) before the link, zero-pose axes → world; start (N, 3) world; angles, spare (N, K): of the
-    leaf, and for turns that are not determined; targets (N, T, 3) of the end. A child keeps its parent and
-    target; miss [m] is from its end to the target, infinite where a limit had to be kept. Children that miss by more
-    than `tolerance` are dropped, or with `take_nearest` the best one is kept where no sibling reaches the target.
+    own: its hinges, first … last − 1. leaves: rotation (N, 3, 3) before the link, zero-pose axes → world; start (N, 3)
+    world; angles and spare (N, K), of the leaf and for turns that are not determined. aims: targets (N, T, 3) of the
+    end, and which are missed (N, T), as of `pierce`. Miss [m] is from a child's end to the target, infinite where a
+    limit had to be kept. Children that miss by more than `tolerance` are dropped, or with `take_nearest` the best one is
+    kept where no sibling reaches the target.
     """
-    count, hinges = 0, angles.shape[1]
+    rotation, start, angles, spare = leaves
+    targets, missed = aims
+    count, hinges, most = 0, angles.shape[1], 2 * missed.size
+    parent, which = np.empty(most, np.int64), np.empty(most, np.int8)
+    new_rotation, new_end = np.empty((most, 3, 3)), np.empty((most, 3))
+    new_angles, miss = np.empty((most, hinges)), np.empty(most)
     free, free_axis = np.empty(2, np.int64), np.empty((2, 3))
     v, d, found = np.empty(3), np.empty(3), np.zeros((2, 2))
     trial, frame, end = np.empty((2, hinges)), np.empty((2, 3, 3)), np.empty((2, 3))
     off, beyond, held = np.empty(2), np.empty(2), np.empty((3, 3))
     for n in range(start.shape[0]):
-        frees = _free_and_held(
-            axes, leader, ratio, angles[n], spare[n], first, last, free, free_axis, held
-        )
+        frees = _free_and_held(turns, own, angles[n], spare[n], free, free_axis, held)
         for i in range(3):
             v[i] = _dot(held[i], reach)
         for t in range(targets.shape[1]):
@@ -174,9 +192,9 @@ def grow(
             any_exact, best = False, 0
             for s in range(solutions):
                 beyond[s] = _set_angles(
-                    found[s], free, frees, spare[n], angles[n], leader, ratio, interval, first, last, trial[s]
-                )  # fmt: skip
-                _turn_link(rotation[n], axes, trial[s], first, last, frame[s])
+                    turns, own, found[s], free[:frees], spare[n], angles[n], trial[s]
+                )
+                _turn_link(rotation[n], turns.axes, own, trial[s], frame[s])
                 squared = 0.0
                 for i in range(3):
                     end[s, i] = start[n, i] + _dot(frame[s, i], reach)
@@ -199,20 +217,21 @@ def grow(
                     for j in range(3):
                         new_rotation[count, i, j] = frame[s, i, j]
                 count += 1
-    return count
+    return (
+        new_rotation[:count], new_end[:count], new_angles[:count], parent[:count], which[:count], miss[:count],
+    )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True)
-def _free_and_held(
-    axes, leader, ratio, angles, spare, first, last, free, free_axis, held
-):  # pragma: no cover - compiled
+def _free_and_held(turns, own, angles, spare, free, free_axis, held):  # pragma: no cover - compiled
     """Fill the first two free hinges, their axes, and the turn (3, 3) of all others: R = Π free turns · held."""
+    axes, leader, ratio, _ = turns
     frees = 0
     axis, column, turned = np.empty(3), np.empty(3), np.empty(3)
     for i in range(3):
         for j in range(3):
             held[i, j] = 1.0 if i == j else 0.0
-    for h in range(first, last):
+    for h in range(own[0], own[1]):
         for i in range(3):
             axis[i] = _dot(held[i], axes[h])
         if leader[h] == h and frees < 2:
@@ -235,14 +254,14 @@ def _free_and_held(
 
 
 @numba.njit(cache=True, nogil=True)
-def _set_angles(
-    found, free, frees, near, angles, leader, ratio, interval, first, last, out
-):  # pragma: no cover - compiled
+def _set_angles(turns, own, found, free, near, angles, out):  # pragma: no cover - compiled
     """Write a solution's angles (K,), followers and limits kept; return how far it was beyond the limits [rad]."""
+    _, leader, ratio, interval = turns
+    first, last = own
     beyond = 0.0
     for h in range(len(angles)):
         out[h] = near[h] if leader[h] == h and first <= h < last else angles[h]
-    for f in range(frees):
+    for f in range(len(free)):
         h = free[f]
         out[h], over = into_interval(found[f], interval[h, 0], interval[h, 1], near[h])
         beyond += over
@@ -255,13 +274,13 @@ def _set_angles(
 
 
 @numba.njit(cache=True, nogil=True)
-def _turn_link(before, axes, angles, first, last, out):  # pragma: no cover - compiled
-    """Write before · Π turns of hinges first … last − 1."""
+def _turn_link(before, axes, own, angles, out):  # pragma: no cover - compiled
+    """Write before · Π turns of the own hinges."""
     column, turned = np.empty(3), np.empty(3)
     for j in range(3):
         for i in range(3):
             column[i] = 1.0 if i == j else 0.0
-        for h in range(last - 1, first - 1, -1):
+        for h in range(own[1] - 1, own[0] - 1, -1):
             _turned(axes[h], angles[h], column, turned)
             for i in range(3):
                 column[i] = turned[i]

@@ -82,15 +82,9 @@ def polish_problem(
 ) -> Polished:
     """Return `polish` of a problem that is already packed."""
     params = np.array(starts, dtype=float, order="C")
-    size = len(problem.is_metre)
-    check_shape(params, (None, size), "starts")
-    count = len(params)
-    cost, norm = np.zeros(count), np.zeros(count)
-    used = np.zeros(count, dtype=np.int64)
-    normal, hessian = np.zeros((count, size, size)), np.zeros((count, size, size))
-    polish_all(
-        problem, params, settings.iterations, settings.gradient_tolerance,
-        cost, norm, used, normal, hessian,
-    )  # fmt: skip
+    check_shape(params, (None, len(problem.is_metre)), "starts")
+    cost, norm, used, normal, hessian = polish_all(
+        problem, params, settings.iterations, settings.gradient_tolerance
+    )
     converged = (norm < settings.gradient_tolerance) & np.isfinite(cost)
     return Polished(params, cost, converged, used, normal, hessian)

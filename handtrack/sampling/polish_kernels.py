@@ -38,11 +38,11 @@ _ROUNDING = 1e-13  # a share of the cost that cannot be told from rounding
 
 
 @numba.njit(cache=True, nogil=True)
-def _difference(
-    problem, params, space, normal, curvature, ahead, behind, one, other
-):  # pragma: no cover
+def _difference(problem, params, space, normal, curvature):  # pragma: no cover - compiled
     """Fill normal + curvature with central differences of the gradient: where parts collide, only that is exact."""
     size = params.shape[0]
+    ahead, behind = np.empty(size), np.empty(size)
+    one, other = np.empty((size, size)), np.empty((size, size))
     for p in range(size):
         here = params[p]
         params[p] = here + _STEP
@@ -59,21 +59,20 @@ def _difference(
 
 
 @numba.njit(cache=True, nogil=True)
-def polish_all(
-    problem, params, iterations, tolerance, cost, norm, count_used, normal_out, hessian_out,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Polish params (N, P) in place; fill costs, gradient norms, iterations (N,) and matrices (N, P, P).
+def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - compiled
+    """Polish params (N, P) in place; return costs, gradient norms, iterations (N,) and two matrices (N, P, P).
 
-    normal_out: Gauss-Newton and priors; hessian_out: the exact Hessian along the limits, with a large
-    diagonal and nothing else for held parameters.
+    The matrices: Gauss-Newton and priors; and the exact Hessian along the limits, with a large diagonal and nothing
+    else for held parameters.
     """
     starts, size = params.shape
+    cost, norm, count_used = np.zeros(starts), np.zeros(starts), np.zeros(starts, np.int64)
+    normal_out, hessian_out = np.zeros((starts, size, size)), np.zeros((starts, size, size))
     space, box, limits = workspace(problem), new_box(size), problem.limits
     gradient, slope, step = np.zeros(size), np.zeros(size), np.zeros(size)
-    goal, right, trial = np.zeros(size), np.zeros(size), np.zeros(size)
-    held, index = np.zeros(size, np.int64), np.zeros(size, np.int64)
+    trial, held = np.zeros(size), np.zeros(size, np.int64)
     normal, curvature = np.zeros((size, size)), np.zeros((size, size))
-    damped, compact, folded = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size))
+    damped, folded = np.zeros((size, size)), np.zeros((size, size))
     for n in range(starts):
         x = params[n]
         clip(limits, x, box)
@@ -90,7 +89,7 @@ def polish_all(
                 break
             used += 1
             if used > _SLOW and norm[n] < _NEAR and space.collided.sum() > 0:
-                _difference(problem, x, space, normal, curvature, right, goal, damped, compact)
+                _difference(problem, x, space, normal, curvature)
             moved, newton, refused, tighten = False, True, False, 4.0
             floor = 1e-30
             for p in range(size):
@@ -100,10 +99,7 @@ def polish_all(
                     for r in range(size):
                         damped[p, r] = normal[p, r] + (curvature[p, r] if newton else 0.0)
                     damped[p, p] += level * normal[p, p] + floor
-                hold(x, gradient, box, held, slope)
-                if not limited_step(
-                    damped, gradient, x, box, held, step, goal, slope, folded, compact, right, index
-                ):
+                if not limited_step(damped, gradient, x, box, step):
                     if not newton:
                         level = max(10.0 * level, 1e-8)
                     newton = False
@@ -149,7 +145,7 @@ def polish_all(
             for r in range(size):
                 normal_out[n, p, r] = normal[p, r]
         if space.collided.sum() > 0:
-            _difference(problem, x, space, normal, curvature, right, goal, damped, compact)
+            _difference(problem, x, space, normal, curvature)
         for p in range(size):
             for r in range(size):
                 folded[p, r] = normal[p, r] + curvature[p, r]
@@ -160,3 +156,4 @@ def polish_all(
                 hessian_out[n, p, r] = folded[p, r] if free else 0.0
             if held[p] != 0:
                 hessian_out[n, p, p] = _HELD * max(normal[p, p], 1e-30)
+    return cost, norm, count_used, normal_out, hessian_out

@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats, H, W
+from handtrack.arrays import Array, Bytes, Floats, H, W, pixel_grid
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_outline
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.errors import HandtrackError
@@ -188,9 +188,8 @@ class MaskRefinement:
             return None
         known = self.__dict__.setdefault("_known_maps", {})
         if view.name not in known:
-            width, height = camera.size
-            pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), -1).astype(float)
-            straight = np.nan_to_num(camera.undistort_points(pixels), nan=-1e4).astype(np.float32)
+            pixels = camera.undistort_points(pixel_grid(camera.size))
+            straight = np.nan_to_num(pixels, nan=-1e4).astype(np.float32)
             known[view.name] = tuple(np.ascontiguousarray(straight[..., i]) for i in range(2))
         return known[view.name]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, E, Floats, H, W
+from handtrack.arrays import D3, Array, E, Floats, H, W, pixel_grid
 from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 
@@ -14,8 +14,7 @@ _LIGHT = np.array([-0.35, -0.6, -0.72])  # camera axes: from the upper left, beh
 def pixel_rays(camera: Camera) -> Floats[H, W, D3]:
     """Return directions, z = 1, camera axes, of all pixel centres, distortion undone."""
     width, height = camera.size
-    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    pixels = camera.undistort_points(np.stack([u, v], axis=-1).reshape(-1, 2))
+    pixels = camera.undistort_points(pixel_grid(camera.size).reshape(-1, 2))
     homogeneous = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
     return (homogeneous @ np.linalg.inv(camera.matrix).T).reshape(height, width, 3)
 

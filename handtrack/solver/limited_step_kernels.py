@@ -164,14 +164,13 @@ def _cholesky_solve(matrix, right, count):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True)
-def limited_step(
-    hessian, gradient, params, box, held, step, goal, slope, folded, compact, right, index
-):  # pragma: no cover - compiled
-    """Fill the step (P,) that minimises the quadratic model within the limits; False if it has no minimum.
-
-    `held` enters filled by `hold` and is changed.
-    """
+def limited_step(hessian, gradient, params, box, step):  # pragma: no cover - compiled
+    """Fill the step (P,) that minimises the quadratic model within the limits; False if it has no minimum."""
     size = params.shape[0]
+    held, index = np.empty(size, np.int64), np.empty(size, np.int64)
+    goal, slope, right = np.empty(size), np.empty(size), np.empty(size)
+    folded, compact = np.empty((size, size)), np.empty((size, size))
+    hold(params, gradient, box, held, slope)
     largest = 0.0
     for p in range(size):
         step[p] = 0.0
@@ -273,12 +272,7 @@ def damped_step(
     damped = hessian.copy()
     for p in range(size):
         damped[p, p] += damping * hessian[p, p] + floor
-    held, slope = np.zeros(size, np.int64), np.zeros(size)
-    hold(params, gradient, box, held, slope)
-    return limited_step(
-        damped, gradient, params, box, held, step, np.zeros(size), slope, np.zeros((size, size)),
-        np.zeros((size, size)), np.zeros(size), np.zeros(size, np.int64),
-    )  # fmt: skip
+    return limited_step(damped, gradient, params, box, step)
 
 
 @numba.njit(cache=True, nogil=True)

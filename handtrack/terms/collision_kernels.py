@@ -141,16 +141,14 @@ def _climb(delta, one, other, n, p, q):  # pragma: no cover - compiled
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def separation(place, shape, start, i, j, enough, n, p, q):  # pragma: no cover - compiled
-    """Return the signed distance of ellipsoids i and j (minus how far one must move) if it is below `enough` ≤ 0, else
+def separation(delta, one, other, enough, n, p, q):  # pragma: no cover - compiled
+    """Return the signed distance of two ellipsoids (minus how far one must move) if it is below `enough` ≤ 0, else
     something above that.
 
-    n: direction from i to j in which they are to be parted; p, q: the points that go deepest, from i's and j's centre.
-    start: (2, 3) work space.
+    delta: from one's centre to the other's. n: direction in which they are to be parted; p, q: the points that go
+    deepest, from either centre.
     """
-    delta = np.empty(3)
-    for a in range(3):
-        delta[a] = place[j, a] - place[i, a]
+    start = np.empty((2, 3))
     size = np.sqrt(delta[0] ** 2 + delta[1] ** 2 + delta[2] ** 2)
     starts = 1
     if size > 1e-12:
@@ -160,7 +158,6 @@ def separation(place, shape, start, i, j, enough, n, p, q):  # pragma: no cover 
         start[0, 0], start[0, 1], start[0, 2] = 1.0, 0.0, 0.0
     # a second start: the normal, on the line of centres, of the ellipsoid with D₁ + D₂; better than that line for long parts
     best = -np.inf
-    one, other = shape[i], shape[j]
     trial, tp, tq = np.empty(3), np.empty(3), np.empty(3)
     total = np.empty((3, 3))
     for a in range(3):
@@ -220,15 +217,16 @@ def separation(place, shape, start, i, j, enough, n, p, q):  # pragma: no cover 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - compiled
     """Fill found (K,) with the signed distance of each pair where they overlap, 0 where they do not."""
-    start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
+    delta, n, p, q = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for k in range(first.shape[0]):
         i, j = first[k], second[k]
         far, square = reach[i] + reach[j], 0.0
         for a in range(3):
-            square += (place[j, a] - place[i, a]) ** 2
+            delta[a] = place[j, a] - place[i, a]
+            square += delta[a] ** 2
         found[k] = 0.0
         if square < far * far:
-            found[k] = min(separation(place, shape, start, i, j, 0.0, n, p, q), 0.0)
+            found[k] = min(separation(delta, shape[i], shape[j], 0.0, n, p, q), 0.0)
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -242,17 +240,18 @@ def collision_sums(frames, collisions, sums):  # pragma: no cover - compiled
     posed_shapes(frames, ellipsoids, place, shape)
     for e in range(count):
         reach[e] = max(radii[e, 0], radii[e, 1], radii[e, 2])
-    start, n, p, q = np.empty((2, 3)), np.empty(3), np.empty(3), np.empty(3)
+    delta, n, p, q = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     row = np.empty(24)
     cost = 0.0
     for k in range(first.shape[0]):
         i, j = first[k], second[k]
         far, square = reach[i] + reach[j] - slack, 0.0
         for a in range(3):
-            square += (place[j, a] - place[i, a]) ** 2
+            delta[a] = place[j, a] - place[i, a]
+            square += delta[a] ** 2
         if far <= 0.0 or square >= far * far:
             continue
-        distance = separation(place, shape, start, i, j, -slack, n, p, q)
+        distance = separation(delta, shape[i], shape[j], -slack, n, p, q)
         residual = (-distance - slack) / sigma
         if residual <= 0.0:
             continue

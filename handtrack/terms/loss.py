@@ -11,7 +11,6 @@ from handtrack.arrays import Axes, Floats
 from handtrack.errors import HandtrackError
 
 _QUADRATIC, _GEMAN_MCCLURE, _HUBER, _OUTLIERS = range(4)
-_NAMES = ("quadratic", "Geman-McClure", "Huber", "uniform outliers")
 
 
 class Loss(NamedTuple):
@@ -19,10 +18,6 @@ class Loss(NamedTuple):
 
     kind: int
     scale: float
-
-    @property
-    def name(self) -> str:
-        return _NAMES[self.kind]
 
     @property
     def has_bound(self) -> bool:
@@ -87,6 +82,21 @@ def robust(loss, squared):  # pragma: no cover - compiled
         return 2.0 * scale * size - scale * scale, scale / size
     inlier = np.exp(-0.5 * squared)
     return -2.0 * np.log((inlier + scale) / (1.0 + scale)), inlier / (inlier + scale)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def robust_slope(loss, squared):  # pragma: no cover - compiled
+    """Return d²ρ/d(r²)²."""
+    scale = loss.scale
+    if loss.kind == _GEMAN_MCCLURE:
+        share = scale * scale / (squared + scale * scale)
+        return -2.0 * share * share / (squared + scale * scale)
+    if loss.kind == _HUBER and squared > scale * scale:
+        return -0.5 * scale / (np.sqrt(squared) * squared)
+    if loss.kind == _OUTLIERS:
+        inlier = np.exp(-0.5 * squared)
+        return -0.5 * inlier * scale / (inlier + scale) ** 2
+    return 0.0
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")

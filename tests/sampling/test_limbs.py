@@ -65,7 +65,7 @@ def test_a_ball_and_a_hinge_have_four_solutions_without_limits(rng):
     model = load_model("body34")
     chain = next(c for c in chains_of(model) if c.name == "left_arm")
     ready = prepare(model, chain)
-    ready.interval[:] = (-np.pi, np.pi)
+    ready.turns.interval[:] = (-np.pi, np.pi)
     params = _random_pose(model, rng)
     joints = [model.joint_names.index(joint) for joint in chain.joints]
     goal = model.joint_positions(model.bones(params))[joints]
@@ -260,8 +260,8 @@ def test_what_a_coupling_takes_is_not_a_fingers_own():
     # all four fingers spread together
     assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
     ready = prepare(load_model("hand26", coupling="18"), linked)
-    assert ready.leader.tolist() == [0, -1, 2, 2]
-    np.testing.assert_allclose(ready.ratio[3], 2 / 3)
+    assert ready.turns.leader.tolist() == [0, -1, 2, 2]
+    np.testing.assert_allclose(ready.turns.ratio[3], 2 / 3)
 
 
 def _along(model, **direction):

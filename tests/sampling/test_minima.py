@@ -20,7 +20,7 @@ from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.loss import geman_mcclure, huber, quadratic
+from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
 from handtrack.terms.priors.body_priors import body_priors
 from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
 from tests.derivatives import check_gradient, check_jacobian
@@ -210,6 +210,7 @@ def system(packed, params):
 KINDS = [
     ("hand26", "26", quadratic()),
     ("hand26", "18", geman_mcclure(3.0)),
+    ("hand26", "18", uniform_outliers()),
     ("body34", "26", huber(2.0)),
 ]
 

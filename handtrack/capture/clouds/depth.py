@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Bytes, Floats, H, W, check_shape
+from handtrack.arrays import D3, Array, Bytes, Floats, H, W, check_shape, pixel_grid
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.geometry.camera import Camera
 
@@ -85,9 +85,7 @@ def depth_cloud(
 @lru_cache(maxsize=8)
 def _directions(camera: Camera) -> Floats:
     """Return (H, W, 2) x/z and y/z of every pixel, distortion undone; NaN beyond the lens."""
-    width, height = camera.size
-    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    straight = camera.undistort_points(np.stack([u, v], axis=-1))
+    straight = camera.undistort_points(pixel_grid(camera.size))
     directions = (straight - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
     directions.flags.writeable = False
     return directions

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W
+from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W, pixel_grid
 from handtrack.capture.images.raw_frames import level_line_at
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
@@ -186,8 +186,6 @@ def _limited(low: float, high: float, real: int) -> tuple[float, float]:
 
 
 def _maps(real: Camera, flat: Camera) -> tuple[Array, Array]:
-    width, height = flat.size
-    u, v = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    rays = flat.rays(np.stack([u, v], axis=-1))
+    rays = flat.rays(pixel_grid(flat.size))
     pixels = np.nan_to_num(real.project(real.centre + rays), nan=-1e4).astype(np.float32)
     return np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1])

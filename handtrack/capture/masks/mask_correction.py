@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, N, W
+from handtrack.arrays import D2, D3, Bytes, Floats, H, N, W, pixel_grid
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
 
 AS_IT_IS = 64
@@ -67,7 +67,7 @@ def carried(layer: Bytes[H, W], image: Bytes[H, W, D3], other: Bytes[H, W, D3]) 
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     back = flow.calc(there, here, None)  # type: ignore[call-overload]
     forth = flow.calc(here, there, None)  # type: ignore[call-overload]
-    at = _places(size) + back
+    at = pixel_grid(size).astype(np.float32) + back
     led = cv2.remap(
         forth, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
@@ -89,15 +89,9 @@ def carried(layer: Bytes[H, W], image: Bytes[H, W, D3], other: Bytes[H, W, D3]) 
     )
     step = cv2.resize(back, (width, height), interpolation=cv2.INTER_LINEAR)
     step = step * np.array([width / size[0], height / size[1]], np.float32)
-    source = _places((width, height)) + step
+    source = pixel_grid((width, height)).astype(np.float32) + step
     moved = cv2.remap(
         layer, source[..., 0], source[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
         borderValue=AS_IT_IS,
     )  # fmt: skip
     return np.where(lost & (moved != AS_IT_IS), UNKNOWN_LEVEL, moved).astype(np.uint8)
-
-
-def _places(size: tuple[int, int]) -> Array:
-    """Return each pixel's column and row (H, W, 2) float32."""
-    columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
-    return np.stack([columns, rows], axis=-1).astype(np.float32)

@@ -110,7 +110,7 @@ class CarriedTextureTerm(SurfaceTerm):
             )
         if self.from_unexplained and not self.loss.has_bound:
             raise HandtrackError(
-                f"{self.name}: the {self.loss.name} loss has no bound to count from; expected geman_mcclure."
+                f"{self.name}: the loss has no bound to count from; expected geman_mcclure."
             )
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
