@@ -112,8 +112,10 @@ class Session:
             )
         check_written(folder)
         file = read_session_file(folder / SESSION_FILE)
-        state = readable(Store(folder / TRACKS_FOLDER).history().state)
-        return cls(folder, file, session_rig(folder, file)).with_cameras(state.camera)
+        decided = Store(folder / TRACKS_FOLDER).history().state
+        cameras = {name: value for name, value in decided.items() if name.startswith("camera/")}
+        session = cls(folder, file, session_rig(folder, file))
+        return session.with_cameras(readable(cameras).camera)
 
     @property
     def name(self) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, Ints, K, P, S
+from handtrack.arrays import F, Floats, Ints, K, P, S, evenly_spread
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.diagnostics.review import probability_off
@@ -46,7 +46,7 @@ from handtrack.session.takes.take_about import REFINED, files_read
 from handtrack.store.current_track import CurrentTrack, Head, TakeFrames
 from handtrack.store.spans import Span
 from handtrack.store.store import Store
-from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.protocol.snapshots import APART, PROBABILITY, VIEWS, TakeCard
 
@@ -135,6 +135,7 @@ class TakeShelf:
 # viser
 
 
+_COMPARED = 20  # tracked frames by which cameras are compared; lost ones among them do not count
 _AT_ONCE = 100  # frames that are read whole at one look, about 20 ms
 
 
@@ -818,6 +819,11 @@ class Document:
             )
 
     # ---- cameras
+
+    def some_results(self) -> list[FrameResult]:
+        """Return tracked frames by which cameras are compared, evenly spread."""
+        tracked = [frame for frame in self.frames if frame in self.results]
+        return [self.results[tracked[row]] for row in evenly_spread(len(tracked), _COMPARED)]
 
     @property
     def camera_errors(self) -> dict[str, CameraCorrection]:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence, Sized
 from dataclasses import replace
 from functools import partial
 
-from handtrack.arrays import evenly_spread
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.session_state import NOTHING, Edit
@@ -48,9 +47,6 @@ from handtrack_app.rerun.recorder import LiveRecorder
 
 _UNFIT = ("overlap", "out of view", "part outside", "beside")
 """reasons for which a pose is asked about before it is a first pose"""
-_COMPARED = (
-    20  # tracked frames by which cameras are compared on opening; lost ones among them do not count
-)
 _STEPS = 20  # of the history that are named on the page
 _LIVE = (
     "The cameras' newest images are shown; posing the hand halts them, 'Follow' in the tab Track goes on. Press 'Detect "
@@ -129,10 +125,7 @@ class OpenSession:
 
     def _compare_cameras(self) -> None:
         """Warn of a camera that contradicts the others in what was tracked before; found on the render thread."""
-        document = self.document
-        tracked = [frame for frame in document.frames if frame in document.results]
-        rows = evenly_spread(len(tracked), _COMPARED)
-        results, run = [document.results[tracked[row]] for row in rows], document.run
+        results, run = self.document.some_results(), self.document.run
 
         def look() -> Notice | None:
             text = inconsistency_of_cameras(run, results)

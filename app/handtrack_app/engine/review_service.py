@@ -12,6 +12,7 @@ from handtrack.arrays import Floats, P
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.diagnostics.score import Score, score
 from handtrack.errors import HandtrackError
+from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import decide
 from handtrack.tracking.frame.result import FrameResult
@@ -53,9 +54,14 @@ class ReviewService(Service):
     def correct_camera(self, camera: str, on: bool = True) -> None:
         """Use a camera as the estimate of the whole recording found it, from now on; or as it was calibrated."""
         self.jobs.require_idle()
-        edit = (
-            edits.corrected_camera(self.document, camera) if on else decide(camera={camera: None})
-        )
+        document, found = self.document, self.document.camera_errors.get(camera)
+        if on and found is not None and found.error.is_of_time_alone:
+            other = inconsistency_of_cameras(document.run, document.some_results())
+            if other:
+                raise HandtrackError(
+                    f"Camera '{camera}' is not corrected: the joint estimate found a time offset alone, but {other}"
+                )
+        edit = edits.corrected_camera(document, camera) if on else decide(camera={camera: None})
         words = f"Correction of camera {camera}"
         self.opened.see_cameras(lambda: self.store.do(words if on else f"{words} removed", edit))
         figures = self.document.run.session.corrected.get(camera, "")

@@ -59,17 +59,25 @@ class CameraError:
             shift_mm=_three(np.add(self.shift_mm, earlier.shift_mm)),
             zoom_percent=round(100 * (zoom - 1), 4),
             late_frames=round(self.late_frames + earlier.late_frames, 4),
+            std=tuple(now or then for now, then in zip(self.std, earlier.std, strict=True)),
         )
 
     @property
+    def is_of_time_alone(self) -> bool:
+        """Whether nothing of the calibration was estimated, so that another cause may look like a time offset."""
+        return not any(self.std[:7])
+
+    @property
     def figures(self) -> str:
-        """All of it, with standard deviations."""
-        return (
-            f"rotation {np.linalg.norm(self.turn_deg):.2f}° (± {max(self.std[:3]):.2f}), "
-            f"position {np.linalg.norm(self.shift_mm):.1f} mm (± {max(self.std[3:6]):.1f}), "
-            f"focal length {self.zoom_percent:+.2f} % (± {self.std[6]:.2f}), "
-            f"time {self.late_frames:+.2f} frames late (± {self.std[7]:.2f})"
-        )
+        """What was estimated, with standard deviations."""
+        turn, shift = np.linalg.norm(self.turn_deg), np.linalg.norm(self.shift_mm)
+        parts = [
+            (f"rotation {turn:.2f}° (± {{:.2f}})", max(self.std[:3])),
+            (f"position {shift:.1f} mm (± {{:.1f}})", max(self.std[3:6])),
+            (f"focal length {self.zoom_percent:+.2f} % (± {{:.2f}})", self.std[6]),
+            (f"time {self.late_frames:+.2f} frames late (± {{:.2f}})", self.std[7]),
+        ]
+        return ", ".join(words.format(std) for words, std in parts if std)
 
     @property
     def words(self) -> str:

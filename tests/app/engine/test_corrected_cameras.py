@@ -14,7 +14,9 @@ from handtrack.tracking.whole.refinement import CameraError, Refinement
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.protocol.snapshots import TimelineSnapshot
 from tests.app.command_line import small_recording
+from tests.app.desk import a_desk
 from tests.session.small_session import edit
 
 LATE, NAME = 2.0, "cam1"
@@ -92,3 +94,21 @@ def test_a_correction_of_another_calibration_does_not_apply(folder):
     session = Session.open(folder)
     assert session.rig[NAME] is session.calibrated[NAME]
     assert any(NAME in warning for warning in session.warnings)
+
+
+def test_a_time_offset_is_not_applied_where_a_turned_camera_explains_more(tmp_path, monkeypatch):
+    """A camera turned by 1.5° was taken for one that is 1.5 frames early, where its rotation was not estimated."""
+    late = CameraError("side", (0.0,) * 3, (0.0,) * 3, 0.0, -1.5, (*[0.0] * 7, 0.1, 0.1))
+    looks = "handtrack_app.engine.review_service.inconsistency_of_cameras"
+    monkeypatch.setattr(looks, lambda run, results: "camera 'side' is turned")
+    for worker, listener in a_desk(tmp_path, step_s=0.0, refined_by=0.1, refined_cameras=(late,)):
+        worker.engine.track(0, 12, 3)
+        listener.wait(TimelineSnapshot, lambda strip: "side" in strip.cameras_off)
+        listener.told("Tracking finished")
+        worker.engine.correct_camera("side")
+        assert "is turned" in listener.refused().text
+        assert not worker.document.state.camera
+        monkeypatch.setattr(looks, lambda run, results: "")
+        worker.engine.correct_camera("side")
+        listener.told("Corrected by time -1.50 frames")
+        assert worker.document.state.camera["side"].error == late
