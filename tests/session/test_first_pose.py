@@ -134,8 +134,7 @@ class SeesTheTruth(FakeDetector):
 
     def __init__(self, session: Session, frame: int) -> None:
         super().__init__()
-        row = int(np.flatnonzero(session.truth.frame == frame)[0])
-        truth = session.truth.keypoints21[row]
+        truth = points(session, frame)
         self._images = [
             (view.image(frame), DetectedHand(view.camera.project(truth), 0.9, 0.99))
             for view in session.views
@@ -154,6 +153,4 @@ def test_a_hand_is_found_where_the_detector_sees_it(session, monkeypatch):
         "handtrack.session.first_pose.first_pose_search.auto_start", None
     )  # not asked
     (best,) = find_first_poses(run, frame)
-    row = int(np.flatnonzero(session.truth.frame == frame)[0])
-    found = best.model.keypoints21(best.model.bones(best.params))
-    assert 1e3 * np.linalg.norm(found - session.truth.keypoints21[row], axis=1).mean() < 8.0
+    assert error_mm(best, points(session, frame)) < 8.0

@@ -30,6 +30,15 @@ def ellipsoids_of(rng, count=14, radii=(0.006, 0.025)):
     )
 
 
+def parts_at(radii, places, turns=None):
+    """Return ellipsoids, each about a bone of its own, and the bones at these places (N, 3)."""
+    count, upright = len(places), np.tile(np.eye(3), (len(places), 1, 1))
+    flesh = Ellipsoids(
+        tuple(map(str, range(count))), np.arange(count), np.zeros((count, 3)), upright if turns is None else turns, np.array(radii, float)
+    )  # fmt: skip
+    return flesh, BonePoses(np.array(places[0], float), upright, np.array(places, float))
+
+
 def camera_of(rng, size=(96, 72), distance=0.5, focal=110.0, name="cam"):
     """Return a camera that looks at the origin from anywhere."""
     rotation = Rotation.random(rng=rng).as_matrix()

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.flesh import Ellipsoids
-from handtrack.model.kinematics import BonePoses
 from handtrack.model.model_file import load_model
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
@@ -13,20 +11,14 @@ from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.terms.contact import contact
 from tests.terms.collision_reference import signed_distance
+from tests.terms.silhouette_scene import parts_at
 
 PAIR = np.array([[0, 1]])
 
 
-def two(radii, centres, turns=None):
-    """Return two ellipsoids, each on its own bone, and the bones."""
-    rotation = np.stack([np.eye(3)] * 2) if turns is None else turns
-    flesh = Ellipsoids(("a", "b"), np.arange(2), np.zeros((2, 3)), rotation, np.array(radii))
-    return flesh, BonePoses(np.zeros(3), np.stack([np.eye(3)] * 2), np.array(centres, float))
-
-
 @pytest.mark.parametrize(("apart", "depth"), [(0.25, 0.0), (0.2, 0.0), (0.17, 0.03), (0.05, 0.15)])
 def test_two_balls(apart, depth):
-    flesh, bones = two([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, apart, 0]])
+    flesh, bones = parts_at([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, apart, 0]])
     term = CollisionTerm(flesh, PAIR, sigma_m=0.02, slack_m=0.01, weight=3.0)
     assert term.depths(bones)[0] == pytest.approx(depth, abs=1e-12)
     over = max(depth - 0.01, 0.0) / 0.02
@@ -34,7 +26,7 @@ def test_two_balls(apart, depth):
 
 
 def test_the_force_parts_them_along_the_shortest_way():
-    flesh, bones = two([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, 0.15, 0]])
+    flesh, bones = parts_at([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, 0.15, 0]])
     system = CollisionTerm(flesh, PAIR, sigma_m=0.02, slack_m=0.0).linearize(bones)
     force = -system.gradient.reshape(2, 6)
     np.testing.assert_allclose(force[:, :3], [[0, -125, 0], [0, 125, 0]], atol=1e-9)
@@ -44,7 +36,7 @@ def test_the_force_parts_them_along_the_shortest_way():
 def test_parts_that_lie_in_each_other_are_parted_sideways():
     """Crossed thighs with one middle: every direction looks alike from the centres, the way out is across both."""
     turns = rotation_matrix(np.array([[0, 0, 0.4], [0, 0, -0.4]]))
-    flesh, bones = two([[0.08, 0.25, 0.07]] * 2, [[0, 0, 0], [0, 0, 0]], turns)
+    flesh, bones = parts_at([[0.08, 0.25, 0.07]] * 2, [[0, 0, 0], [0, 0, 0]], turns)
     assert CollisionTerm(flesh, PAIR).depths(bones)[0] == pytest.approx(0.14)
 
 
@@ -56,7 +48,7 @@ def test_it_agrees_with_the_plain_form(rng):
         turns = rotation_matrix(rng.normal(size=(2, 3)))
         centre = rng.normal(size=3)
         centre *= rng.uniform(0.08, 0.25) / np.linalg.norm(centre)
-        flesh, bones = two(radii, [[0, 0, 0], centre], turns)
+        flesh, bones = parts_at(radii, [[0, 0, 0], centre], turns)
         one, other = (t @ np.diag(r**2) @ t.T for t, r in zip(turns, radii, strict=True))
         expected = max(-signed_distance(centre, one, other), 0.0)
         depth = CollisionTerm(flesh, PAIR).depths(bones)[0]

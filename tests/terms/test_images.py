@@ -7,8 +7,6 @@ import pytest
 
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
-from handtrack.model.flesh import Ellipsoids
-from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render
 from handtrack.terms.images.carried_texture import (
@@ -34,6 +32,7 @@ from tests.terms.silhouette_scene import (
     camera_of,
     ellipsoids_of,
     moved_along,
+    parts_at,
 )
 
 
@@ -156,12 +155,7 @@ def camera():
 
 def balls(*places):
     """Return bones, one ball of 20 mm radius on each, at places (3,) [m]."""
-    count = len(places)
-    position = np.array(places, dtype=float)
-    bones = BonePoses(position[0].copy(), np.tile(np.eye(3), (count, 1, 1)), position)
-    flesh = Ellipsoids(
-        tuple("abc"[:count]), np.arange(count), np.zeros((count, 3)), bones.rotation, np.full((count, 3), 0.02)
-    )  # fmt: skip
+    flesh, bones = parts_at(np.full((len(places), 3), 0.02), places)
     return bones, flesh
 
 

@@ -16,90 +16,82 @@ from tests.terms.plain_rows import system_of
 SIGMA_M, SIGMA_PX = 0.004, 2.0
 
 
-@pytest.fixture(scope="module")
-def model():
-    return load_model()
+HAND = load_model()
+BONES = HAND.bones(HAND.rest_params())
 
 
-@pytest.fixture(scope="module")
-def bones(model):
-    return model.bones(model.rest_params())
+def in_space(bones, shift=(0.0, 0.0, 0.0)):
+    return Keypoints(HAND.joint_names, HAND.joint_positions(bones) + shift, SIGMA_M)
 
 
-def in_space(model, bones, shift=(0.0, 0.0, 0.0)):
-    return Keypoints(model.joint_names, model.joint_positions(bones) + shift, SIGMA_M)
-
-
-def in_image(model, bones, shift=(0.0, 0.0)):
+def in_image(bones, shift=(0.0, 0.0)):
     camera = simulated_rig(1).cameras[0]
-    pixels = camera.project(model.joint_positions(bones)) + shift
-    return ImageKeypoints(camera, model.joint_names, pixels, SIGMA_PX)
+    pixels = camera.project(HAND.joint_positions(bones)) + shift
+    return ImageKeypoints(camera, HAND.joint_names, pixels, SIGMA_PX)
 
 
-def test_points_in_space_one_sigma_off_cost_a_half_each(model, bones):
-    assert KeypointTerm(model, in_space(model, bones)).cost(bones) == 0.0
-    term = KeypointTerm(model, in_space(model, bones, (0.0, SIGMA_M, 0.0)))
-    assert term.cost(bones) == pytest.approx(0.5 * len(model.joint_names))
-    gradient = term.linearize(bones).gradient.reshape(-1, 6).sum(axis=0)
-    np.testing.assert_allclose(gradient[:3], [0, -len(model.joint_names) / SIGMA_M, 0], atol=1e-6)
+def test_points_in_space_one_sigma_off_cost_a_half_each():
+    assert KeypointTerm(HAND, in_space(BONES)).cost(BONES) == 0.0
+    term = KeypointTerm(HAND, in_space(BONES, (0.0, SIGMA_M, 0.0)))
+    assert term.cost(BONES) == pytest.approx(0.5 * len(HAND.joint_names))
+    gradient = term.linearize(BONES).gradient.reshape(-1, 6).sum(axis=0)
+    np.testing.assert_allclose(gradient[:3], [0, -len(HAND.joint_names) / SIGMA_M, 0], atol=1e-6)
 
 
-def test_points_in_an_image_one_sigma_off_cost_a_half_each(model, bones):
-    assert KeypointTerm(model, in_image(model, bones)).cost(bones) == pytest.approx(0.0, abs=1e-20)
-    term = KeypointTerm(model, in_image(model, bones, (SIGMA_PX, 0.0)), weight=3.0)
-    assert term.cost(bones) == pytest.approx(1.5 * len(model.joint_names))
+def test_points_in_an_image_one_sigma_off_cost_a_half_each():
+    assert KeypointTerm(HAND, in_image(BONES)).cost(BONES) == pytest.approx(0.0, abs=1e-20)
+    term = KeypointTerm(HAND, in_image(BONES, (SIGMA_PX, 0.0)), weight=3.0)
+    assert term.cost(BONES) == pytest.approx(1.5 * len(HAND.joint_names))
 
 
 @pytest.mark.parametrize("view", [in_space, in_image])
-def test_unknown_points_do_not_pull(model, bones, view):
-    observed = view(model, bones)
+def test_unknown_points_do_not_pull(view):
+    observed = view(BONES)
     points = observed.positions if view is in_space else observed.pixels
     points[[2, 7]] = np.nan
     points[9, 0] = np.nan  # half known is unknown
     points[5] += 1.0
-    term = KeypointTerm(model, observed)
-    pull = np.abs(term.linearize(bones).gradient.reshape(-1, 6)).max(axis=1)
+    term = KeypointTerm(HAND, observed)
+    pull = np.abs(term.linearize(BONES).gradient.reshape(-1, 6)).max(axis=1)
     moved = set(np.flatnonzero(pull > 1e-9 * pull.max()))
-    assert np.isfinite(term.cost(bones))
-    assert moved == {model.joint_bone[5]}
+    assert np.isfinite(term.cost(BONES))
+    assert moved == {HAND.joint_bone[5]}
 
 
-def test_the_compiled_sums_are_those_of_the_rows(rng, model, bones):
+def test_the_compiled_sums_are_those_of_the_rows(rng):
     """By twists, by fields, and by the points' own velocities."""
-    off = model.bones(model.clipped(rng.normal(scale=0.3, size=26)))
+    off = HAND.bones(HAND.clipped(rng.normal(scale=0.3, size=26)))
     for view in (in_space, in_image):
-        term = KeypointTerm(model, view(model, off), 0.7, huber(2.0))
-        points = len(model.joint_names)
-        for width, count in ((3, points), (6, len(bones.position)), (12, len(bones.position))):
+        term = KeypointTerm(HAND, view(off), 0.7, huber(2.0))
+        points = len(HAND.joint_names)
+        for width, count in ((3, points), (6, len(BONES.position)), (12, len(BONES.position))):
             ours = Sums.zero(count, width)
-            plain = system_of(term.rows(bones, width), count)
-            assert term.add_to(bones, ours) == pytest.approx(plain.cost)
-            assert term.cost(bones) == pytest.approx(plain.cost)
+            plain = system_of(term.rows(BONES, width), count)
+            assert term.add_to(BONES, ours) == pytest.approx(plain.cost)
+            assert term.cost(BONES) == pytest.approx(plain.cost)
             scale = 1e-10 * np.abs(plain.hessian).max()
             np.testing.assert_allclose(ours.gradient, plain.gradient, rtol=1e-8)
             np.testing.assert_allclose(ours.hessian, plain.hessian, atol=scale)
 
 
-def test_a_far_point_no_longer_pulls(model, bones):
-    observed = in_space(model, bones)
+def test_a_far_point_no_longer_pulls():
+    observed = in_space(BONES)
     observed.positions[0] += 1.0
-    robust = KeypointTerm(model, observed, loss=geman_mcclure(3.0))
-    plain = KeypointTerm(model, observed)
-    pull = [np.abs(t.linearize(bones).gradient).max() for t in (robust, plain)]
+    robust = KeypointTerm(HAND, observed, loss=geman_mcclure(3.0))
+    plain = KeypointTerm(HAND, observed)
+    pull = [np.abs(t.linearize(BONES).gradient).max() for t in (robust, plain)]
     assert pull[0] < 1e-6 * pull[1]
-    assert robust.cost(bones) == pytest.approx(4.5, rel=1e-3)
+    assert robust.cost(BONES) == pytest.approx(4.5, rel=1e-3)
 
 
-HAND = load_model()
 CAMERA = simulated_rig(1).cameras[0].without_distortion()
 ON_BONE = (0.004, 0.02, 0.003)
 
 
 def _seen(bones, shift=(0.0, 0.0)):
     """Return a joint and a point of a bone, pinned where they lie, or beside that."""
-    model = HAND
-    bone = model.skeleton.bone_names.index("index_proximal")
-    tip = model.joint_positions(bones)[model.joint_names.index("ring_tip")]
+    bone = HAND.skeleton.bone_names.index("index_proximal")
+    tip = HAND.joint_positions(bones)[HAND.joint_names.index("ring_tip")]
     points = np.stack([tip, bones.to_world(np.array([bone]), np.array([ON_BONE]))[0]])
     at = CAMERA.project(points) + shift
     first, second = (tuple(map(float, pixel)) for pixel in at)
@@ -108,7 +100,7 @@ def _seen(bones, shift=(0.0, 0.0)):
 
 
 def test_pins_that_are_met_cost_nothing_and_a_sigma_beside_a_half_each():
-    bones = HAND.bones(HAND.rest_params())
+    bones = BONES
     assert KeypointTerm(HAND, _seen(bones)).cost(bones) == pytest.approx(0.0, abs=1e-18)
     beside = KeypointTerm(HAND, _seen(bones, (0.0, PIN_SIGMA_PX)))
     assert beside.cost(bones) == pytest.approx(1.0)

@@ -33,6 +33,7 @@ from tests.terms.silhouette_scene import (
     bones_of,
     ellipsoids_of,
     moved_along,
+    parts_at,
     silhouettes_of,
 )
 
@@ -132,10 +133,7 @@ def test_one_circle_by_hand():
     valid = np.tile(np.array([20, 21], np.int32), (41, 1))
     valid[np.arange(41) != 20] = 0
     silhouette = Silhouette(camera, np.zeros((41, 41), np.float32), valid)
-    flesh = Ellipsoids(
-        ("ball",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 0.1)
-    )
-    bones = BonePoses(np.array([0, 0, 1.0]), np.eye(3)[None], np.array([[0, 0, 1.0]]))
+    flesh, bones = parts_at([[0.1] * 3], [[0, 0, 1.0]])
     system = ConicFieldTerm([silhouette], flesh).linearize(bones)
     assert system.cost == pytest.approx(0.5)
     np.testing.assert_allclose(system.gradient, 0, atol=1e-12)
@@ -194,11 +192,10 @@ def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric
     mask = np.tile(np.clip(radius - (u - 0.3) + 0.5, 0, 1), (41, 1)).astype(np.float32)
     silhouette = Silhouette(camera, mask, np.tile(np.array([0, 121], np.int32), (41, 1)))
     radii = np.array([[radius, 10 * radius, radius]]) * far / 1000.0
-    flesh = Ellipsoids(("finger",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], radii)
+    flesh, _ = parts_at(radii, [[0, 0, far]])
 
     def at(shift_px):
-        place = np.array([[shift_px * far / 1000.0, 0, far]])
-        return BonePoses(place[0], np.eye(3)[None], place)
+        return parts_at(radii, [[shift_px * far / 1000.0, 0, far]])[1]
 
     term = CoverageTerm([silhouette], flesh, band, at(0.0), antisymmetric)
     shifts = np.linspace(-2, 2, 81)

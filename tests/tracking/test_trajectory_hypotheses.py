@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_changes import PLACE
 from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -17,13 +15,8 @@ from handtrack.tracking.whole.trajectory_hypotheses import (
     TrajectoryHypothesis,
     trajectory_hypotheses,
 )
+from tests.tracking.test_doubt_of_bodies import BODY, FRONT, SIDE
 
-BODY = load_model("body34")
-FRONT = Camera(
-    "front", (1080, 1920), np.array([[1200.0, 0, 540], [0, 1200.0, 960], [0, 0, 1]]), np.zeros(5),
-    np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0]),
-)  # fmt: skip
-SIDE = replace(FRONT, name="side", rotation=FRONT.rotation @ rotation_matrix(np.r_[0, 1.4, 0]).T)
 FRAMES = range(4)
 
 
