@@ -92,7 +92,7 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
         if placed[i]
     )
     unposed = tuple(name or f"{i + 1}" for i, (name, _) in enumerate(tables) if not placed[i])
-    rig = GivenRig("one table a camera", cameras, unposed=unposed)
+    rig = GivenRig("one table per camera", cameras, unposed=unposed)
     return _in_unit(rig, tree, where) if isinstance(tree, Mapping) else rig
 
 

@@ -72,7 +72,7 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
     single = [_single(path, content) for path, content in contents.items()]
     cameras = tuple(camera for camera in single if camera is not None)
     if len(cameras) == len(paths):
-        return GivenRig("one file a camera", _posed(cameras, paths))
+        return GivenRig("one file per camera", _posed(cameras, paths))
     merged: dict[str, Any] = {}
     for content in contents.values():
         for key, value in content.items():  # a camera's table may stand in each
