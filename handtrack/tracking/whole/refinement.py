@@ -165,8 +165,9 @@ class Refinement:
         if not off:
             return []
         return [
-            f"{'; '.join(off)}, as the hand in all frames says: poses are corrected for it, the calibration stays as it is. "
-            "`handtrack calibrate` makes it anew; `lag_s` in session.toml puts a camera's time right."
+            f"{'; '.join(off)}, as the hand in all frames says: poses are corrected for it, the calibration stays as it is. *Apply "
+            "correction* in the workbench (tab Review) uses it from now on; `handtrack calibrate` makes the calibration anew, and "
+            "`lag_s` in session.toml sets a camera's time offset."
         ]
 
 
