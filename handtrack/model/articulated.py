@@ -231,6 +231,10 @@ class ArticulatedModel:
         """Return the named joints and fingertips, world [m]."""
         return bones.to_world(self.joint_bone, self.joint_point)
 
+    def bone_ends(self, bones: BonePoses) -> Floats[B, D3]:
+        """Return the distal ends of the bones, world [m]."""
+        return bones.position + bones.rotation[:, :, 1] * self.skeleton.length[:, None]
+
     @property
     def seen_point(self) -> Floats[J, D3]:
         """Return what a detector means by each named joint, in its bone's frame [m]."""

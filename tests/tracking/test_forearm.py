@@ -16,12 +16,15 @@ from handtrack.observation.observation import UNKNOWN, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
+from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints
+from handtrack.tracking.search.lost_finger import with_fingers_found
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.state import TrackerState
@@ -194,3 +197,18 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
     for pose, result in zip(joints, found, strict=True):
         off = result.keypoints21[0] - truth.keypoints21(truth.bones(pose))[0]
         assert 1e3 * np.linalg.norm(off) < 2.0
+
+
+@pytest.mark.parametrize(
+    ("true", "began"), [((-0.2, -0.3), (1.5, 0.5)), ((1.2, 0.3), (-1.3, -0.6))]
+)
+def test_a_forearm_that_points_elsewhere_is_found(true, began):
+    """A hand that stands right vouches for its fingers, not for the arm: descent leaves that bent to the other side."""
+    truth, start = (WHOLE.transform.solver_params(posed(*wrist)) for wrist in (true, began))
+    seen = mask_views(WHOLE, truth, simulated_rig(3, (320, 240)).cameras)
+    terms = frame_terms(WHOLE, QUICK, seen, WHOLE.bones(start), None)
+    stuck = descend(WHOLE, QUICK.solver, terms, start)[0].params
+    found = with_fingers_found(terms, stuck, Control(), 0, "a test")
+    wrist = [WHOLE.transform.names.index(name) for name in ("wrist_flex", "wrist_abd")]
+    assert np.abs(stuck - truth)[wrist].max() > 0.5
+    np.testing.assert_allclose(found[wrist], truth[wrist], atol=0.02)

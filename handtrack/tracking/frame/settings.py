@@ -237,7 +237,7 @@ class FollowSettings:
     )  # fmt: skip
     escape: bool = setting(
         True,
-        "Search lost fingers over their whole range when the residual is larger than usual, and at intervals.",
+        "Search lost fingers, and the forearm, over their whole range when the residual is larger than usual, and at intervals.",
     )
     recovery: bool = setting(
         True, "Search again for a hand that is lost or of low confidence, near its last position and with fingers flipped. The result is "

@@ -1,4 +1,4 @@
-"""A finger that may be lost: fingers are put elsewhere, the frame is solved from there, the better pose is taken."""
+"""A finger or forearm that may be lost: it is put elsewhere, the frame is solved from there, the better pose is taken."""
 
 from __future__ import annotations
 
@@ -29,8 +29,9 @@ from handtrack.tracking.search.policy import (
 
 # Shares of the joints' ranges that are tried: base flexion, abduction, and curl of the two joints after.
 _FLEX, _SPREAD, _CURL = (0.2, 0.4, 0.6, 0.85), (0.2, 0.5, 0.8), (0.1, 0.4, 0.75)
+_WRIST = (0.2, 0.5, 0.8)  # of both of the wrist's, for the forearm
 _PLACES = 2  # of a finger that may be tried
-_ELSEWHERE_M = 0.02  # between fingertips: nearer places lead to the same
+_ELSEWHERE_M = 0.02  # between fingertips, or forearms' ends: nearer places lead to the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ def finger_shift_as_bent(
 def finger_on_grid(
     objective: FingerObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
-    """Propose each finger elsewhere in its range, the best by the widest band."""
+    """Propose each finger, and the forearm, elsewhere in its range, the best by the widest band."""
     (standing,) = found
     return [
         replace(standing, params=x, origin=f"finger grid, {finger}", cost=np.inf)
@@ -106,7 +107,7 @@ def frame_schedule(
 
 
 LOST_FINGER = Search(
-    situation="a finger may be lost",
+    situation="a finger or the forearm may be lost",
     when=(
         f"the cost is above {SUSPICIOUS_RATIO:g} times the usual; each of the first {SUSPICIOUS_FRAMES} frames; every "
         f"{SEARCH_EVERY}th frame (`tracker.escape`)"
@@ -158,7 +159,7 @@ def with_fingers_found(
 
 
 def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, Floats[P]]]:
-    """Return the `most` promising starts (P,), the best first: each with one finger, named, well away from where it is.
+    """Return the `most` promising starts (P,), the best first: each with one finger, or the forearm, named, well away from where it is.
 
     far: sees missed silhouette from afar (the widest band); it ranks the places that a finger is put to.
 
@@ -167,20 +168,20 @@ def finger_grid(far: Problem, params: Floats[P], most: int) -> list[tuple[str, F
     """
     model = far.model
     best: list[tuple[float, str, Floats]] = []
-    for finger in FINGERS:
-        starts = list(_placements(model, params, finger))
+    for part in (*FINGERS, "forearm"):
+        starts = list(_placements(model, params, part))
         placed = list(zip(in_parallel(far.cost, starts), starts, strict=True))
         if not placed:
             continue
         places = [(0.0, params), *sorted(placed, key=lambda pair: pair[0])]
-        tip = model.joint_names.index(f"{finger}_tip")
-        tips = np.array([model.joint_positions(model.bones(start))[tip] for _, start in places])
+        last = model.skeleton.bone(part if part == "forearm" else f"{part}_distal")
+        tips = np.array([model.bone_ends(model.bones(start))[last] for _, start in places])
         elsewhere = apart(
             range(len(places)),
             lambda a, rest, tips=tips: np.linalg.norm(tips[rest] - tips[a], axis=1) > _ELSEWHERE_M,
         )
-        best += [(places[n][0], finger, places[n][1]) for n in islice(elsewhere, 1, 1 + _PLACES)]
-    return [(finger, start) for _, finger, start in sorted(best, key=lambda row: row[0])[:most]]
+        best += [(places[n][0], part, places[n][1]) for n in islice(elsewhere, 1, 1 + _PLACES)]
+    return [(part, start) for _, part, start in sorted(best, key=lambda row: row[0])[:most]]
 
 
 def finger_shifts(model: ArticulatedModel, params: Floats[P]) -> list[Floats[P]]:
@@ -215,21 +216,20 @@ def handed_on(model: ArticulatedModel, joint: Floats[S], side: float) -> Floats[
     return moved
 
 
-def _placements(model: ArticulatedModel, params: Floats, finger: str) -> Iterator[Floats]:
-    """Yield params with one finger put everywhere in its range."""
-    base = "cmc" if finger == "thumb" else "mcp"
-    after = ("mcp", "ip") if finger == "thumb" else ("pip", "dip")
-    names = [
-        f"{finger}_{base}_flex",
-        f"{finger}_{base}_abd",
-        *(f"{finger}_{j}_flex" for j in after),
-    ]
+def _placements(model: ArticulatedModel, params: Floats, part: str) -> Iterator[Floats]:
+    """Yield params with one finger, or the forearm, put everywhere in its range."""
+    if part == "forearm":
+        names, places = ["wrist_flex", "wrist_abd"], product(_WRIST, _WRIST)
+    else:
+        base, *after = ("cmc", "mcp", "ip") if part == "thumb" else ("mcp", "pip", "dip")
+        names = [f"{part}_{base}_flex", f"{part}_{base}_abd", *(f"{part}_{j}_flex" for j in after)]
+        places = ((f, s, c, c) for f, s, c in product(_FLEX, _SPREAD, _CURL))
     if any(name not in model.parameter_names for name in names):
         return
     at = [model.skeleton.parameter(name) for name in names]
     joint = model.joint_params(params)
-    for flex, spread, curl in product(_FLEX, _SPREAD, _CURL):
+    for place in places:
         trial = joint.copy()
         low, high = model.limits.bounds(trial)[at].T
-        trial[at] = low + np.array([flex, spread, curl, curl]) * (high - low)
+        trial[at] = low + np.array(place) * (high - low)
         yield model.clipped(model.transform.solver_params(trial))

@@ -246,8 +246,8 @@ class ModeSearch:
 
 
 def largest_move_m(model: ArticulatedModel, one: Floats[P], other: Floats[P]) -> float:
-    """Return by how much the joint that moves most between two poses moves [m]."""
-    a, b = (model.joint_positions(model.bones(pose)) for pose in (one, other))
+    """Return by how much the bone's end that moves most between two poses moves [m]."""
+    a, b = (model.bone_ends(model.bones(pose)) for pose in (one, other))
     return float(np.linalg.norm(a - b, axis=1).max())
 
 
