@@ -3,21 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, Floats, H, W
-from handtrack.geometry.camera import Camera
+from handtrack.arrays import D2, D3, Array, Axes, C, Floats, H, N, W
 from handtrack.observation.observation import Silhouette
 
 _SAMPLES = 100
 """pixels of a mask that are asked about: a share of some hundredths is seen"""
+_MOST = 0.5
+"""share of them that is contradicted, from which masks do not agree; of marked_real_5cam's masks of a shadow 0.65 to 1, of others up to 0.25"""
 _REACH_M = 0.12
 """a hand reaches so far from its middle, along a line of sight, too"""
 _STEP_M = 0.004
 """along it: a quarter of a finger's breadth"""
-_DEPTHS_M = np.arange(-_REACH_M, _REACH_M + _STEP_M / 2, _STEP_M)
+
+
+@lru_cache(maxsize=8)  # a frame's terms are made for each start that is tried
+def suspected(silhouettes: tuple[Silhouette, ...]) -> list[Silhouette]:
+    """Return those of three silhouettes or more that may show something else: without one of them the others agree, with it they do not.
+    None where all agree; of several only one is wrong.
+
+    They agree where behind most pixels of each some point may be hand in all of the others.
+    """
+    hands = [hand for s in silhouettes if (hand := _Hand.of(s)).count]
+
+    def agree(some: Sequence[_Hand]) -> bool:
+        return all(_contradicted(h, [o for o in some if o is not h]) < _MOST for h in some)
+
+    if len(hands) < 3 or agree(hands):
+        return []
+    return [one.seen for one in hands if agree([o for o in hands if o is not one])]
 
 
 def weighed(silhouettes: Sequence[Silhouette]) -> tuple[Silhouette, ...]:
@@ -39,40 +57,59 @@ def outlines_off(silhouettes: Sequence[Silhouette]) -> Floats[C]:
     contradicted area over the outline's length is a distance. Who of two is wrong cannot be told, so both get the mean;
     whom any other camera confirms is right.
     """
-    known = [s.known for s in silhouettes]
-    covered = [s.mask > 0.5 for s in silhouettes]
-    hands = [np.argwhere(c & k)[:, ::-1].astype(float) for c, k in zip(covered, known, strict=True)]
-    empty = [k & ~c for c, k in zip(covered, known, strict=True)]
-    lengths = [_outline_px(c) for c in covered]
-    count = len(silhouettes)
-    off = np.full((count, count), np.nan)
-    for i in range(count):
-        for j in range(count):
-            if i != j and len(hands[i]) and len(hands[j]):
-                one, other = silhouettes[i], silhouettes[j]
-                share = _contradicted(one.camera, other.camera, hands[i], hands[j], empty[j])
-                off[i, j] = share * len(hands[i]) / max(lengths[i], 1.0)
+    hands = [_Hand.of(s) for s in silhouettes]
+    lengths = [_outline_px(s.mask > 0.5) for s in silhouettes]
+    off = np.full((len(hands), len(hands)), np.nan)
+    for i, one in enumerate(hands):
+        for j, other in enumerate(hands):
+            if i != j and one.count and other.count:
+                off[i, j] = _contradicted(one, [other]) * one.count / max(lengths[i], 1.0)
     both = (off + off.T) / 2
     return np.nan_to_num(np.where(np.isnan(both), np.inf, both).min(axis=1), posinf=0.0)
 
 
-def _contradicted(
-    one: Camera, other: Camera, hand: Floats, others: Floats, empty: Array[H, W]
-) -> float:
-    """Return the share of one hand's pixels (N, 2) whose lines of sight meet nothing but what is `empty` in the other camera.
+@dataclass(frozen=True, eq=False)
+class _Hand:
+    """What one silhouette calls hand."""
 
-    others: the other's hand (M, 2).
-    """
-    middle = _meeting_point(one, np.median(hand, axis=0), other, np.median(others, axis=0))
-    ways = one.rays(hand[:: max(len(hand) // _SAMPLES, 1)])
-    along = ((middle - one.centre) @ ways.T)[:, None] + _DEPTHS_M
-    pixels = other.project(one.centre + along[..., None] * ways[:, None])
-    rounded = np.rint(np.nan_to_num(pixels, nan=-1.0)).astype(int)
-    width, height = other.size
-    inside = ((rounded >= 0) & (rounded < (width, height))).all(axis=-1)
-    column = np.clip(rounded[..., 0], 0, width - 1)
-    row = np.clip(rounded[..., 1], 0, height - 1)
-    return float((inside & empty[row, column]).all(axis=1).mean())
+    seen: Silhouette
+    count: int
+    """of its pixels"""
+    middle: Floats[D2]
+    pixels: Floats[N, D2]
+    """some of them, evenly spread"""
+
+    @classmethod
+    def of(cls, seen: Silhouette) -> _Hand:
+        hand = np.argwhere((seen.mask > 0.5) & seen.known)[:, ::-1].astype(float)
+        middle = np.median(hand, axis=0) if len(hand) else np.zeros(2)
+        return cls(seen, len(hand), middle, hand[:: max(len(hand) // _SAMPLES, 1)])
+
+    def may_show(self, points: Floats[*Axes, D3]) -> Array[*Axes]:
+        """Return whether points are hand, open or out of sight here."""
+        width, height = self.seen.camera.size
+        pixels = np.nan_to_num(self.seen.camera.project(points), nan=-1.0)
+        column, row = np.moveaxis(np.rint(pixels).astype(int), -1, 0)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
+        first, stop = np.moveaxis(self.seen.valid[row], -1, 0)
+        value = self.seen.mask[row, column]
+        background = (column >= first) & (column < stop) & (value >= 0) & (value <= 0.5)
+        return ~(inside & background)
+
+
+def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
+    """Return the share of a hand's pixels on whose lines of sight no point may be hand in all of the others."""
+    camera = one.seen.camera
+    middles = np.array([_meeting_point(one, other) for other in others])
+    ways = camera.rays(one.pixels)
+    along = (middles - camera.centre) @ ways.T
+    steps = np.arange(-_REACH_M, _REACH_M + np.ptp(along, axis=0).max() + _STEP_M / 2, _STEP_M)
+    points = camera.centre + (along.min(axis=0)[:, None] + steps)[..., None] * ways[:, None]
+    possible = np.ones(points.shape[:2], bool)
+    for other in others:
+        possible[possible] = other.may_show(points[possible])
+    return float((~possible.any(axis=1)).mean())
 
 
 def _outline_px(mask: Array[H, W]) -> float:
@@ -81,11 +118,12 @@ def _outline_px(mask: Array[H, W]) -> float:
     return 0.25 * np.pi * float(np.count_nonzero(down) + np.count_nonzero(across))
 
 
-def _meeting_point(one: Camera, here: Floats, other: Camera, there: Floats) -> Floats[D3]:
-    """Return the point nearest to two lines of sight, world [m]."""
+def _meeting_point(one: _Hand, other: _Hand) -> Floats[D3]:
+    """Return the point nearest to the lines of sight of two hands' middles, world [m]."""
     sums, sides = np.zeros((3, 3)), np.zeros(3)
-    for camera, pixel in ((one, here), (other, there)):
-        way = camera.rays(pixel)
+    for hand in (one, other):
+        camera = hand.seen.camera
+        way = camera.rays(hand.middle)
         across = np.eye(3) - np.outer(way, way)
         sums, sides = sums + across, sides + across @ camera.centre
-    return np.linalg.lstsq(sums, sides, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(sums, sides, rcond=None)[0])

@@ -12,12 +12,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.session import Session
 from handtrack.simulation.render import pixel_rays, render_mask
 from handtrack.tracking.frame.result import TrackResult
+from handtrack.tracking.frame.tables.track_model import model_of
 
 MARKS = Path(__file__).with_name("desk_two_view_marks.json")
 OUTLINES = Path(__file__).with_name("desk_two_view_outlines.json")
@@ -84,13 +83,9 @@ def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
 
 def compare(track: TrackResult, session: Session) -> dict[str, object]:
     """Return errors (pixels) of landmarks and overlaps (IoU) of the hand, by frame and together."""
-    size = json.loads(str(track.scale))
-    forearm = "forearm" in list(track.bone_names)
-    model = load_model(
-        scale=HandScale(size["overall"], size["parts"]), side=str(track.side), forearm=forearm
-    )
+    model = model_of(track)
     hand = model.flesh["fine"]
-    if forearm:
+    if model.has_forearm:
         hand = hand.subset(hand.bone != model.skeleton.bone("forearm"))
     rows = {int(frame): i for i, frame in enumerate(track.frame)}
     rays = {camera.name: pixel_rays(camera) for camera in session.rig.cameras}

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from handtrack.arrays import Array
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
-from handtrack.observation.agreement import outlines_off
+from handtrack.observation.agreement import outlines_off, suspected
 from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
@@ -172,3 +172,12 @@ def test_what_two_cannot_tell_a_third_does():
     three = outlines_off([bad, good, ball_from(-40)])
     assert three[0] == pytest.approx(two[0], rel=0.3)
     assert three[1:].max() < 0.3
+
+
+def test_one_mask_of_four_that_shows_something_else_is_told_from_the_others():
+    ball, speck = ball_from(0), np.zeros(SIZE[::-1], np.float32)
+    speck[10:25, 80:100] = 1.0
+    shadow, others = replace(ball, mask=speck), [ball_from(degrees) for degrees in (60, 120, -60)]
+    assert suspected((shadow, *others)) == suspected((*others, shadow)) == [shadow]
+    assert suspected((ball, *others)) == []
+    assert suspected((shadow, others[0])) == [], "of two nobody knows which is wrong"

@@ -13,7 +13,10 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.observation.observation import Keypoints, Observation, PointCloud
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.clouds.cloud_emptiness import hidden, seen_from
+from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
@@ -150,3 +153,22 @@ def test_a_real_hand_goes_on_where_its_joints_end(data_dir):
         assert result.status != Status.LOST
         off = np.linalg.norm(result.keypoints21 - joints[result.frame], axis=1)
         assert np.nanmean(off) < 0.04
+
+
+def test_a_mask_that_shows_a_shadow_is_left_out_where_the_others_fit():
+    truth = pose(0)
+    masks = list(mask_views(MODEL, truth, simulated_rig(5, (320, 240)).cameras).silhouettes)
+    shadow = np.zeros_like(masks[2].mask)
+    shadow[5:30, 5:40] = 1.0
+    masks[2] = replace(masks[2], mask=shadow)
+
+    def looked_at(params):
+        seen = Observation(0, 0.0, silhouettes=tuple(masks))
+        terms = frame_terms(MODEL, TrackerSettings(), seen, MODEL.bones(params), None)
+        assert len(terms.pixels_per_m) == len(terms.outlines_off_px) == len(terms.prepared)
+        return [one.camera.name for one in terms.prepared]
+
+    elsewhere = truth + np.eye(len(truth))[0] * 0.3
+    names = [one.camera.name for one in masks]
+    assert looked_at(truth) == [*names[:2], *names[3:]]
+    assert looked_at(elsewhere) == names, "a hand that is lost in all of them tells nothing of one"

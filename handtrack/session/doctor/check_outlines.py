@@ -13,8 +13,10 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, Array, Bytes, Floats, N, evenly_spread
+from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
+from handtrack.observation.agreement import suspected
 from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.session import Session
 from handtrack.session.sources.views import View
@@ -32,7 +34,14 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
     """Yield a finding about pairs of cameras whose silhouettes do not fit together. frames: unless evenly spread ones."""
     views = [view for view in session.views if view.has_masks]
     frames = evenly_spread(session.frame_count, _FRAMES) if frames is None else frames
-    seen = [_Seen(view.camera, _outlines(view, frames)) for view in views]
+    other = _showing_other(views, frames)
+    for name, there in other.items():
+        if there:
+            yield warning(
+                f"camera '{name}': in {len(there)} of the {len(frames)} frames looked at, its mask shows something that is hand in none of "
+                f"the other cameras (frames {listed(there)}). Tracking leaves such masks out. Is a shadow or another object taken for the hand there?"
+            )
+    seen = [_Seen(view.camera, _outlines(view, frames, other[view.name])) for view in views]
     pairs = list(combinations(seen, 2))
     apart = [_pixels_apart(a, b) for a, b in pairs]
     off = [
@@ -157,9 +166,22 @@ def _pixels_apart(first: _Seen, second: _Seen) -> float | None:
     return float(np.median(missed)) if len(missed) >= _FEWEST else None
 
 
-def _outlines(view: View, frames: Sequence[int]) -> list[_Outline | None]:
-    masks = ((view.mask(frame), view.unknown_at(frame)) for frame in frames)
-    return [None if mask is None else _outline(mask, unknown, view) for mask, unknown in masks]
+def _showing_other(views: Sequence[View], frames: Sequence[int]) -> dict[str, list[int]]:
+    """Return in which frames a camera's mask shows something else than those of the others, by camera."""
+    found: dict[str, list[int]] = {view.name: [] for view in views}
+    for frame in frames:
+        seen = tuple(s for view in views if (s := view.silhouette(frame)) is not None)
+        if len(odd := suspected(seen)) == 1:
+            found[odd[0].camera.name].append(frame)
+    return found
+
+
+def _outlines(view: View, frames: Sequence[int], without: Sequence[int]) -> list[_Outline | None]:
+    masks = (None if frame in without else view.mask(frame) for frame in frames)
+    return [
+        None if mask is None else _outline(mask, view.unknown_at(frame), view)
+        for frame, mask in zip(frames, masks, strict=True)
+    ]
 
 
 def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:

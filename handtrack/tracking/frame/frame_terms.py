@@ -11,16 +11,18 @@ from handtrack.arrays import Floats, Ints, N, P, S
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_changes import moved
+from handtrack.observation.agreement import suspected
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm, rows_apart
+from handtrack.terms.silhouettes.outline_overlap import outline_overlap
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 from handtrack.terms.silhouettes.silhouette_field import FieldTerm
 from handtrack.terms.term import ObservationTerm, ParameterTerm
-from handtrack.tracking.frame.constants import FOREARM_SEEN_MM
+from handtrack.tracking.frame.constants import FOREARM_SEEN_MM, LOST_OVERLAP
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import (
     Before,
@@ -220,12 +222,14 @@ def frame_terms(
     start: where the model stands; it fixes the hand's distance and where the forearm is cut off.
     expected: predicted joint parameters, or None in a first frame. before: where texture is carried from.
     """
-    prepared, scales = [], []
     weighted = observation.silhouettes if settings.silhouettes.weight > 0 else ()
-    for silhouette in weighted:
-        cut = forearm_cut(silhouette, model, start, FOREARM_SEEN_MM * _MM)
-        prepared.append(prepare(silhouette, cut))
-        scales.append(_pixels_per_m(silhouette, start))
+    prepared = [
+        prepare(silhouette, forearm_cut(silhouette, model, start, FOREARM_SEEN_MM * _MM))
+        for silhouette in weighted
+    ]
+    hand = _of_the_hand(model, start, weighted, prepared)
+    weighted, prepared = [weighted[n] for n in hand], [prepared[n] for n in hand]
+    scales = [_pixels_per_m(silhouette, start) for silhouette in weighted]
     keypoints = []
     if settings.keypoints.weight > 0:
         keypoints = [
@@ -254,6 +258,26 @@ def frame_terms(
         observation.terms,
         observation.priors,
     )
+
+
+def _of_the_hand(
+    model: ArticulatedModel,
+    start: BonePoses,
+    silhouettes: Sequence[Silhouette],
+    prepared: Sequence[PreparedSilhouette],
+) -> list[int]:
+    """Return which silhouettes show the hand: all but one in which a hand would be lost by its overlap with the model, where the others fit
+    and contradict it.
+    """
+    every = list(range(len(silhouettes)))
+    if len(every) < 3:
+        return every
+    overlap = outline_overlap(prepared, model.flesh["fine"], start).iou
+    worst = int(np.argmin(overlap))
+    is_odd = overlap[worst] < LOST_OVERLAP < np.median(overlap)
+    if is_odd and silhouettes[worst] in suspected(tuple(silhouettes)):
+        every.remove(worst)
+    return every
 
 
 def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[KeypointTerm, ...]:

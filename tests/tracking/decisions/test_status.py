@@ -76,10 +76,11 @@ def covered(shares):
     [
         ((0.8, 0.6, 0.9), 0.58, 0.1, TRACKED),
         ((0.8, 0.6, 0.9), 0.62, 0.1, DOUBTFUL),  # the worst view is enough for a doubt
-        ((0.3, 0.6, 0.9), 0.9, 0.58, DOUBTFUL),
-        ((0.3, 0.6, 0.9), 0.9, 0.62, LOST),  # the middle one decides whether it is lost
+        ((0.5, 0.6, 0.9), 0.9, 0.58, DOUBTFUL),
+        ((0.5, 0.6, 0.9), 0.9, 0.62, LOST),  # the middle one decides whether it is lost
         ((0.3, 0.3, 0.9), 0.9, 0.4, LOST),
-        ((0.3, 0.9, 0.9), 0.9, 0.4, DOUBTFUL),
+        ((0.5, 0.9, 0.9), 0.9, 0.4, DOUBTFUL),
+        ((0.3, 0.95, 0.95), 0.9, 0.4, TRACKED),  # hardly a hand, which both others contradict
     ],
 )
 def test_the_worst_view_doubts_and_the_middle_one_loses(shares, doubtful, lost, expected):
