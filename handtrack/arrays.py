@@ -53,6 +53,12 @@ def pixel_grid(size: tuple[int, int]) -> Floats[H, W, D2]:
     return np.stack(np.meshgrid(np.arange(float(size[0])), np.arange(float(size[1]))), axis=-1)
 
 
+def runs(marked: Array[N]) -> list[list[int]]:
+    """Return begin and end, half-open, of each stretch of true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(marked, int), [0]])))
+    return edges.reshape(-1, 2).tolist()
+
+
 def evenly_spread(count: int, most: int) -> list[int]:
     """Return all rows of `count`, or at most so many, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int)).tolist() if count else []

@@ -87,7 +87,7 @@ class DenseKeypoints:
         self.problem = keypoint_problem(scene.model, [scene.seen])
         self.space = workspace(self.problem)
         rows, means = [], []
-        for prior in scene.priors.joints:
+        for prior in scene.priors:
             assert isinstance(prior, GaussianPrior)
             known = np.flatnonzero(np.isfinite(prior.sigma))
             rows.append(np.eye(len(prior.sigma))[known] / prior.sigma[known, None])

@@ -54,33 +54,27 @@ def alone(module: str, *words: str, all_cores: bool = False) -> dict[str, Any]:
 def alternating_medians(
     functions: list[Callable[[], Any]], rounds: int, repeat: int = 5
 ) -> list[float]:
-    """Return each function's median time [ms]; the functions take turns, so that a slow moment meets them all."""
-    times: list[list[float]] = [[] for _ in functions]
-    for function in functions:
-        function()
-    for _ in range(rounds):
-        for function, kept in zip(functions, times, strict=True):
-            for _ in range(repeat):
-                start = time.perf_counter()
-                function()
-                kept.append(time.perf_counter() - start)
-    return [1e3 * float(np.median(kept)) for kept in times]
+    """Return each function's median time by the clock on the wall [ms]; see `alternating_timings`."""
+    return [t.median for t in alternating_timings(functions, rounds, repeat, time.perf_counter)]
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Processor time of the calling thread [ms]."""
+    """How long something takes [ms]."""
 
     median: float
     least: float
 
 
 def alternating_timings(
-    functions: Sequence[Callable[[], Any]], rounds: int, repeat: int = 3
+    functions: Sequence[Callable[[], Any]],
+    rounds: int,
+    repeat: int = 3,
+    clock: Callable[[], float] = time.thread_time,
 ) -> list[Timing]:
     """Return how long each function takes; they take turns, so that a slow moment meets them all.
 
-    The least of many is the nearest to a quiet machine.
+    The least of many is the nearest to a quiet machine. clock: [s], the calling thread's unless given.
     """
     times: list[list[float]] = [[] for _ in functions]
     for function in functions:
@@ -88,9 +82,9 @@ def alternating_timings(
     for _ in range(rounds):
         for function, kept in zip(functions, times, strict=True):
             for _ in range(repeat):
-                start = time.thread_time()
+                start = clock()
                 function()
-                kept.append(1e3 * (time.thread_time() - start))
+                kept.append(1e3 * (clock() - start))
     return [Timing(float(np.median(kept)), min(kept)) for kept in times]
 
 

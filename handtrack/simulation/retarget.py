@@ -81,7 +81,7 @@ def known_joints(positions: Floats[F, J, D3]) -> Ints[F]:
 
 def body_problem(model: ArticulatedModel, seen: Keypoints) -> Problem:
     """Return joints to be met, with a weak pull to rest that settles what they leave open; nothing keeps parts apart."""
-    return Problem(model, [KeypointTerm(model, seen)], body_priors(model, collision=False).joints)
+    return Problem(model, [KeypointTerm(model, seen)], body_priors(model))
 
 
 def retarget_errors(

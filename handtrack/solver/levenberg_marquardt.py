@@ -45,6 +45,9 @@ class SolveSummary:
 
 REJECTIONS = 5
 """trials at one linearisation before giving up"""
+_RELAX, _TIGHTEN = 0.4, 4.0
+"""λ is multiplied by the first after a step that lowered the cost, by the second after one that did not; each further one at the
+same place doubles that (Nielsen 1999)"""
 
 
 @one_blas_thread
@@ -82,7 +85,7 @@ def solve(
         if should_stop is not None and should_stop():
             why, count = "stopped", count - 1
             break
-        moved, small, tighten = None, False, settings.tighten
+        moved, small, tighten = None, False, _TIGHTEN
         for _ in range(REJECTIONS):
             has_minimum, step = bounded_step(
                 system.hessian, system.gradient, params, bounds, damping
@@ -102,7 +105,7 @@ def solve(
             why = "converged" if small else "no descent"
             break
         gain = system.cost - moved.cost
-        damping = max(damping * settings.relax, settings.least_damping)
+        damping = max(damping * _RELAX, settings.least_damping)
         params, system = trial, moved
         costs.append(system.cost)
         if on_iteration is not None:

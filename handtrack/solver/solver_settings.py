@@ -25,10 +25,6 @@ class SolverSettings:
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
     binary cameras leave weak directions"""
     least_damping: float = 1e-6
-    relax: float = 0.4
-    """λ is multiplied by this after a step that lowered the cost"""
-    tighten: float = 4.0
-    """and by this after one that did not; each further one at the same place doubles it (Nielsen 1999)"""
     cost_tolerance: float = 1e-7
     """stop when a step lowers the cost by a smaller share than this"""
     least_gain: float = 0.0

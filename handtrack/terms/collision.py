@@ -17,6 +17,9 @@ from handtrack.terms.collision_kernels import Collisions, collision_sums, overla
 from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.term import SurfaceTerm
 
+_FIRM = 0.9
+"""the share of each radius that does not give way; thighs are pressed flatter than wrists"""
+
 
 @dataclass(frozen=True, eq=False)
 class CollisionTerm(SurfaceTerm):
@@ -49,20 +52,15 @@ class CollisionTerm(SurfaceTerm):
         flesh: str = "metaballs",
         sigma_m: float = 0.01,
         slack_m: float = 0.01,
-        weight: float = 1.0,
-        firm: float = 0.9,
     ) -> CollisionTerm:
-        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`.
-
-        firm: the share of each radius that does not give way; thighs are pressed flatter than wrists.
-        """
+        """Return the term of all parts of a model that are no neighbours, see `colliding_pairs`."""
         if flesh not in model.flesh:
             raise unknown_name(
                 "set of ellipsoids", flesh, tuple(model.flesh), f"the model {model.name}"
             )
-        chosen = replace(model.flesh[flesh], radii=firm * model.flesh[flesh].radii)
+        chosen = replace(model.flesh[flesh], radii=_FIRM * model.flesh[flesh].radii)
         pairs = colliding_pairs(model, chosen, slack_m)
-        return cls(chosen, pairs, sigma_m, slack_m, weight)
+        return cls(chosen, pairs, sigma_m, slack_m)
 
     def depths(self, bones: BonePoses) -> Floats[K]:
         """Return how deep each pair overlaps [m], 0 where it does not; slack is not taken off."""

@@ -130,7 +130,7 @@ def test_the_flips_of_an_arm_are_its_minima(rng):
     names = [n for n in model.joint_names if "toe" not in n and "hand" not in n and n != "nose"]
     points = model.joint_positions(model.bones(truth))[[model.joint_names.index(n) for n in names]]
     seen = [ImageKeypoints(camera, tuple(names), camera.project(points), 1.0)]
-    priors = body_priors(model).joints
+    priors = body_priors(model)
     arm = [chain for chain in chains_of(model) if chain.name == "left_arm"]
     leaves = interpretation_tree(model, truth, arm, camera).params
     assert len(leaves) == 3  # the fourth is beyond a limit

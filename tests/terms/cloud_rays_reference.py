@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from handtrack.terms.clouds.cloud_rays import BESIDE_M, MISSED, OUTLIERS
+
 
 def slope_distance(axes, x):
     """Return (k² − k)/|∇k²/2| of x (3,) from the centre of the ellipsoid that axes (3, 3) make the unit ball."""
@@ -28,9 +30,9 @@ def _cost(term, axes, centres, point):
         entry.append(t - np.sqrt(room / (v @ v)) if room > 0 else np.inf)
         beside.append(slope_distance(a, term.centre + t * ray - centre))
     if np.isinf(entry).all():
-        passed = (min(beside) / term.beside_m) ** 2
-        return 0.5 * (term.robust.value(passed) + term.outliers.value(np.array(1e12)))
+        passed = (min(beside) / BESIDE_M) ** 2
+        return 0.5 * (MISSED.value(passed) + OUTLIERS.value(np.array(1e12)))
     e = int(np.argmin(entry))
     place = min(depth, middle[e])
     off = slope_distance(axes[e], term.centre + place * ray - centres[e]) - (depth - place)
-    return 0.5 * term.outliers.value((off / term.along_m) ** 2)
+    return 0.5 * OUTLIERS.value((off / term.along_m) ** 2)

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from handtrack.arrays import D3, D4, Bytes, Floats, H, Ints, N, R, W
+from handtrack.arrays import D3, D4, Bytes, Floats, H, Ints, N, R, W, runs
 from handtrack.errors import HandtrackError, unknown_name
 
 EXAMPLES = "chessboard:9x6:25mm (inner corners) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares)"
@@ -251,8 +251,7 @@ def _marker_rectangles(board: CharucoBoard, margin: float) -> list[tuple[float, 
         black = cv2.aruco.generateImageMarker(dictionary, int(number), modules) < 128
         left, top = corner[:, :2].min(axis=0) * 1e3 + margin
         for r, row in enumerate(black):
-            edges = np.flatnonzero(np.diff(np.concatenate([[0], row.astype(int), [0]])))
-            for start, end in edges.reshape(-1, 2):
+            for start, end in runs(row):
                 found.append((left + start * bit, top + r * bit, (end - start) * bit, bit))
     return found
 

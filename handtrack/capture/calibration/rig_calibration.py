@@ -374,9 +374,12 @@ def _report(
 
 
 def _pose_matrix(pose: Floats) -> Floats:
+    return _transform(rotation_matrix(pose[:3]), pose[3:])
+
+
+def _transform(rotation: Array[D3, D3], translation: Array[D3]) -> Floats[D4, D4]:
     matrix = np.eye(4)
-    matrix[:3, :3] = rotation_matrix(pose[:3])
-    matrix[:3, 3] = pose[3:]
+    matrix[:3] = np.column_stack([rotation, translation])
     return matrix
 
 
@@ -419,10 +422,7 @@ def pose_of_view(
         turn, shift = cv2.solvePnPRefineLM(
             points, view.pixels, matrix, distortions, turns[best], shifts[best]
         )
-    pose = np.eye(4)
-    pose[:3, :3] = cv2.Rodrigues(turn)[0]
-    pose[:3, 3] = np.ravel(shift)
-    return pose
+    return _transform(cv2.Rodrigues(turn)[0], np.ravel(shift))
 
 
 def common_frames(a: CameraViews, b: CameraViews) -> list[int]:
@@ -513,14 +513,8 @@ def _turn_transforms(board: Board) -> list[Floats]:
     for turn in board.turns:
         seen, real = board.points, board.points[turn]
         middle = board.points.mean(axis=0)
-        covariance = (seen - middle).T @ (real - middle)
-        covariance[2, 2] = 1.0  # all in the plane: the turn is about its normal
-        u, _, vt = np.linalg.svd(covariance)
-        rotation = (u @ vt).T
-        transform = np.eye(4)
-        transform[:3, :3] = rotation
-        transform[:3, 3] = middle - rotation @ middle
-        found.append(transform)
+        rotation = Rotation.align_vectors(real - middle, seen - middle)[0].as_matrix()
+        found.append(_transform(rotation, middle - rotation @ middle))
     return found
 
 
@@ -546,9 +540,10 @@ def _agreed(news: list[Floats], nears: list[Floats], turns: list[Floats]) -> tup
     chosen = proposals[np.arange(len(proposals)), best_choice]
     off = _disagreements(best, chosen[:, None], distance)[:, 0]
     agreeing = chosen[off <= max(2 * best_off, 1e-6)]
-    mean = np.eye(4)
-    mean[:3, :3] = Rotation.from_matrix(agreeing[:, :3, :3]).mean().as_matrix()
-    mean[:3, 3] = np.median(agreeing[:, :3, 3], axis=0)
+    mean = _transform(
+        Rotation.from_matrix(agreeing[:, :3, :3]).mean().as_matrix(),
+        np.median(agreeing[:, :3, 3], axis=0),
+    )
     return mean, float(np.median(_disagreements(mean, chosen[:, None], distance)))
 
 

@@ -41,8 +41,6 @@ class StereoView(NamedTuple):
     right: Bytes[H, W, D3]
     disparity: Array[H, W]
     """float32 [px] of the left pixels, NaN where there is none."""
-    searched: tuple[int, int]
-    """least and most disparity looked for."""
     asked: int
     """pixels that could have had a disparity: those of the mask, or all."""
     rejected: Bytes[H, W]
@@ -114,7 +112,7 @@ class StereoMatcher:
         asked = int(wanted.sum())
         rejected = np.zeros_like(found, np.uint8)
         if box is None or most < least:
-            return StereoView(left, right, found, (least, most), asked, rejected)
+            return StereoView(left, right, found, asked, rejected)
         partner = _wanted(masks[1], self.pair, right=True)
         rows, columns = box
         least, most = self._narrowed(left, right, wanted, partner, box)
@@ -127,7 +125,7 @@ class StereoMatcher:
         rejected[astray] = _ASTRAY
         found[astray | ~wanted] = np.nan
         rejected[~wanted] = 0
-        return StereoView(left, right, found, (least, most), asked, rejected)
+        return StereoView(left, right, found, asked, rejected)
 
     def triangulate(self, view: StereoView) -> PointCloud:
         """Return the coloured points (N, 3), world [m], of a matched pair."""

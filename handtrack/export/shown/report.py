@@ -5,13 +5,12 @@ from __future__ import annotations
 import html
 import json
 from collections.abc import Callable, Mapping
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, Ints
+from handtrack.arrays import F, Floats, runs
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
 from handtrack.tracking.frame.result import Status
@@ -86,9 +85,11 @@ def _lane(table: ResultsTable) -> str:
     frame, status = table.track.frame, table.track.status
     total = frame[-1] - frame[0] + 1
     rows = [
-        f'<rect x="{frame[first] - frame[0]}" width="{frame[last] - frame[first] + 1}" height="1" '
+        f'<rect x="{frame[first] - frame[0]}" width="{frame[end - 1] - frame[first] + 1}" height="1" '
         f'fill="{_COLOURS[int(status[first])]}"/>'
-        for first, last in _runs(status)
+        for first, end in sorted(
+            run for state in np.unique(status) for run in runs(status == state)
+        )
     ]
     return (
         f'<svg class=lane viewBox="0 0 {total} 1" preserveAspectRatio="none">{"".join(rows)}</svg>'
@@ -107,34 +108,21 @@ def _counts(table: ResultsTable) -> str:
 
 def _stretches(table: ResultsTable) -> str:
     track = table.track
-    bad = [
-        (first, last)
-        for first, last in _runs(track.status)
-        if track.status[first] in (Status.DOUBTFUL, Status.LOST)
-    ]
+    bad = [*runs(track.status == Status.DOUBTFUL), *runs(track.status == Status.LOST)]
     if not bad:
         return "<p>None.</p>"
-    bad.sort(key=lambda run: run[0] - run[1])
+    bad.sort(key=lambda run: (run[0] - run[1], run[0]))
     rows = []
-    for first, last in bad[:_MOST_STRETCHES]:
+    for first, end in bad[:_MOST_STRETCHES]:
         state = Status(int(track.status[first])).name.lower()
-        reasons = [] if track.reason is None else [str(t) for t in track.reason[first : last + 1]]
+        reasons = [] if track.reason is None else [str(t) for t in track.reason[first:end]]
         why = max(set(reasons), key=lambda text: (reasons.count(text), text), default="")
         rows.append(
-            f"<tr><td class=n>{track.frame[first]}–{track.frame[last]}<td class=n>{last - first + 1}<td>{state}<td>{html.escape(why)}"
+            f"<tr><td class=n>{track.frame[first]}–{track.frame[end - 1]}<td class=n>{end - first}<td>{state}<td>{html.escape(why)}"
         )
     more = len(bad) - _MOST_STRETCHES
     rest = f"<p class=soft>{more} shorter ones are not listed.</p>" if more > 0 else ""
     return f"<table><tr><th class=n>frames<th class=n>count<th>state<th>most often, why{''.join(rows)}</table>{rest}"
-
-
-def _runs(status: Ints[F]) -> list[tuple[int, int]]:
-    """Return first and last row of each stretch of one state."""
-    found = []
-    for _, rows in groupby(range(len(status)), key=lambda row: int(status[row])):
-        run = list(rows)
-        found.append((run[0], run[-1]))
-    return found
 
 
 def _speed(table: ResultsTable) -> Floats[F]:

@@ -16,6 +16,7 @@ from handtrack.arrays import D2, Array, Bytes, Floats, N, evenly_spread
 from handtrack.capture.images.frame_notes import listed
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.triangulation import triangulated
 from handtrack.observation.agreement import suspected
 from handtrack.session.doctor.check_views import Finding, warning
 from handtrack.session.session import Session
@@ -26,7 +27,6 @@ _FEWEST = 3  # comparisons
 _MOST_EXCHANGED = 6  # cameras; among more, it is not looked which two may be exchanged
 _BORDER_PX = 3  # an outline that near to the image's border is cut off, not touched
 _SPECK_PX = 5
-_LEAST_ANGLE = 0.01  # [rad] between lines of sight: of less, noise decides where they meet
 _MOST_OFF, _MOST_OFF_PX = 0.01, 5.0  # of the images' width; good recordings are off by 0.1 to 2 px
 
 
@@ -137,19 +137,18 @@ def _is_behind(first: _Seen, second: _Seen) -> bool:
     """Return whether lines of sight to the middles of two cameras' outlines meet behind a camera in most frames: what
     silhouettes of a pair that looks one way tell of its order.
     """
-    met = []
-    for a, b in zip(first.outlines, second.outlines, strict=True):
-        if a is None or b is None or not len(a.pixels) or not len(b.pixels):
-            continue
-        to_a = first.camera.rays(a.pixels.mean(axis=0))
-        to_b = second.camera.rays(b.pixels.mean(axis=0))
-        across = np.cross(to_a, to_b)
-        if not np.linalg.norm(across) > _LEAST_ANGLE:
-            continue
-        line = second.camera.centre - first.camera.centre
-        lengths = (np.linalg.det(np.stack([line, ray, across])) for ray in (to_b, to_a))
-        met.append(min(lengths) < 0)  # along each ray, times across²
-    return len(met) >= _FEWEST and float(np.mean(met)) > 0.5
+    cameras = first.camera, second.camera
+    middles = np.array(
+        [
+            [a.pixels.mean(axis=0), b.pixels.mean(axis=0)]
+            for a, b in zip(first.outlines, second.outlines, strict=True)
+            if a is not None and b is not None and len(a.pixels) and len(b.pixels)
+        ]
+    )
+    met = triangulated(cameras, middles.reshape(-1, 2, 2).swapaxes(0, 1))
+    met = met[np.isfinite(met).all(axis=1)]
+    behind = np.any([camera.to_camera(met)[:, 2] < 0 for camera in cameras], axis=0)
+    return len(met) >= _FEWEST and float(behind.mean()) > 0.5
 
 
 def _pixels_apart(first: _Seen, second: _Seen) -> float | None:

@@ -19,7 +19,8 @@ from handtrack.sampling.interpretation_tree import InterpretationTree, interpret
 from handtrack.sampling.polish import Polished, polish
 from handtrack.solver.covariance import covariance
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.priors.body_priors import BodyPriors, body_priors
+from handtrack.terms.priors.body_priors import body_priors
+from handtrack.terms.priors.priors import GaussianPrior
 
 LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 KJS1 = ("left_arm", "right_arm", "left_leg")
@@ -43,21 +44,18 @@ class JumpScene:
     camera: Camera
     truth: Floats[P]
     seen: ImageKeypoints
-    priors: BodyPriors
+    priors: list[GaussianPrior]
+    collision: CollisionTerm | None
+    """the prior that parts do not pass through each other"""
     start: Floats[P]
     """the minimum next to the truth"""
     start_cost: float
     covariance: Floats[P, P]
     """there"""
 
-    @property
-    def collision(self) -> CollisionTerm | None:
-        """The prior that parts do not pass through each other."""
-        return next((term for term in self.priors.bones if isinstance(term, CollisionTerm)), None)
-
     def polished(self, starts: Floats[N, P]) -> Polished:
         """Return the minima that descent reaches from starts."""
-        return polish(self.model, starts, [self.seen], self.priors.joints, collision=self.collision)
+        return polish(self.model, starts, [self.seen], self.priors, collision=self.collision)
 
     @property
     def targets(self) -> Floats[J, D2]:
@@ -187,15 +185,13 @@ def jump_scene(
     points = model.joint_positions(model.bones(truth))[chosen]
     pixels = camera.project(points) + noise_px * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)
-    priors = body_priors(model, collision=collision)
+    priors, apart = body_priors(model), CollisionTerm.of(model) if collision else None
     empty = np.zeros((len(truth), len(truth)))
-    scene = JumpScene(model, camera, truth, seen, priors, truth, 0.0, empty)
+    scene = JumpScene(model, camera, truth, seen, priors, apart, truth, 0.0, empty)
     found = scene.polished(truth[None])
     assert found.is_minimum[0], "descent from the truth ended in no minimum"
     spread, _ = covariance(found.normal[0])
-    return JumpScene(
-        model, camera, truth, seen, priors, found.params[0], float(found.cost[0]), spread
-    )
+    return replace(scene, start=found.params[0], start_cost=float(found.cost[0]), covariance=spread)
 
 
 def full_scene(collision: bool = True) -> JumpScene:

@@ -16,8 +16,12 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.clouds.cloud_rays_kernels import rays_sums
-from handtrack.terms.loss import Loss, geman_mcclure, uniform_outliers
+from handtrack.terms.loss import geman_mcclure, uniform_outliers
 from handtrack.terms.term import SurfaceTerm
+
+OUTLIERS = uniform_outliers()
+BESIDE_M, MISSED = 0.001, geman_mcclure(15.0)
+"""by how much a ray may miss the model, and the loss of that"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,23 +40,19 @@ class CloudRaysTerm(SurfaceTerm):
     surface: MetaballSurface
     along_m: float = 0.004
     """how far a point's depth is from the surface, where it is not wrong altogether"""
-    beside_m: float = 0.001
-    """by how much a ray may miss the model"""
-    outliers: Loss = uniform_outliers()
-    robust: Loss = geman_mcclure(15.0)
     weight: float = 1.0
     name: str = "cloud_rays"
 
     def __post_init__(self) -> None:
         check_shape(self.points, (None, 3), f"{self.name}: points")
         check_shape(self.centre, (3,), f"{self.name}: centre")
-        if not (0.0 < self.along_m < np.inf and 0.0 < self.beside_m < np.inf):
+        if not 0.0 < self.along_m < np.inf:
             raise HandtrackError(
-                f"{self.name}: sigmas {self.along_m:g} m along and {self.beside_m:g} m beside; expected positive lengths."
+                f"{self.name}: sigma {self.along_m:g} m along; expected a positive length."
             )
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
-        noise = self.along_m, self.outliers, self.beside_m, self.robust
+        noise = self.along_m, OUTLIERS, BESIDE_M, MISSED
         surface = self.surface.posed(bones)
         return rays_sums(self._rays, surface, noise, self.weight, bones.reference, sums)
 

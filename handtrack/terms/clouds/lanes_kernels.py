@@ -106,9 +106,8 @@ class Code:
         at = self.builder.add(index, ir.Constant(LONG, shift))
         return self.splat(self.builder.load(self._pointer(array, at, DOUBLE)))
 
-    def set_scalar(self, value, array, index, shift=0):
-        at = self.builder.add(index, ir.Constant(LONG, shift))
-        self.builder.store(value, self._pointer(array, at, DOUBLE))
+    def set_scalar(self, value, array, index):
+        self.builder.store(value, self._pointer(array, index, DOUBLE))
 
     def splat(self, value):
         one = self.builder.insert_element(

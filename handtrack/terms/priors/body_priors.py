@@ -1,48 +1,24 @@
-"""Soft priors of body34: parts do not collide, freedoms that hardly show stay near rest."""
+"""Soft priors of a body (2003 paper, section 2): angles, and freedoms that hardly show, stay near rest."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.terms.term import ObservationTerm, ParameterTerm
+
+_REST_SIGMA_DEG = 80.0
 
 
-@dataclass(frozen=True)
-class BodyPriors:
-    """Soft priors (2003 paper, section 2), split by what they speak of."""
+def body_priors(model: ArticulatedModel) -> list[GaussianPrior]:
+    """Return a model's soft priors, each a negative log-likelihood: a weak pull of all joint angles to rest, and `stabilisation`.
 
-    bones: tuple[ObservationTerm, ...]
-    joints: tuple[ParameterTerm, ...]
-
-
-def body_priors(
-    model: ArticulatedModel,
-    rest_sigma_deg: float = 80.0,
-    collision: bool = True,
-    flesh: str = "metaballs",
-) -> BodyPriors:
-    """Return a model's soft priors, each a negative log-likelihood.
-
-    rest_sigma_deg: width of a weak pull of all joint angles to rest, 0 for none. The prior on proportions belongs to the
-    estimation of a person's size: `tracking.size.estimate`.
+    The prior on proportions belongs to the estimation of a person's size: `tracking.size.estimate`.
     """
-    joints: list[ParameterTerm] = []
-    if rest_sigma_deg > 0:
-        sigma = np.full(len(model.parameter_names), np.deg2rad(rest_sigma_deg))
-        sigma[:6] = np.inf
-        joints.append(GaussianPrior(model.rest, sigma, "rest"))
-    held = stabilisation(model)
-    if held is not None:
-        joints.append(held)
-    bones: list[ObservationTerm] = []
-    if collision and flesh in model.flesh:
-        bones.append(CollisionTerm.of(model, flesh))
-    return BodyPriors(tuple(bones), tuple(joints))
+    sigma = np.full(len(model.parameter_names), np.deg2rad(_REST_SIGMA_DEG))
+    sigma[:6] = np.inf
+    rest, held = GaussianPrior(model.rest, sigma, "rest"), stabilisation(model)
+    return [rest] if held is None else [rest, held]
 
 
 def stabilisation(model: ArticulatedModel) -> GaussianPrior | None:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, P
+from handtrack.arrays import Array, F, Floats, P, runs
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_changes import changes, moved
 from handtrack.terms.bone_system import JointSystem
@@ -253,9 +253,8 @@ def largest_move_m(model: ArticulatedModel, one: Floats[P], other: Floats[P]) ->
 
 def _spread(wanted: Array[F]) -> list[int]:
     """Return the middle one of every few frames of each row of those that are wanted."""
-    edges = np.flatnonzero(np.diff(np.r_[0, wanted.astype(int), 0]))
     found: list[int] = []
-    for begin, end in edges.reshape(-1, 2).tolist():
+    for begin, end in runs(wanted):
         cuts = np.linspace(begin, end, -(-(end - begin) // _TRIALS_EVERY) + 1).astype(int)
         found += [(a + b) // 2 for a, b in pairwise(cuts.tolist())]
     return found

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, F, Floats, K, P, evenly_spread
+from handtrack.arrays import D3, Array, C, F, Floats, K, P, evenly_spread, runs
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.observation.observation import ImageKeypoints, Observation
@@ -317,9 +317,8 @@ def refine_near(
     held, model = recording.keyframes, recording.model
     touched = np.array([r is not stood.get(r.frame) and r.frame not in held for r in followed])
     near = np.convolve(touched, np.ones(2 * _MEMORY + 1), "same") > 0
-    edges = np.flatnonzero(np.diff(np.r_[0, near, 0]))
     found: list[FrameResult] = []
-    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+    for first, stop in runs(near):
         inside = followed[first:stop]
         numbers = [result.frame for result in inside]
         poses = np.array([model.transform.solver_params(r.parameters) for r in inside])

@@ -155,9 +155,7 @@ def _medians(values: Floats, count: int) -> tuple[float, float]:
 
 def scene_costs(scene: JumpScene, params: Floats[N, P]) -> Floats[N]:
     """Return the whole cost at params."""
-    problem = keypoint_problem(
-        scene.model, [scene.seen], scene.priors.joints, collision=scene.collision
-    )
+    problem = keypoint_problem(scene.model, [scene.seen], scene.priors, collision=scene.collision)
     space = workspace(problem)
     return np.array([keypoint_cost(problem, row, space) for row in params])
 

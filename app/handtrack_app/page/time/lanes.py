@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints, N
+from handtrack.arrays import Floats, Ints, N, runs
 from handtrack_app.page.html import chip
 from handtrack_app.page.panels.pose import status_of
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
@@ -102,12 +102,6 @@ def extremes(
     place = np.array([window.place(x) for x in (edges[:-1] + edges[1:] - 1) / 2])
     none = ~np.isfinite(high)
     return place, np.where(none, np.nan, low), np.where(none, np.nan, high)
-
-
-def runs(marked: Array[N]) -> list[tuple[int, int]]:
-    """Return where true values follow one another, half-open."""
-    edges = np.flatnonzero(np.diff(np.r_[0, np.asarray(marked, int), 0]))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 LEFT, RIGHT = 172, 80  # [px] where viser's slider begins and ends: it lies over the lanes
