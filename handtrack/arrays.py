@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any, TypeAlias, TypeVarTuple
 
 import numpy as np
@@ -51,6 +52,11 @@ def check_shape(array: Array[*Axes], shape: tuple[int | None, ...], name: str) -
 def pixel_grid(size: tuple[int, int]) -> Floats[H, W, D2]:
     """Return column and row of each pixel of an image of (width, height)."""
     return np.stack(np.meshgrid(np.arange(float(size[0])), np.arange(float(size[1]))), axis=-1)
+
+
+def indices(known: Sequence[Any], wanted: Iterable[Any]) -> list[int]:
+    """Return where each of those wanted stands among the known ones."""
+    return [known.index(one) for one in wanted]
 
 
 def runs(marked: Array[N]) -> list[list[int]]:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N
+from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N, indices
 from handtrack.diagnostics.constant_offsets import mean_size, offset_free_errors, wrong_frames
 from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
@@ -184,7 +184,7 @@ def _points(track: TrackResult, truth: TruthLike) -> tuple[tuple[str, ...], Floa
             "nothing to compare: no joint has the same name in result and truth. Joints of the result: "
             f"{', '.join(track.joint_names)}. Of the truth: {', '.join(theirs) or keypoints}."
         )
-    ours = [track.joint_names.index(name) for name in common]
+    ours = indices(track.joint_names, common)
     return (
         tuple(common),
         track.joint_positions[:, ours],
@@ -196,7 +196,7 @@ def _covariance(track: TrackResult, names: Sequence[str]) -> Floats | None:
     """Return (F, N, 3, 3) [m²], None when the track does not state it for all these points."""
     if any(name not in track.joint_names for name in names):
         return None
-    return track.joint_covariance[:, [track.joint_names.index(name) for name in names]]
+    return track.joint_covariance[:, indices(track.joint_names, names)]
 
 
 def _turns(track: TrackResult, names: Sequence[str]) -> Floats | None:
@@ -205,7 +205,7 @@ def _turns(track: TrackResult, names: Sequence[str]) -> Floats | None:
         model = model_of(track)
     except HandtrackError:
         return None
-    bones = model.joint_bone[[model.joint_names.index(name) for name in names]]
+    bones = model.joint_bone[indices(model.joint_names, names)]
     return track.T_world_bone[:, bones, :3, :3]
 
 

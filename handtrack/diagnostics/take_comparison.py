@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from handtrack.arrays import evenly_spread
+from handtrack.arrays import evenly_spread, indices
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Silhouette
@@ -28,8 +28,8 @@ def compared(first: TrackResult, second: TrackResult) -> dict[str, float | int |
         raise HandtrackError(
             f"the two takes have no {what} in common, so there is nothing to compare."
         )
-    one = first.joint_positions[a][:, [first.joint_names.index(name) for name in names]]
-    other = second.joint_positions[b][:, [second.joint_names.index(name) for name in names]]
+    one = first.joint_positions[a][:, indices(first.joint_names, names)]
+    other = second.joint_positions[b][:, indices(second.joint_names, names)]
     apart = 1e3 * np.linalg.norm(one - other, axis=2)
     worst = int(apart.mean(axis=1).argmax())
     return {

@@ -24,6 +24,7 @@ from handtrack.arrays import (
     P,
     S,
     check_shape,
+    indices,
 )
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model import kinematics
@@ -259,7 +260,7 @@ class ArticulatedModel:
             raise HandtrackError(
                 f"the model '{self.name}' has no 21 hand keypoints; its joints: {self.joint_names}"
             )
-        return self.joint_positions(bones)[[self.joint_names.index(name) for name in names]]
+        return self.joint_positions(bones)[indices(self.joint_names, names)]
 
     def params_from(self, values: Mapping[str, float], nearest: bool = False) -> Floats[P]:
         """Return solver parameters from joint parameters by name [m, rad]. Those that are not given follow those that are, where

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, Floats, Ints, J, K, L, M, P
+from handtrack.arrays import D3, Array, C, Floats, Ints, J, K, L, M, P, indices
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_names
 from handtrack.sampling.limb_ik_kernels import Turns
@@ -92,7 +92,7 @@ def chains_of(model: ArticulatedModel, wanted: Sequence[str] = ("all",)) -> tupl
 
 def _flipping(model: ArticulatedModel, joints: tuple[str, ...]) -> tuple[str, ...]:
     """Return a limb's joints without those at its end that fewer than two hinges of their own swing: they cannot flip."""
-    moved = moved_joints(model)[[model.joint_names.index(joint) for joint in joints]]
+    moved = moved_joints(model)[indices(model.joint_names, joints)]
     swung = (moved[1:] & ~moved[:-1]).sum(axis=1) >= _TO_FLIP
     return joints[: 2 + int(np.flatnonzero(swung)[-1])] if swung.any() else joints[:2]
 
@@ -112,7 +112,7 @@ def prepare(model: ArticulatedModel, chain: Chain) -> PreparedChain:
     columns, link = _hinges_between(model, chain.joints)
     zero = model.bones(model.transform.solver_params(np.zeros(skeleton.parameter_count)))
     points = model.joint_positions(zero)
-    joints = np.array([model.joint_names.index(name) for name in chain.joints])
+    joints = np.array(indices(model.joint_names, chain.joints))
     bone = skeleton.hinge_bone[columns - 6]
     axes = np.einsum("kij,kj->ki", zero.rotation[bone], skeleton.hinge_axis[columns - 6])
     for k in np.flatnonzero((link >= 0) & (link < len(joints) - 1)):
@@ -173,7 +173,7 @@ def _hinges_between(model: ArticulatedModel, joints: Sequence[str]) -> tuple[Int
         if joint not in model.joint_names:
             raise unknown_name("joint", joint, model.joint_names, "a chain")
     moved = moved_joints(model)
-    index = [model.joint_names.index(joint) for joint in joints]
+    index = indices(model.joint_names, joints)
     own = moved[index]
     hinge_bone, parent = model.skeleton.hinge_bone, model.skeleton.parent
     moving = np.flatnonzero(own[-1] & ~own[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import D3, B, F, Floats, P
+from handtrack.arrays import D3, B, F, Floats, P, indices
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.simulation.motion_files.clip import MotionClip
@@ -20,7 +20,7 @@ def own_params(model: ArticulatedModel, clip: MotionClip, unit_m: float) -> Floa
     names = ["_".join(name.split()) for name in model.skeleton.bone_names]
     if clip.turns is None or not set(names) <= set(clip.names):
         return None
-    columns = [clip.names.index(name) for name in names]
+    columns = indices(clip.names, names)
     rest = model.bones(model.params_from({})).rotation
     wanted = clip.turns[:, columns] @ rest
     places = clip.positions[:, columns[0]] * unit_m

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, Ints, J, P, check_shape
+from handtrack.arrays import D3, F, Floats, Ints, J, P, check_shape, indices
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.observation.observation import Keypoints
@@ -105,6 +105,6 @@ def _shortest_turn(model: ArticulatedModel, params: Floats) -> Floats:
 
 
 def _errors(model: ArticulatedModel, seen: Keypoints, params: Floats) -> Floats:
-    joints = [model.joint_names.index(name) for name in seen.names]
+    joints = indices(model.joint_names, seen.names)
     placed = model.joint_positions(model.bones(params))[joints]
     return np.linalg.norm(placed - seen.positions, axis=1)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Floats, J, N, T
+from handtrack.arrays import D2, D3, Floats, J, N, T, indices
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
@@ -103,7 +103,7 @@ def _fingers_elsewhere(names: tuple[str, ...], seen: Sequence[_Seen]) -> Iterato
     if len(seen) < 3 or not set(hand) <= set(names):
         return
     for first in range(1, len(hand), 4):
-        rows = [names.index(name) for name in hand[first : first + 4]]
+        rows = indices(names, hand[first : first + 4])
         rest = [(one, _match([o for o in seen if o is not one], rows)) for one in seen]
         known = sorted(((m, one) for one, m in rest if m), key=lambda pair: pair[0].off)
         if len(known) < 2 or known[0][0].off > _MOST_OFF:
@@ -227,7 +227,7 @@ def joint_lines(session: Session) -> list[Floats[N, D3]]:
     if len(seen) < 2 or not set(hand) <= set(names) or (found := _match(seen)) is None:
         return []
     xyz = found.points.reshape(len(seen[0].pixels), len(names), 3)
-    xyz = xyz[:, [names.index(name) for name in hand]]
+    xyz = xyz[:, indices(names, hand)]
     best = xyz[int(np.argmax(np.isfinite(xyz).all(axis=2).sum(axis=1)))]
     rows = [best[[0, *range(k, k + 4)]] for k in range(1, 21, 4)]
     return [row[np.isfinite(row).all(axis=1)] for row in rows if np.isfinite(row).all(axis=1).any()]
@@ -240,7 +240,7 @@ def _check_size(
     hand = keypoint_names()
     if not set(hand) <= set(names):
         return
-    xyz = found.points.reshape(frames, len(names), 3)[:, [names.index(name) for name in hand]]
+    xyz = found.points.reshape(frames, len(names), 3)[:, indices(names, hand)]
     palms = np.linalg.norm(xyz[:, 9] - xyz[:, 0], axis=1)
     if not np.isfinite(palms).any():
         return

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, Ints, N
+from handtrack.arrays import D3, F, Floats, Ints, N, indices
 from handtrack.capture.joints.given_joints import named_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
@@ -70,7 +70,7 @@ def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
     notes = [f"{gaps} of {positions[..., 0].size} points are not known"] if gaps else []
     notes += [f"{int((~rows).sum())} frames without any are left out"] if not rows.all() else []
     notes += [f"left out: {', '.join((*missing, *unknown)[:8])}"] if missing or unknown else []
-    ordered = positions[:, [names.index(j) for j in JOINTS]] if set(names) == set(JOINTS) else None
+    ordered = positions[:, indices(names, JOINTS)] if set(names) == set(JOINTS) else None
     times = None if markers.times_s is None else markers.times_s[rows]
     truth = Truth(markers.frames[rows], times, ordered, names, positions)
     return truth, f"{path}: {'; '.join(notes)}." if notes else ""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, J
+from handtrack.arrays import D3, F, Floats, J, indices
 from handtrack.errors import unknown_name
 
 
@@ -29,7 +29,7 @@ class MotionClip:
         for name in names.values():
             if name not in self.names:
                 raise unknown_name("joint", name, self.names, "the motion file")
-        columns = [self.names.index(name) for name in names.values()]
+        columns = indices(self.names, names.values())
         return MotionClip(tuple(names), self.positions[:, columns], self.fps)
 
     def resampled(self, fps: float) -> MotionClip:

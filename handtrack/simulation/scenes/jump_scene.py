@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, J, N, P
+from handtrack.arrays import D2, Floats, J, N, P, indices
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -61,7 +61,7 @@ class JumpScene:
     def targets(self) -> Floats[J, D2]:
         """Where the model's joints are seen [px]; NaN where they are not."""
         targets = np.full((len(self.model.joint_names), 2), np.nan)
-        targets[[self.model.joint_names.index(name) for name in self.seen.names]] = self.seen.pixels
+        targets[indices(self.model.joint_names, self.seen.names)] = self.seen.pixels
         return targets
 
     def tree(self, limbs: Sequence[str]) -> InterpretationTree:
@@ -146,8 +146,8 @@ def _hold(
     steep: float,
 ) -> None:
     """Draw a limb's angles into params, evenly within the middle 80 % of their limits, until its links are steep enough."""
-    own = [model.transform.names.index(name) for name in chain.chain.parameters]
-    joints = [model.joint_names.index(name) for name in chain.chain.joints]
+    own = indices(model.transform.names, chain.chain.parameters)
+    joints = indices(model.joint_names, chain.chain.joints)
     low, high = model.bounds(params)[own].T
     centre = front_camera().centre
     while True:
@@ -181,7 +181,7 @@ def jump_scene(
     model, camera = model or body(), front_camera()
     truth = frontal_pose(model, rng, flat, steep, flips)
     names = joints_seen(model)
-    chosen = [model.joint_names.index(name) for name in names]
+    chosen = indices(model.joint_names, names)
     points = model.joint_positions(model.bones(truth))[chosen]
     pixels = camera.project(points) + noise_px * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S
+from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S, indices
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, keypoint_names
 from handtrack.tracking.frame.reason import Reason, Status
@@ -419,7 +419,7 @@ class TrackResult(TrackLabels):
         """
         if self.landmarks is None:
             return None
-        return self.joint_covariance[:, [self.joint_names.index(n) for n in keypoint_names()]]
+        return self.joint_covariance[:, indices(self.joint_names, keypoint_names())]
 
     def in_landmarks(self, definition: str, source: str = "this result") -> TrackResult:
         """Return the same with the points of another definition as joints and keypoints: `joints`, or `landmark_definition`.

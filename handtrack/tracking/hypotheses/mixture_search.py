@@ -13,7 +13,7 @@ from itertools import groupby
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, Ints, J, K, N, P
+from handtrack.arrays import D2, Floats, Ints, J, K, N, P, indices
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
@@ -80,7 +80,7 @@ class ReferenceCamera:
         if images := observation.image_keypoints:
             most = max(images, key=lambda seen: int(np.isfinite(seen.pixels).sum()))
             joints = np.full((len(model.joint_names), 2), np.nan)
-            joints[[model.joint_names.index(name) for name in most.names]] = most.pixels
+            joints[indices(model.joint_names, most.names)] = most.pixels
             return cls(most.camera, joints)
         views = observation.silhouettes or observation.images
         return cls(views[0].camera, None) if views else None
@@ -260,7 +260,7 @@ class NextHypotheses(MixtureObjective):
         model, belief, names = self.model, component.belief, self.model.transform.names
         if self.settings.traits.closest_prior:
             return Source(f"{chain.name} jumped", component.terms, component.terms, 1, belief, i)
-        columns = np.array([names.index(name) for name in chain.parameters])
+        columns = np.array(indices(names, chain.parameters))
         low, high = model.bounds(belief.mean)[columns].T
         ranges = np.clip(high - low, 1e-3, 2.0 * np.pi)
         others = np.setdiff1d(np.arange(len(names)), columns)

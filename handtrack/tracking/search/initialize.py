@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, P, S, indices
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel, HandScale
@@ -46,9 +46,8 @@ def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats[S
     joint[:6] = 0.0
     joint = np.clip(joint, model.limits.interval[:, 0], model.limits.interval[:, 1])
     bones = model.bones(model.transform.solver_params(joint))
-    indices = [model.joint_names.index(name) for name in seen.names]
     known = np.isfinite(seen.positions).all(axis=1)
-    source = model.joint_positions(bones)[indices][known]
+    source = model.joint_positions(bones)[indices(model.joint_names, seen.names)][known]
     target = seen.positions[known]
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     u, _, vt = np.linalg.svd(b.T @ a)

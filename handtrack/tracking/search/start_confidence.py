@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, N, P
+from handtrack.arrays import D3, Floats, J, N, P, indices
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.observation.observation import Observation
 from handtrack.sampling.suppression import apart
@@ -89,7 +89,7 @@ def p_in_basin(
     hessian += _RIDGE * np.diag(hessian).max() * np.eye(len(hessian))
     away = (model.joint_positions(bones) - bones.reference)[:, :, None]
     moves = np.concatenate([joint_position_jacobian(model, bones, twist), away], axis=2) @ matrix
-    moves = moves[[model.joint_names.index(name) for name in keypoint_names()]]
+    moves = moves[indices(model.joint_names, keypoint_names())]
     normal = np.random.default_rng(seed).normal(size=(len(hessian), _DRAWS))
     drawn = np.linalg.solve(np.linalg.cholesky(hessian).T, normal)
     off = np.linalg.norm(np.einsum("jip,pn->jin", moves, drawn), axis=1).mean(axis=0)
