@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 from handtrack.model.surfaces.metaballs_kernels import ellipsoid_distance, ellipsoid_gradient
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def dense_rows(
     points, surface, sigma, reference, twist, want_jacobian
 ):  # pragma: no cover - compiled

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled
 from handtrack.sampling.keypoint_kernels import place, pose
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def image_rows(problem, params, space, want_jacobian, residual, jacobian):  # pragma: no cover
     """Fill residual (2 O,) and jacobian (2 O, P) at params (P,); joint parameters are solver parameters here."""
     pose(problem, params, space)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import D3, B, Floats, Ints, K, N, Q
+from handtrack.compiled import compiled
 from handtrack.model.root_turn_kernels import turn_root
 
 
@@ -21,7 +21,7 @@ class KinematicTree(NamedTuple):
     hinge_axis: Floats[K, D3]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _turn(axis, angle, out):  # pragma: no cover - compiled
     """Write the matrix that turns by `angle` about the unit `axis`."""
     s, c = np.sin(angle), np.cos(angle)
@@ -38,14 +38,14 @@ def _turn(axis, angle, out):  # pragma: no cover - compiled
     out[2, 2] = c + z * z * k
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _multiply(a, b, out):  # pragma: no cover - compiled
     for i in range(3):
         for j in range(3):
             out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def pose_bones(
     tree, params, root_rotation, rotation, position, axis_world
 ):  # pragma: no cover - compiled
@@ -79,7 +79,7 @@ def pose_bones(
             h += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def screws(tree, root_jacobian, axis_world, position, out):  # pragma: no cover - compiled
     """Fill the screw (S, 6) of every joint parameter: world axes, about the root."""
     out[:6] = 0.0
@@ -99,7 +99,7 @@ def screws(tree, root_jacobian, axis_world, position, out):  # pragma: no cover 
         out[6 + h, 3], out[6 + h, 4], out[6 + h, 5] = w0, w1, w2
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def twist_columns(tree, screw, out):  # pragma: no cover - compiled
     """Fill the twist Jacobian (B, 6, S): screws (S, 6) of a bone's own hinges and of all its ancestors'."""
     out[:] = 0.0
@@ -116,7 +116,7 @@ def twist_columns(tree, screw, out):  # pragma: no cover - compiled
                     out[b, i, 6 + h] = screw[6 + h, i]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def pose(tree, params):  # pragma: no cover - compiled
     """Return rotation (B, 3, 3), position (B, 3), the hinges' world axes and the root's left Jacobian, for params (S,)."""
     bones = tree.parent.shape[0]
@@ -127,7 +127,7 @@ def pose(tree, params):  # pragma: no cover - compiled
     return rotation, position, axes, root[1]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def linearize_pose(tree, params):  # pragma: no cover - compiled
     """Return rotation, position and the twist Jacobian (B, 6, S)."""
     rotation, position, axes, root_jacobian = pose(tree, params)
@@ -150,7 +150,7 @@ class Growth(NamedTuple):
     first: int
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def growth_fields(growth, frames, scale_change, unknowns):  # pragma: no cover - compiled
     """Return (B, 12, K) of joints and of ellipsoids; see `SizeParameters.fields`."""
     parent, rates, moves, shift, first = growth

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled, inlined
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def turn_root(r, rotation, jacobian, slope):  # pragma: no cover - compiled
     """Fill R(r), its left Jacobian J (3, 3), and slope[i] = ∂J/∂r_i, for a rotation vector r (3,)."""
     t2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
@@ -41,7 +42,7 @@ def turn_root(r, rotation, jacobian, slope):  # pragma: no cover - compiled
         slope[k, j, i] += a
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _skew_entry(r, i, j):  # pragma: no cover - compiled
     if i == j:
         return 0.0

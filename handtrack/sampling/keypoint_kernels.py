@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numba import types
 from numba.extending import overload
 
 from handtrack.arrays import Floats, Ints
+from handtrack.compiled import compiled, inlined
 from handtrack.model.kinematics import Frames
 from handtrack.model.kinematics_kernels import pose_bones
 from handtrack.model.root_turn_kernels import turn_root
@@ -80,7 +80,7 @@ def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
     return cost
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def workspace(problem):  # pragma: no cover - compiled
     """Return a Workspace for a problem."""
     bones, hinges = problem.tree.parent.shape[0], problem.tree.hinge_bone.shape[0]
@@ -95,7 +95,7 @@ def workspace(problem):  # pragma: no cover - compiled
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def pose(problem, params, space):  # pragma: no cover - compiled
     """Place the bones of solver parameters (P,)."""
     q, (joint, leader, ratio) = space.joint_params, problem.links
@@ -108,7 +108,7 @@ def pose(problem, params, space):  # pragma: no cover - compiled
     pose_bones(problem.tree, q, root[0], space.rotation, space.position, space.axis_world)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def prior_cost(problem, params):  # pragma: no cover - compiled
     cost = problem.prior_cost
     for p in range(params.shape[0]):
@@ -121,7 +121,7 @@ def prior_cost(problem, params):  # pragma: no cover - compiled
     return cost
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
     """Return ½ Σ ρ over the observations of point k at a place; infinite behind a camera."""
     cost = 0.0
@@ -148,7 +148,7 @@ def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
     return cost
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def keypoint_cost(problem, params, space):  # pragma: no cover - compiled
     """Return the cost at solver parameters (P,)."""
     pose(problem, params, space)
@@ -162,7 +162,7 @@ def keypoint_cost(problem, params, space):  # pragma: no cover - compiled
     return cost
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def place(problem, space, k, b):  # pragma: no cover - compiled
     turn, at, p = space.rotation, space.position, problem.point
     x = at[b, 0] + turn[b, 0, 0] * p[k, 0] + turn[b, 0, 1] * p[k, 1] + turn[b, 0, 2] * p[k, 2]
@@ -171,7 +171,7 @@ def place(problem, space, k, b):  # pragma: no cover - compiled
     return x, y, z
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cover - compiled
     """Return a point's cost; fill its gradient (3,), Gauss-Newton matrix and the rest of the Hessian (3, 3)."""
     cost = 0.0

@@ -7,11 +7,11 @@ collisions only Gauss-Newton's part is added.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numba import types
 from numba.extending import overload
 
+from handtrack.compiled import compiled, inlined
 from handtrack.model.kinematics_kernels import screws, twist_columns
 from handtrack.sampling.keypoint_kernels import (
     collisions,
@@ -24,7 +24,7 @@ from handtrack.terms.bone_kernels import pull_back
 from handtrack.terms.bone_system import Sums
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _spread(d, m, half, out):  # pragma: no cover - compiled
     """Add Bᵀ M B to out (6, 6), for a point's matrix M (3, 3) and B = [1, −[d]×], the point's motion by a twist."""
     d0, d1, d2 = d[0], d[1], d[2]
@@ -47,7 +47,7 @@ def _spread(d, m, half, out):  # pragma: no cover - compiled
         out[5, 3 + j] += d0 * h1 - d1 * h0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_turning(d, f, out):  # pragma: no cover - compiled
     """Add Q (6, 6): for screws s above t, s·Q t = (F × ω_s) · (∂X/∂θ_t), what a force F does as its lever turns."""
     out[3, 1] += f[2]
@@ -63,7 +63,7 @@ def _add_turning(d, f, out):  # pragma: no cover - compiled
         out[3 + i, 3 + i] -= along
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _dress(problem, space, t, by_stiff, by_bent):  # pragma: no cover - compiled
     """Fill gradient and both matrices' row of joint parameter t, from the bone it moves and those above."""
     b, first, last = 0, 0, 0
@@ -93,7 +93,7 @@ def _dress(problem, space, t, by_stiff, by_bent):  # pragma: no cover - compiled
         space.joint_curvature[t, s] = y
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def keypoint_system(problem, params, space, gradient, normal, curvature):  # pragma: no cover
     """Return the cost; fill gradient (P,), Gauss-Newton matrix (P, P), and what the exact Hessian has beyond it."""
     pose(problem, params, space)
@@ -173,7 +173,7 @@ def _add_collisions(overlaps, problem, space):  # pragma: no cover - compiled
     return add
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _pull_back(problem, params, space, gradient, normal, curvature):  # pragma: no cover
     """Bring joint parameters' sums to solver parameters and add the priors."""
     g, n, c = space.joint_gradient, space.joint_normal, space.joint_curvature

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import D2, D3, Floats, Ints, K
+from handtrack.compiled import compiled
 
 TOUCHING = 1e-12  # relative to the squared length: a ray or a circle that touches within rounding
 PARALLEL = (
@@ -29,7 +29,7 @@ class Turns(NamedTuple):
     """limits [rad]"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def pierce(start, origin, ray, length, points, missed, take_nearest):  # pragma: no cover - compiled
     """Fill points (N, 2, 3) where the ray pierces the spheres about start (N, 3), the nearer to the origin first.
 
@@ -60,12 +60,12 @@ def pierce(start, origin, ray, length, points, missed, take_nearest):  # pragma:
                 missed[n, k] = 0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _dot(a, b):  # pragma: no cover - compiled
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _turned(axis, angle, v, out):  # pragma: no cover - compiled
     """Write v turned by `angle` about the unit `axis`."""
     s, c = np.sin(angle), np.cos(angle)
@@ -78,7 +78,7 @@ def _turned(axis, angle, v, out):  # pragma: no cover - compiled
     out[2] = c * v[2] + s * z + k * axis[2]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def one_hinge(axis, v, d, otherwise):  # pragma: no cover - compiled
     """Return the angle about `axis` that brings v closest to d; `otherwise` where it makes no difference."""
     along_v, along_d = _dot(axis, v), _dot(axis, d)
@@ -94,7 +94,7 @@ def one_hinge(axis, v, d, otherwise):  # pragma: no cover - compiled
     return np.arctan2(triple, flat)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def two_hinges(a, b, v, d, otherwise_a, otherwise_b, out):  # pragma: no cover - compiled
     """Fill out (2, 2) with the angles (about a, about b) for which turning v about b, then about a, gives d.
 
@@ -134,7 +134,7 @@ def two_hinges(a, b, v, d, otherwise_a, otherwise_b, out):  # pragma: no cover -
     return count
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def into_interval(angle, low, high, near):  # pragma: no cover - compiled
     """Return the angle, whole turns added, inside [low, high] and close to `near`; and how far it is outside.
 
@@ -151,7 +151,7 @@ def into_interval(angle, low, high, near):  # pragma: no cover - compiled
     return (high, above) if above < below else (low, below)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def grow(turns, own, reach, leaves, aims, take_nearest, tolerance):  # pragma: no cover - compiled
     """Return the children of every leaf for one link: rotation, end, angles, parent, target and miss of each.
 
@@ -222,7 +222,7 @@ def grow(turns, own, reach, leaves, aims, take_nearest, tolerance):  # pragma: n
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _free_and_held(turns, own, angles, spare, free, free_axis, held):  # pragma: no cover - compiled
     """Fill the first two free hinges, their axes, and the turn (3, 3) of all others: R = Π free turns · held."""
     axes, leader, ratio, _ = turns
@@ -253,7 +253,7 @@ def _free_and_held(turns, own, angles, spare, free, free_axis, held):  # pragma:
     return frees
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _set_angles(turns, own, found, free, near, angles, out):  # pragma: no cover - compiled
     """Write a solution's angles (K,), followers and limits kept; return how far it was beyond the limits [rad]."""
     _, leader, ratio, interval = turns
@@ -273,7 +273,7 @@ def _set_angles(turns, own, found, free, near, angles, out):  # pragma: no cover
     return beyond
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _turn_link(before, axes, own, angles, out):  # pragma: no cover - compiled
     """Write before · Π turns of the own hinges."""
     column, turned = np.empty(3), np.empty(3)

@@ -7,9 +7,9 @@ follows the ratio of true to foretold descent.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled
 from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
 from handtrack.sampling.keypoint_system_kernels import keypoint_system
 from handtrack.solver.limited_step_kernels import (
@@ -37,7 +37,7 @@ _HELD = 1e3  # diagonal of held parameters in the Hessian that is given back, in
 _ROUNDING = 1e-13  # a share of the cost that cannot be told from rounding
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _difference(problem, params, space, normal, curvature):  # pragma: no cover - compiled
     """Fill normal + curvature with central differences of the gradient: where parts collide, only that is exact."""
     size = params.shape[0]
@@ -58,7 +58,7 @@ def _difference(problem, params, space, normal, curvature):  # pragma: no cover 
             curvature[p, r], curvature[r, p] = middle, middle
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def polish_all(problem, params, iterations, tolerance):  # pragma: no cover - compiled
     """Polish params (N, P) in place; return costs, gradient norms, iterations (N,) and two matrices (N, P, P).
 

@@ -5,11 +5,12 @@ Blocks are small: a BLAS that shares each of them out among threads takes a hund
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+
+@compiled_as_numpy
 def _take(out, one, other, transposed):  # pragma: no cover - compiled
     """out −= one otherᵀ; transposed: work space (P, P)."""
     size = out.shape[0]
@@ -23,7 +24,7 @@ def _take(out, one, other, transposed):  # pragma: no cover - compiled
                 out[i, j] -= share * transposed[k, j]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def factor(lower, least):  # pragma: no cover - compiled
     """Turn blocks (F, REACH + 1, P, P) into those of L in place; return False where a pivot is not above `least`."""
     frames, reach, size, _ = lower.shape
@@ -61,7 +62,7 @@ def factor(lower, least):  # pragma: no cover - compiled
     return True
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def solve(lower, x):  # pragma: no cover - compiled
     """Turn right sides x (F, P, K) into solutions, in place."""
     frames, reach, size, _ = lower.shape
@@ -95,7 +96,7 @@ def solve(lower, x):  # pragma: no cover - compiled
                 x[t, i, c] /= lower[t, 0, i, i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def inverse(lower, found, known):  # pragma: no cover - compiled
     """Write the inverse's blocks (F, REACH + 1, P, P) where the matrix has any; those of the last `known` frames stand already."""
     frames, reach, size, _ = lower.shape

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import Floats, Ints
+from handtrack.compiled import compiled, inlined
 
 _AT_LIMIT = 1e-11  # [m, rad] closer than this counts as at the limit
 
@@ -28,7 +28,7 @@ class Box(NamedTuple):
     high_slope: Floats
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def new_box(size):  # pragma: no cover - compiled
     """Return a Box without limits, to be filled."""
     return Box(
@@ -37,7 +37,7 @@ def new_box(size):  # pragma: no cover - compiled
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fill_box(limits, params, box):  # pragma: no cover - compiled
     """Find the limits that hold at params (P,), and how they move. limits: model/moving_limits.py."""
     for p in range(params.shape[0]):
@@ -70,7 +70,7 @@ def fill_box(limits, params, box):  # pragma: no cover - compiled
             box.low_slope[p], box.high_slope[p] = 0.0, 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def clip(limits, params, box):  # pragma: no cover - compiled
     """Move params into the limits that hold there, and leave `box` filled for the place."""
     # a second pass where limits move: what they move with may itself have been moved
@@ -80,7 +80,7 @@ def clip(limits, params, box):  # pragma: no cover - compiled
             params[p] = min(max(params[p], box.low[p]), box.high[p])
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@inlined
 def _tie(box, held, p):  # pragma: no cover - compiled
     """Return what a held parameter moves with, and how fast; −1 where it stays."""
     if held[p] > 0:
@@ -90,7 +90,7 @@ def _tie(box, held, p):  # pragma: no cover - compiled
     return -1, 0.0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fold(box, held, matrix, vector):  # pragma: no cover - compiled
     """Fold rows and columns of held parameters into those that they move with: Eᵀ H E and Eᵀ g in place."""
     size = vector.shape[0]
@@ -104,7 +104,7 @@ def fold(box, held, matrix, vector):  # pragma: no cover - compiled
                 matrix[r, by] += slope * matrix[r, p]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fold_gradient(box, held, slope):  # pragma: no cover - compiled
     """Fold a gradient only."""
     for p in range(slope.shape[0]):
@@ -113,7 +113,7 @@ def _fold_gradient(box, held, slope):  # pragma: no cover - compiled
             slope[by] += rate * slope[p]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def hold(params, gradient, box, held, folded):  # pragma: no cover - compiled
     """Mark what stands at a limit and is pushed outwards: 1 high, −1 low. folded: the gradient along the limits."""
     size = params.shape[0]
@@ -134,7 +134,7 @@ def hold(params, gradient, box, held, folded):  # pragma: no cover - compiled
             held[p] = 0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _cholesky_solve(matrix, right, count):  # pragma: no cover - compiled
     """Solve in place with the upper triangle of matrix (count, count); False unless positive definite."""
     for j in range(count):
@@ -163,7 +163,7 @@ def _cholesky_solve(matrix, right, count):  # pragma: no cover - compiled
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def limited_step(hessian, gradient, params, box, step):  # pragma: no cover - compiled
     """Fill the step (P,) that minimises the quadratic model within the limits; False if it has no minimum."""
     size = params.shape[0]
@@ -263,7 +263,7 @@ def limited_step(hessian, gradient, params, box, step):  # pragma: no cover - co
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def damped_step(
     hessian, gradient, params, box, damping, floor, step
 ):  # pragma: no cover - compiled
@@ -275,7 +275,7 @@ def damped_step(
     return limited_step(damped, gradient, params, box, step)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def bounded_step(hessian, gradient, params, limits, damping):  # pragma: no cover - compiled
     """Return whether the damped quadratic model has a minimum within the limits, and the step to it."""
     box, step, floor = new_box(params.shape[0]), np.empty(params.shape[0]), 1e-30
@@ -285,7 +285,7 @@ def bounded_step(hessian, gradient, params, limits, damping):  # pragma: no cove
     return damped_step(hessian, gradient, params, box, damping, 1e-9 * floor, step), step
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def stepped(limits, params, step, longest):  # pragma: no cover - compiled
     """Return where a step leads within the limits, and the largest change; longest: of a translation (first three), of an angle.
 
@@ -302,7 +302,7 @@ def stepped(limits, params, step, longest):  # pragma: no cover - compiled
     return trial, largest
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def clipped(limits, params):  # pragma: no cover - compiled
     """Return params moved into the limits that hold there."""
     moved = params.copy()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled, compiled_as_numpy, inlined
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+
+@inlined
 def to_world(frames, bone, local, point):  # pragma: no cover - compiled
     """Fill the world point (3,) of a point (3,) in a bone's frame."""
     for i in range(3):
@@ -18,7 +19,7 @@ def to_world(frames, bone, local, point):  # pragma: no cover - compiled
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def fill_arm(row, at, width, x, y, z):  # pragma: no cover - compiled
     """Complete row[at : at + width], whose first three are n, for a point at (x, y, z) = X − o: [n ; (X − o) × n] by a twist,
     [n ; n (X − o)ᵀ] by a field of twelve numbers, n alone by a velocity of the point.
@@ -34,7 +35,7 @@ def fill_arm(row, at, width, x, y, z):  # pragma: no cover - compiled
         row[at + 5] = x * n1 - y * n0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def add_outer(row, at, factor, a, b):  # pragma: no cover - compiled
     """Add factor · a bᵀ to the nine of G in row[at : at + 12]."""
     for i in range(3):
@@ -42,7 +43,7 @@ def add_outer(row, at, factor, a, b):  # pragma: no cover - compiled
             row[at + 3 + 3 * i + j] += factor * a[i] * b[j]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def add_row(sums, bone, row, residual, weight):  # pragma: no cover - compiled
     """Add weight · residual · row and weight · row rowᵀ to a bone's part of the sums. row: (width,)"""
     at = sums.width * bone
@@ -53,7 +54,7 @@ def add_row(sums, bone, row, residual, weight):  # pragma: no cover - compiled
             sums.hessian[at + i, at + j] += part * row[j]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def add_point(sums, frames, bone, point, slope, residual, weight):  # pragma: no cover - compiled
     """Add a residual of a bone's point: ½ weight residual², with d residual / d point = slope (3,). point: (3,) world [m]."""
     row = np.empty(12)
@@ -64,7 +65,7 @@ def add_point(sums, frames, bone, point, slope, residual, weight):  # pragma: no
     add_row(sums, bone, row, residual, weight)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def pull_back(sums, jacobian):  # pragma: no cover - compiled
     """Return Jᵀ g (N,) and Jᵀ H J (N, N) of sums by the bones' motion, for a motion J (B, width, N) by N unknowns.
 
@@ -112,7 +113,7 @@ def pull_back(sums, jacobian):  # pragma: no cover - compiled
     return g, h
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def to_solver(sums, jacobian, priors, links, size):  # pragma: no cover - compiled
     """Return gradient (size,) and Hessian by solver parameters: of observations, pulled back, and priors, by joint parameters."""
     g, h = pull_back(sums, jacobian)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import Ints, K
+from handtrack.compiled import compiled_as_numpy
 from handtrack.model.flesh import EllipsoidArrays
 from handtrack.terms.bone_kernels import fill_arm
 from handtrack.terms.ellipsoid_kernels import posed_shapes
@@ -29,7 +29,7 @@ _DONE = 1e-20
 """squared tangential step [rad²] at which a direction is found"""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _supported(shape, n, out):  # pragma: no cover - compiled
     """Write D n / h and return the support h = √(nᵀ D n): how far the ellipsoid reaches along n from its centre."""
     for i in range(3):
@@ -40,7 +40,7 @@ def _supported(shape, n, out):  # pragma: no cover - compiled
     return h
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _free_space(delta, one, other, n):  # pragma: no cover - compiled
     """Return f(n) = n·δ − h₁(n) − h₂(n)."""
     f = 0.0
@@ -53,7 +53,7 @@ def _free_space(delta, one, other, n):  # pragma: no cover - compiled
     return f - np.sqrt(h) - np.sqrt(k)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _gap(delta, one, other, n, p, q):  # pragma: no cover - compiled
     """Return f(n) = n·δ − h₁(n) − h₂(n), the free space along n; p, q: the farthest points from either centre."""
     h = _supported(one, n, p)
@@ -61,7 +61,7 @@ def _gap(delta, one, other, n, p, q):  # pragma: no cover - compiled
     return delta[0] * n[0] + delta[1] * n[1] + delta[2] * n[2] - h - k, h, k
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _climb(delta, one, other, n, p, q):  # pragma: no cover - compiled
     """Move the unit vector n to a maximum of f by Newton's steps on the sphere; returns f there.
 
@@ -140,7 +140,7 @@ def _climb(delta, one, other, n, p, q):  # pragma: no cover - compiled
     return f
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def separation(delta, one, other, enough, n, p, q):  # pragma: no cover - compiled
     """Return the signed distance of two ellipsoids (minus how far one must move) if it is below `enough` ≤ 0, else
     something above that.
@@ -214,7 +214,7 @@ def separation(delta, one, other, enough, n, p, q):  # pragma: no cover - compil
     return best
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - compiled
     """Fill found (K,) with the signed distance of each pair where they overlap, 0 where they do not."""
     delta, n, p, q = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
@@ -229,7 +229,7 @@ def overlaps(place, shape, reach, first, second, found):  # pragma: no cover - c
             found[k] = min(separation(delta, shape[i], shape[j], 0.0, n, p, q), 0.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def collision_sums(frames, collisions, sums):  # pragma: no cover - compiled
     """Add the pairs' overlaps to sums; return ½ weight Σ r²."""
     ellipsoids, first, second, slack, sigma, weight = collisions

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def posed_shapes(frames, ellipsoids, centre_world, shape_world):  # pragma: no cover - compiled
     """Fill centres (E, 3) and D = R diag(r²) Rᵀ (E, 3, 3), world, of ellipsoids carried by bones."""
     rotation, position, axes = frames.rotation, frames.position, np.empty((3, 3))

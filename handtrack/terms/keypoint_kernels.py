@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import D3, D4, Axes, Floats, Ints, K
+from handtrack.compiled import compiled_as_numpy
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
 from handtrack.terms.loss import robust
 
@@ -26,7 +26,7 @@ class Targets(NamedTuple):
     """of the camera; (0, 4) for points in space"""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def keypoint_sums(frames, targets, loss, weight, sums):  # pragma: no cover - compiled
     """Add the distances to targets to sums; return ½ weight Σ ρ, not a number where a point is behind the camera."""
     bone, local, target, deviation, camera = targets

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import Axes, Floats
+from handtrack.compiled import compiled_as_numpy
 from handtrack.errors import HandtrackError
 
 _QUADRATIC, _GEMAN_MCCLURE, _HUBER, _OUTLIERS = range(4)
@@ -66,7 +66,7 @@ def uniform_outliers(share: float = 0.2, half_width: float = 30.0) -> Loss:
     return Loss(_OUTLIERS, float(share / (1.0 - share) * np.sqrt(2.0 * np.pi) / (2.0 * half_width)))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def robust(loss, squared):  # pragma: no cover - compiled
     """Return ρ(r²) and dρ/d(r²)."""
     scale = loss.scale
@@ -84,7 +84,7 @@ def robust(loss, squared):  # pragma: no cover - compiled
     return -2.0 * np.log((inlier + scale) / (1.0 + scale)), inlier / (inlier + scale)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def robust_slope(loss, squared):  # pragma: no cover - compiled
     """Return d²ρ/d(r²)²."""
     scale = loss.scale
@@ -99,7 +99,7 @@ def robust_slope(loss, squared):  # pragma: no cover - compiled
     return 0.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _all_robust(loss, squared):  # pragma: no cover - compiled
     value, weight = np.empty(squared.shape), np.empty(squared.shape)
     for n in range(squared.shape[0]):

@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import REPOSITORY
 
 CORE = REPOSITORY / "handtrack"
-GROUND = {"errors", "arrays", "setting", "parallel", "version"}
+GROUND = {"errors", "arrays", "compiled", "setting", "parallel", "version"}
 """what every room may import"""
 VIEWERS = ("handtrack_app", "viser", "rerun")
 APP = REPOSITORY / "app" / "handtrack_app"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from handtrack.compiled import compiled_as_numpy, inlined
 
 CENTRE, AXES, LEAST, REACH, STRETCH = 0, 3, 12, 13, 14
 """Columns of the table of an ellipsoid: centre (3); diag(1/r) Rᵀ (9, row by row), which makes it the unit ball; r_min;
@@ -12,7 +13,7 @@ TINY = 1e-9
 """Level k below which a point counts as the centre, where directions are undefined."""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def pose_table(frames, ellipsoids, table):  # pragma: no cover - compiled
     """Fill table (E, 16) with the ellipsoids where the bones have carried them."""
     rotation, position = frames.rotation, frames.position
@@ -35,7 +36,7 @@ def pose_table(frames, ellipsoids, table):  # pragma: no cover - compiled
         table[e, 15] = 0.0
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def ellipsoid_distance(table, e, turning, x, y, z):  # pragma: no cover - compiled
     """Return the distance of a point to ellipsoid e: (k − 1) r_min where k < turning, else ρ (1 − 1/k)."""
     x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
@@ -48,7 +49,7 @@ def ellipsoid_distance(table, e, turning, x, y, z):  # pragma: no cover - compil
     return np.sqrt(x * x + y * y + z * z) * (1.0 - 1.0 / k)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def ellipsoid_gradient(table, e, turning, x, y, z):  # pragma: no cover - compiled
     """Return (d, nx, ny, nz)."""
     x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
@@ -67,7 +68,7 @@ def ellipsoid_gradient(table, e, turning, x, y, z):  # pragma: no cover - compil
     return rho * (1.0 - 1.0 / k), a * gx + b * x, a * gy + b * y, a * gz + b * z
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def merged_distance(
     points, surface, want_gradient, distance, closest, gradient
 ):  # pragma: no cover - compiled

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import D3, D4, Array, E, Floats, K, M
+from handtrack.compiled import compiled_as_numpy
 from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, STRETCH, TINY
 from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.clouds.cloud_lanes_kernels import (
@@ -37,7 +37,7 @@ NEGLIGIBLE = 25.0
 """An ellipsoid whose weight is below e^−25 of the closest one's counts for nothing: 1e-11."""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def aligned(count):  # pragma: no cover - compiled
     """Return an empty array (count,) that starts on a cache line: vectors that straddle two cost twice."""
     memory = np.empty(count + LANES)
@@ -70,7 +70,7 @@ class Workspace(NamedTuple):
     vectors: Floats
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma: no cover - compiled
     """Add E1 to sums; return ½ weight Σ ρ(d²/σ²)."""
     points, count, spheres = cloud
@@ -142,7 +142,7 @@ def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma:
     return 0.5 * weight * cost
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def bounds(table, turning, spheres):  # pragma: no cover - compiled
     """Return low (E, blocks'), lower bounds of the distances over spheres, and the least upper bounds (blocks',).
 
@@ -167,7 +167,7 @@ def bounds(table, turning, spheres):  # pragma: no cover - compiled
     return low, least_high
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def arrange(points, order, size):  # pragma: no cover - compiled
     """Reorder `order` (N,) so that each run of `size` points is compact: halves along the longest side, again and again."""
     stack = np.empty((64, 2), np.int64)
@@ -210,7 +210,7 @@ def arrange(points, order, size):  # pragma: no cover - compiled
         depth += 2
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no cover - compiled
     """Add the buffered points of ellipsoid e; returns Σ ρ. noise: σ, loss and weight."""
     table, bone, start, members, sharpness, turning = surface
@@ -306,7 +306,7 @@ def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no co
     return cost
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _fill_wide(
     points, count, ball, turning, reference, near, factor, wide
 ):  # pragma: no cover - compiled
@@ -333,7 +333,7 @@ def _fill_wide(
             wide[k, i] = factor[i] * row[k]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _add_wide(bone, who, count, wide, residual, sums):  # pragma: no cover - compiled
     """Add what rows (12 · used, N) by the fields of the bones make of the points that are worked off."""
     used, gradient, hessian = who.shape[0], sums.gradient, sums.hessian
@@ -348,7 +348,7 @@ def _add_wide(bone, who, count, wide, residual, sums):  # pragma: no cover - com
             hessian[at, to] += total
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _fill_robust(loss, sigma, count, distance, residual, size):  # pragma: no cover - compiled
     """Fill residual = d/σ and size = dρ/d(r²), 0 behind the last point; returns Σ ρ."""
     cost = 0.0

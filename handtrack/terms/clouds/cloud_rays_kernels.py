@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 from handtrack.model.surfaces.metaballs_kernels import REACH, TINY
 from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.loss import robust
@@ -12,7 +12,7 @@ from handtrack.terms.loss import robust
 _FAR = 1e6  # sigmas: an outlier without doubt
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def slope_distance(table, e, x, y, z):  # pragma: no cover - compiled
     """Return (d, nx, ny, nz): (k² − k)/|∇k²/2|, the distance to ellipsoid e to first order near it, and its gradient."""
     x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
@@ -31,7 +31,7 @@ def slope_distance(table, e, x, y, z):  # pragma: no cover - compiled
     return (k * k - k) / slope, a * gx - b * hx, a * gy - b * hy, a * gz - b * hz
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def first_met(table, centre, rx, ry, rz):  # pragma: no cover - compiled
     """Return which ellipsoid a ray from `centre` hits first, or passes nearest to if it hits none; whether it hits; and
     where along it, in metres, it is deepest in that ellipsoid, or nearest to it."""
@@ -63,7 +63,7 @@ def first_met(table, centre, rx, ry, rz):  # pragma: no cover - compiled
     return who, hits, where
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def rays_sums(rays, surface, noise, weight, reference, sums):  # pragma: no cover - compiled
     """Add the viewing rays to sums; return their cost.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z
+from handtrack.compiled import compiled_as_numpy, inlined
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
 from handtrack.terms.loss import robust
 
@@ -26,7 +26,7 @@ _AROUND = 2.0
 """[nodes apart]"""
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def _nearest_in(m, first, points, x, y, z, least, best):  # pragma: no cover - compiled
     """Return the least square of a distance to the points of cell m, or least, and whose it is."""
     m = max(m, -1 - m)
@@ -38,13 +38,13 @@ def _nearest_in(m, first, points, x, y, z, least, best):  # pragma: no cover - c
     return least, best
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def _gap(u, i):  # pragma: no cover - compiled
     """Return the square of what is between u and the cell around i."""
     return max(abs(u - i) - 0.5, 0.0) ** 2
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def look_up(distances, x, y, z, enough):  # pragma: no cover - compiled
     """Return distance and gradient (3) at a point: to the nearest of all points where that is within about `_AROUND`, further
     away to the nearest of those in the cells that are nearest to its 8 nodes; to any that is at most `enough` away [m].
@@ -88,7 +88,7 @@ def look_up(distances, x, y, z, enough):  # pragma: no cover - compiled
     )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def look_up_all(distances, at, distance, gradient):  # pragma: no cover - compiled
     """Fill distance (N,) and gradient (N, 3) at places (N, 3)."""
     for n in range(at.shape[0]):
@@ -97,7 +97,7 @@ def look_up_all(distances, at, distance, gradient):  # pragma: no cover - compil
         )
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def fill_nodes(distances, values):  # pragma: no cover - compiled
     """Fill values (X, Y, Z), float32, with each node's distance."""
     low, spacing = distances.low, distances.spacing
@@ -108,7 +108,7 @@ def fill_nodes(distances, values):  # pragma: no cover - compiled
                 values[i, j, k] = look_up(distances, x, y, z, 0.0)[0]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def emptiness_sums(distances, frames, surface, noise, sums):  # pragma: no cover - compiled
     """Add E2 to sums; return ½ weight Σ share ρ.
 

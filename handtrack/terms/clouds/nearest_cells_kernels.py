@@ -6,11 +6,12 @@ The nearest filled cell along x, then along y of those, then along z (the transf
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+
+from handtrack.compiled import compiled_as_numpy
 
 _NOWHERE = 1e30
 _LANES = 16
@@ -76,7 +77,7 @@ def _nearest(typing, best, who, at, far, whose, row, stride, low, high, start, s
     return signature, generate
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def fill_cells(points, low, spacing, cells):  # pragma: no cover - compiled
     """Fill cells (X, Y, Z) with the number of each filled cell, −1 where it is empty; return the points (N, 3) by cell, and
     first (M + 1,): the points of cell m are those from first[m] to first[m + 1].
@@ -105,7 +106,7 @@ def fill_cells(points, low, spacing, cells):  # pragma: no cover - compiled
     return ordered, first
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def fill_nearest(cells, nearest):  # pragma: no cover - compiled
     """Fill nearest (X, Y, Z), int32, with the number of the filled cell that is nearest to each cell. cells: as of `fill_cells`."""
     size_x, size_y, size_z = cells.shape
@@ -145,7 +146,7 @@ def fill_nearest(cells, nearest):  # pragma: no cover - compiled
                 nearest[i, j, k] = who[k] if cells[i, j, k] >= 0 else -1 - who[k]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _least(far, wide):  # pragma: no cover - compiled
     """Return the least of far[:, :wide]."""
     least = np.float32(_NOWHERE)
@@ -155,7 +156,7 @@ def _least(far, wide):  # pragma: no cover - compiled
     return least
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _along_x(cells, far, whose):  # pragma: no cover - compiled
     """Fill far with the square of how many cells along x the nearest filled one is away, whose with its row."""
     last = far.shape[0] - 1

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 from handtrack.terms.bone_kernels import add_row, to_world
 from handtrack.terms.images.image_rows_kernels import NEAREST, fill_row, see
 from handtrack.terms.images.smooth_image_kernels import cell, look_up
 from handtrack.terms.loss import robust
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def texture_sums(frames, camera, image, texture, noise, sums):  # pragma: no cover - compiled
     """Add one camera's texture to sums; return ½ weight Σ (ρ − worst).
 

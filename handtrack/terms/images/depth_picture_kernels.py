@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+
+@compiled_as_numpy
 def fill_triangles(pixels, depth, faces, nearest, front):  # pragma: no cover - compiled
     """Fill nearest (H, W) [m] and front (H, W), the face there, where a face is nearer than what stands in them.
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 from handtrack.terms.images.smooth_image_kernels import cell, look_up
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def search_along(
     image, start, normal, half, step, faint, place, strength
 ):  # pragma: no cover - compiled

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
-
 from handtrack.arrays import D3, Floats
+from handtrack.compiled import inlined
 from handtrack.terms.bone_kernels import fill_arm
 
 
@@ -21,7 +20,7 @@ class Pinhole(NamedTuple):
 NEAREST = 1e-3  # [m] in front of the camera
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def see(point, camera, seen):  # pragma: no cover - compiled
     """Fill the point (3,) in the camera's frame."""
     turn, shift = camera.rotation, camera.translation
@@ -29,7 +28,7 @@ def see(point, camera, seen):  # pragma: no cover - compiled
         seen[r] = shift[r] + turn[r, 0] * point[0] + turn[r, 1] * point[1] + turn[r, 2] * point[2]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def fill_row(du, dv, seen, camera, point, reference, width, row):  # pragma: no cover - compiled
     """Fill the row (6,), or (12,) by fields, of a residual that changes by du and dv per pixel across and down."""
     matrix, turn = camera.matrix, camera.rotation

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 from handtrack.terms.bone_kernels import add_row, to_world
 from handtrack.terms.images.image_rows_kernels import NEAREST, fill_row, see
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def edges_sums(frames, camera, pieces, edges, spread, sums):  # pragma: no cover - compiled
     """Add one camera's edges to sums; return their cost.
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy, inlined
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+
+@inlined
 def cell(position, count):  # pragma: no cover - compiled
     """Return the cell, the place in it, and 1 inside the image or 0 beyond, where the border's value goes on."""
     inside = 1.0 if 0.0 <= position <= count - 1.0 else 0.0
@@ -15,7 +16,7 @@ def cell(position, count):  # pragma: no cover - compiled
     return i, clamped - i, inside
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def look_up(image, i, j, p, q, c):  # pragma: no cover - compiled
     """Return value and slopes of channel c in the cell of row i and column j, at p down and q across."""
     f00, f01 = np.float64(image[i, j, c]), np.float64(image[i, j + 1, c])
@@ -25,7 +26,7 @@ def look_up(image, i, j, p, q, c):  # pragma: no cover - compiled
     return top + p * (bottom - top), across, bottom - top
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def look_up_all(image, pixels, values, slopes):  # pragma: no cover - compiled
     """Fill values (N, C) and slopes (N, C, 2) at pixels (N, 2) of this window."""
     height, width, channels = image.shape

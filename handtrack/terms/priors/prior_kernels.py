@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy
 from handtrack.terms.loss import robust
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def independent_sums(x, mean, sigma, sums):  # pragma: no cover - compiled
     """Add a GaussianPrior; return its cost."""
     cost = 0.0
@@ -21,7 +21,7 @@ def independent_sums(x, mean, sigma, sums):  # pragma: no cover - compiled
     return 0.5 * cost
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def linear_sums(x, rows, ratios, loss, weight, sums):  # pragma: no cover - compiled
     """Add a LinearPrior; return its cost."""
     cost, slope = 0.0, np.empty(x.shape[0])
@@ -46,7 +46,7 @@ def linear_sums(x, rows, ratios, loss, weight, sums):  # pragma: no cover - comp
     return 0.5 * weight * cost
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def correlated_sums(x, mean, information, sums):  # pragma: no cover - compiled
     """Add a CorrelatedPrior; return its cost."""
     cost = 0.0

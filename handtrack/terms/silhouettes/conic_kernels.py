@@ -5,8 +5,9 @@ The plain form is tests/terms/conic_field_reference.py. Pixels are counted from 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from handtrack.compiled import compiled
 
 ORIGIN_U, ORIGIN_V, CENTRE_U, CENTRE_V, S11, S12, S22, GAMMA, SCALE = range(9)
 """Columns of `ellipses`: origin [px]; centre from there [px]; shape S: (x − m)ᵀ S⁻¹ (x − m) = 1 is the outline [px²];
@@ -16,7 +17,7 @@ FIELD = 13
 """numbers that move and deform an ellipsoid: v, G (row by row), and by how much its outline is farther out [m]"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def project(
     projection, width, height, centre, shape, levels, depth_scaled, ellipses
 ):  # pragma: no cover - compiled
@@ -57,7 +58,7 @@ def project(
         ellipses[e, SCALE] = -1.0 / gamma if depth_scaled else levels[e, 1]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _to_image(projection, u0, v0, centre, shape, g, p, d):  # pragma: no cover - compiled
     """Fill G (3, 3), p = G c + h (3,) and D Gᵀ (3, 3), pixels counted from (u0, v0)."""
     p[2] = projection[2, 3]
@@ -74,7 +75,7 @@ def _to_image(projection, u0, v0, centre, shape, g, p, d):  # pragma: no cover -
             d[i, j] = shape[i, 0] * g[j, 0] + shape[i, 1] * g[j, 1] + shape[i, 2] * g[j, 2]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def conic_of(ellipse, outer, c):  # pragma: no cover - compiled
     """Fill c (6,), the field's numbers for (x², 2xy, y², 2x, 2y, 1): scale · (normalised conic − outer)."""
     determinant = ellipse[S11] * ellipse[S22] - ellipse[S12] * ellipse[S12]
@@ -91,7 +92,7 @@ def conic_of(ellipse, outer, c):  # pragma: no cover - compiled
     c[5] = s * (mu * k1 + mv * k2 - 1.0 - outer)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def conic_by_twist(
     projection, centre, shape, reference, ellipse, outer, depth_scaled, work
 ):  # pragma: no cover
@@ -158,7 +159,7 @@ def conic_by_twist(
         work[112 + t] = s * (dk1 * mu + dk2 * mv + k1 * du + k2 * dv) + ds * (level - outer)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def conic_by_field(
     projection, centre, shapes, reference, ellipse, conic, depth_scaled
 ):  # pragma: no cover - compiled

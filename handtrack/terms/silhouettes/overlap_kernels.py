@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from handtrack.compiled import compiled
 from handtrack.terms.ellipsoid_kernels import posed_shapes
 from handtrack.terms.silhouettes.conic_kernels import (
     CENTRE_U,
@@ -20,7 +20,7 @@ from handtrack.terms.silhouettes.conic_kernels import (
 )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def overlap_areas(frames, ellipsoids, mask, starts, members, areas):  # pragma: no cover - compiled
     """Fill areas (N, 2): pixels that each part covers, and −ΣZ over them.
 
@@ -67,7 +67,7 @@ def overlap_areas(frames, ellipsoids, mask, starts, members, areas):  # pragma: 
         areas[part, 0], areas[part, 1] = covered, both
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _insert(ellipse, v, begin, end, spans, found):  # pragma: no cover - compiled
     """Put an ellipse's span on row v among spans (N, 2), which ascend by their begins; returns how many there are then."""
     s11, s12, s22 = ellipse[S11], ellipse[S12], ellipse[S22]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
+from handtrack.compiled import compiled
 from handtrack.terms.silhouettes.row_kernels import BLOCK
 
 
@@ -32,7 +32,7 @@ def _differing(typing, image, at):
     return signature, generate
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def mark_edges(image, edges, begins):  # pragma: no cover - compiled
     """Fill edges (H, W // 8 + 1), a bit for each pixel that differs from the one before it in its row, and begins (H + 1,):
     how many pieces of one value the rows above have. Returns how many there are.
@@ -57,7 +57,7 @@ def mark_edges(image, edges, begins):  # pragma: no cover - compiled
     return begins[height]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fill_pieces(
     image, sign, valid, edges, begins, ends, values, energy
 ):  # pragma: no cover - compiled

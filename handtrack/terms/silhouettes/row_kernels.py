@@ -6,11 +6,12 @@ vectorise loops as short as these.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+
+from handtrack.compiled import compiled
 
 BLOCK = 8
 """Pixels painted at a time; blocks start at multiples of it."""
@@ -248,14 +249,14 @@ def _move_sums(typing, moments, k, sums, s, heights, y):
     return signature, generate
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def mark(marks, lo, hi):  # pragma: no cover - compiled
     """Set the bits lo to hi − 1 of the numbers `marks`; none if lo ≥ hi."""
     for word in range(lo // (WORD * BLOCK), (hi - 1) // (WORD * BLOCK) + 1):
         _mark(marks, BLOCK * word, lo - BLOCK * WORD * word, hi - BLOCK * WORD * word)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def begin_row(buffer, lo, hi, marks, opened, core):  # pragma: no cover - compiled
     """Fill the blocks of [lo, hi): in the name of `core` where all pixels are marked, else with nothing.
 
@@ -273,7 +274,7 @@ def begin_row(buffer, lo, hi, marks, opened, core):  # pragma: no cover - compil
             bits >>= 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def paint(
     buffer, lo, hi, opened, centre, top, bend, limit, number, core
 ):  # pragma: no cover - compiled
@@ -293,7 +294,7 @@ def paint(
             _paint_block(buffer, u, centre, top, bend, limit, number, full)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def find_runs(buffer, lo, hi, edges, row, starts):  # pragma: no cover - compiled
     """Fill starts with the first pixel of each run in [lo, hi), and hi; return how many runs.
 
@@ -309,13 +310,13 @@ def find_runs(buffer, lo, hi, edges, row, starts):  # pragma: no cover - compile
     return n
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def add_run(sums, k, powers, a, b, value):  # pragma: no cover - compiled
     """Add to sums[k] a run over which the observation is `value`: rows a and b of `powers`."""
     _add_run(sums, k * SUMS, powers, a * SUMS, b * SUMS, value)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def move_sums(moments, sums, k, heights, y):  # pragma: no cover - compiled
     """Add a row's sums[k] to moments[k] at height y, and forget them."""
     _move_sums(moments, k * MOMENTS, sums, k * SUMS, heights, y * MOMENTS)

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from handtrack.arrays import D2, E, Floats
+from handtrack.compiled import compiled, compiled_as_numpy
 from handtrack.model.flesh import EllipsoidArrays
 from handtrack.model.kinematics import Frames
 from handtrack.terms.bone_system import Sums
@@ -73,7 +73,7 @@ class CameraField(NamedTuple):
     """of so many rows one is looked at, which stands for all"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def silhouette_sums(
     frames, ellipsoids, radii, mask, field, weight, sums
 ):  # pragma: no cover - compiled
@@ -130,7 +130,7 @@ def silhouette_sums(
     return weight * cost
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def camera_moments(
     centre_world, shape_world, mask, field, ellipses, moments
 ):  # pragma: no cover - compiled
@@ -142,7 +142,7 @@ def camera_moments(
     _sum_rows(ellipses, mask, field, moments)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
     """Fill moments (E + 2, MOMENTS): of nobody, of each ellipse where it wins, of saturated pixels."""
     levels, limit, step = field.levels, field.limit, field.step
@@ -241,7 +241,7 @@ def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
         move_sums(moments, sums, core, heights, v + height)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _row_line(ellipse, outer, line):  # pragma: no cover - compiled
     """Fill what an ellipse's span on a row needs: all divisions, once for all rows."""
     s11, s12, s22, s = ellipse[S11], ellipse[S12], ellipse[S22], ellipse[SCALE]
@@ -252,7 +252,7 @@ def _row_line(ellipse, outer, line):  # pragma: no cover - compiled
     line[ROOM], line[FACTOR], line[BEND] = 1.0 + outer, s, s / across
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def _fill_spans(line, limit, top, step, rows, width, spans, at):  # pragma: no cover - compiled
     """Fill spans[at:] for rows top, top + step, …, eight at a time: middle, value there, columns [begin, end) of the span,
     and of what is surely saturated of it.
@@ -279,7 +279,7 @@ def _fill_spans(line, limit, top, step, rows, width, spans, at):  # pragma: no c
         at += SPANS
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _unpack(n, m, z):  # pragma: no cover - compiled
     """Fill M (6, 6) = Σ mono monoᵀ and z (6,) = Σ Z mono from the sums."""
     m[0, 0], m[0, 1], m[0, 2], m[0, 3], m[0, 4], m[0, 5] = (
@@ -308,7 +308,7 @@ def _unpack(n, m, z):  # pragma: no cover - compiled
     z[3], z[4], z[5] = 2.0 * n[17], 2.0 * n[19], n[16]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_block(work, m, mc, z, weight, at, sums):  # pragma: no cover - compiled
     """Add Aᵀ(M c − z) and Aᵀ M A at row `at`; A is work[72:120] as (6, 8), work[120:176] is free."""
     for i in range(6):
@@ -335,7 +335,7 @@ def _add_block(work, m, mc, z, weight, at, sums):  # pragma: no cover - compiled
             sums.hessian[at + s, at + t] += work[168 + t]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fill_shapes(rotation, turn, thick, radii, own, wide):  # pragma: no cover - compiled
     """Fill R diag(thick · radii) Rᵀ and R diag(thick) Rᵀ, with R = rotation · turn."""
     axes = np.empty((3, 3))
@@ -355,7 +355,7 @@ def _fill_shapes(rotation, turn, thick, radii, own, wide):  # pragma: no cover -
                 own[i, j] += across * radii[k]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _add_field(by, m, mc, z, weight, bone, sums):  # pragma: no cover - compiled
     """Add Aᵀ(M c − z) and Aᵀ M A of one ellipsoid to its bone's numbers; by: A (6, FIELD)."""
     at, product = FIELD * bone, np.empty(6)

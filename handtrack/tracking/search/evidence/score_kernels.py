@@ -5,6 +5,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
+from handtrack.compiled import compiled_as_numpy, inlined
+
 FAR_M = 0.025
 """from which a point counts as not explained at all"""
 NEAREST_M = 0.02
@@ -16,7 +18,7 @@ _CELLS, _CELL_M, _STEP_M = 64, 0.010, 0.020
 _GRAZING = 0.25
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no cover - compiled
     """Set marks (V,) to whether points (V, 3), turned, are seen from far away along `sight` (3,), which points to the eye.
 
@@ -68,7 +70,7 @@ def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no co
         marks[n] = d > picture[i, k] - _STEP_M
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def cloud_scores(
     cloud, cloud_area, distances, map_low, map_spacing, sights, sight_start, rotations, places, middle, reach, field,
     field_low, field_spacing, points, normals, point_area, out,
@@ -132,7 +134,7 @@ def cloud_scores(
             out[r, m] = total / max(whole, 1e-12)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@inlined
 def _share(values, spacing, x, y, z):  # pragma: no cover - compiled
     """Return how far the nearest node is from being explained: its squared distance in FAR_M, at most 1."""
     i, j, k = int(x / spacing + 0.5), int(y / spacing + 0.5), int(z / spacing + 0.5)
@@ -153,7 +155,7 @@ def _off_disc(across, down, count, u, v, radius, least):  # pragma: no cover - c
         least[k] = off if off < least[k] else least[k]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@compiled_as_numpy
 def silhouette_scores(
     projections, focal, outside, sizes, step, samples, sample_start, sample_area, rotations, places, middle, reach,
     spheres, points, normals, point_area, enough, out,
