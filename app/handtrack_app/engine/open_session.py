@@ -29,8 +29,8 @@ from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
 from handtrack_app.engine.pictures.camera_pictures import Painter
 from handtrack_app.engine.pictures.cloud_service import CloudService
-from handtrack_app.engine.posing_service import PosingService
-from handtrack_app.engine.review_service import LiveScore, ReviewService
+from handtrack_app.engine.posing_service import LiveScore, PosingService
+from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.service import RenderThread
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence, export_beside

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from handtrack.arrays import D2, Floats, K, P, S
+from handtrack.diagnostics.score import Score, score
 from handtrack.errors import HandtrackError
 from handtrack.model.pose_library import named_pose
 from handtrack.observation.observation import Observation
 from handtrack.observation.pins import Pin
+from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import (
     NOTHING,
     DecidedPose,
@@ -24,15 +27,21 @@ from handtrack.session.session_state import (
 )
 from handtrack.store.history import History, merged
 from handtrack.terms.keypoints import pinned_places
+from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, pinning
-from handtrack_app.engine.document_snapshots import pose_picture, pose_titles, words_of
+from handtrack_app.engine.document_snapshots import (
+    energy_parts,
+    pose_picture,
+    pose_titles,
+    words_of,
+)
 from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice
+from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice, ScoreSnapshot, Snapshot
 
 _SOURCES = {
     "shown": "Keyframe",
@@ -366,3 +375,60 @@ def _pixels(document: Document, values: Floats[S], pins: Sequence[Pin]) -> Float
     for n, pin in enumerate(pins):
         at[n] = flat[pin.camera].project(places[n : n + 1])[0]
     return at
+
+
+# ---- The score of the pose shown
+
+
+_RESTS_S = 0.2  # a frame's masks are made for the score once it is looked at for so long
+_FIRST_S = (
+    2.0  # and what it is computed by is loaded, which takes seconds, once nobody is in a hurry
+)
+
+
+@dataclass
+class LiveScore:
+    """Lives on the worker's thread."""
+
+    document: Document
+    publish: Callable[[Snapshot], None]
+    since: float | None = None
+    """when a pose was shown that has no score yet"""
+    _frame: int | None = None
+    """scored last: what was seen of it is at hand"""
+    _fitted: tuple[FrameResult, TrackingRun, Score] | None = None
+    """judged by the settings in force, as what is compared with it"""
+
+    @property
+    def is_due(self) -> bool:
+        """Whether there is a pose to score, and it may be done now."""
+        if self.since is None or self.document.run.session.live is not None:
+            return False
+        at_hand = self._frame == self.document.frame
+        rests_s = _FIRST_S if self._frame is None else _RESTS_S
+        return at_hand or time.monotonic() - self.since > rests_s
+
+    def tell(self) -> None:
+        """Score the pose shown, and the one that was fitted to its frame last."""
+        document, self.since = self.document, None
+        self._frame = frame = document.frame
+        params = document.model.params_within_limits(document.seen)
+        now, result = self._score(frame, params), document.results.get(frame)
+        if result is None or len(result.parameters) != len(document.shown):
+            self._fitted = None
+        elif self._fitted is None or self._fitted[:2] != (result, document.run):
+            then = self._score(frame, document.model.params_within_limits(result.parameters))
+            self._fitted = result, document.run, then
+        fitted = None if self._fitted is None else self._fitted[2]
+        self.publish(
+            ScoreSnapshot(
+                frame, tuple(document.seen.tolist()), now.overlap, dict(energy_parts(now.energy)),
+                None if fitted is None else fitted.overlap,
+                None if fitted is None else sum(fitted.energy.values()),
+            )
+        )  # fmt: skip
+
+    def _score(self, frame: int, params: Floats[P]) -> Score:
+        model, run = self.document.model, self.document.run
+        seen = run.observation(frame, model.bones(params))
+        return score(model, run.settings, seen, params)

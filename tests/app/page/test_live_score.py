@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from handtrack_app.engine.review_service import LiveScore
+from handtrack_app.engine.posing_service import LiveScore
 from handtrack_app.protocol.snapshots import ScoreSnapshot
 from tests.app.opened import opened, posed, tracked
 
