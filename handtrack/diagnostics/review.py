@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from handtrack.tracking.frame.reason import Status
-from handtrack.tracking.frame.result import FrameHead
+
+if TYPE_CHECKING:
+    from handtrack.tracking.frame.result import (
+        FrameHead,
+    )  # imports all of the model: the page does without
 
 _JOINED = 5
 """frames without that doubt between two with it that are looked at as one stretch: a fifth of a second at 25 frames a second"""

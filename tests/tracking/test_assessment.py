@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
+from handtrack.model.articulated import HandScale, keypoint_names
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
@@ -182,3 +182,20 @@ def test_frames_that_only_leave_something_open_tell_what_is_usual():
     assert energy_ratio(200.0, 3, unknown + earlier(900.0, 20, Status.DOUBTFUL)) == pytest.approx(
         2.0
     )
+
+
+@pytest.mark.parametrize(
+    ("cameras", "off_px", "expected"),
+    [(0, 0.0, Status.LOST), (1, 0.0, Status.LOST), (2, 0.0, Status.DOUBTFUL), (2, 30.0, Status.LOST)],
+)  # fmt: skip
+def test_a_hand_where_two_cameras_see_its_joints_is_not_lost(cameras, off_px, expected):
+    """Whatever masks show: these are of a hand half a metre beside."""
+    beside = POSE + 0.5 * np.eye(len(POSE))[0]
+    bones = MODEL.bones(POSE)
+    places = MODEL.joint_positions(bones)[[MODEL.joint_names.index(n) for n in keypoint_names()]]
+    joints = tuple(
+        ImageKeypoints(c, keypoint_names(), c.project(places) + off_px, 2.0)
+        for c in CAMERAS[:cameras]
+    )
+    seen = replace(mask_views(MODEL, beside, CAMERAS), keypoints=joints)
+    assert assessed(seen)[0] == expected
