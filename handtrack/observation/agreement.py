@@ -21,7 +21,9 @@ _STEP_M = 0.004
 """along it: a quarter of a finger's breadth"""
 
 
-@lru_cache(maxsize=8)  # a frame's terms are made for each start that is tried
+@lru_cache(
+    maxsize=2
+)  # terms are made for each start tried of a frame, and of one beside it; masks may be large
 def suspected(silhouettes: tuple[Silhouette, ...]) -> list[Silhouette]:
     """Return those of three silhouettes or more that may show something else: without one of them the others agree, with it they do not.
     None where all agree; of several only one is wrong.
