@@ -74,8 +74,7 @@ process. Matrices here are small: more threads only wait for each other, and cha
 
 
 def _take_control(controller: Any) -> None:
-    """Let this thread set how many threads BLAS takes: in threadpoolctl 3.8 the first thread that ever did holds
-    that alone."""
+    """Let this thread set how many threads BLAS takes: in threadpoolctl 3.8 only the first thread that ever did may do so again."""
     for library in controller.lib_controllers:
         if hasattr(library, "clear_controlling_thread"):
             library.clear_controlling_thread(force=True)

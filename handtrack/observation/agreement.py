@@ -21,9 +21,8 @@ _STEP_M = 0.004
 """along it: a quarter of a finger's breadth"""
 
 
-@lru_cache(
-    maxsize=2
-)  # terms are made for each start tried of a frame, and of one beside it; masks may be large
+# terms are made anew for each start that is tried, of a frame and of one beside it; masks may be large
+@lru_cache(maxsize=2)
 def suspected(silhouettes: tuple[Silhouette, ...]) -> list[Silhouette]:
     """Return those of three silhouettes or more that may show something else: without one of them the others agree, with it they do not.
     None where all agree; of several only one is wrong.
