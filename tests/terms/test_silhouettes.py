@@ -118,6 +118,9 @@ def test_overlap_counts_pixels(rng, unknown):
         assert overlap.mask[i] == mask.sum()
         assert overlap.both[i] == (model & mask).sum()
         assert overlap.iou[i] == pytest.approx((model & mask).sum() / (model | mask).sum())
+    every_other = outline_overlap(seen, flesh, bones, row_step=2)
+    np.testing.assert_allclose(every_other.model, overlap.model, rtol=0.2)
+    np.testing.assert_allclose(every_other.iou, overlap.iou, atol=0.1)
 
 
 def test_one_circle_by_hand():

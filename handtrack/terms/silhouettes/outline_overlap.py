@@ -32,10 +32,17 @@ class OutlineOverlap:
 
 
 def outline_overlap(
-    silhouettes: Sequence[Silhouette | PreparedSilhouette], ellipsoids: Ellipsoids, bones: BonePoses
+    silhouettes: Sequence[Silhouette | PreparedSilhouette],
+    ellipsoids: Ellipsoids,
+    bones: BonePoses,
+    row_step: int = 1,
 ) -> OutlineOverlap:
-    """Return the areas of the model's hard outline, as far out as masks have it, of the masks, and of both together."""
-    return parts_overlap(silhouettes, ellipsoids, [np.arange(len(ellipsoids))], bones)[0]
+    """Return the areas of the model's hard outline, as far out as masks have it, of the masks, and of both together.
+
+    row_step: of how many rows one is looked at.
+    """
+    whole = [np.arange(len(ellipsoids))]
+    return parts_overlap(silhouettes, ellipsoids, whole, bones, row_step)[0]
 
 
 def parts_overlap(
@@ -43,6 +50,7 @@ def parts_overlap(
     ellipsoids: Ellipsoids,
     parts: Sequence[Ints[N]],
     bones: BonePoses,
+    row_step: int = 1,
 ) -> list[OutlineOverlap]:
     """Return the same of each part alone: the ellipsoids of those numbers."""
     seen, rescaled = prepared(silhouettes), ellipsoids.rescaled(bones)
@@ -51,6 +59,6 @@ def parts_overlap(
     areas = np.zeros((len(seen), len(parts), 2))
     for camera, found in zip(seen, areas, strict=True):
         flesh = rescaled.thicker(camera.wider_m).arrays
-        overlap_areas(bones.frames, flesh, camera.arrays, starts, members, found)
+        overlap_areas(bones.frames, flesh, camera.arrays, starts, members, row_step, found)
     mask = np.array([camera.area for camera in seen])
     return [OutlineOverlap(areas[:, n, 0], mask, areas[:, n, 1]) for n in range(len(parts))]

@@ -21,8 +21,10 @@ from handtrack.terms.silhouettes.conic_kernels import (
 
 
 @compiled
-def overlap_areas(frames, ellipsoids, mask, starts, members, areas):  # pragma: no cover - compiled
-    """Fill areas (N, 2): pixels that each part covers, and −ΣZ over them.
+def overlap_areas(
+    frames, ellipsoids, mask, starts, members, step, areas
+):  # pragma: no cover - compiled
+    """Fill areas (N, 2): pixels that each part covers, and −ΣZ over them, by one row of each `step`.
 
     Part n is the ellipsoids members[starts[n] : starts[n + 1]].
     """
@@ -42,7 +44,7 @@ def overlap_areas(frames, ellipsoids, mask, starts, members, areas):  # pragma: 
                 middle, reach = ellipse[ORIGIN_V] + ellipse[CENTRE_V], np.sqrt(ellipse[S22])
                 top = min(top, np.int64(max(np.ceil(middle - reach), 0.0)))
                 bottom = max(bottom, np.int64(min(np.floor(middle + reach) + 1.0, float(height))))
-        for v in range(top, bottom):
+        for v in range(top, bottom, step):
             found = 0
             for n in range(starts[part], starts[part + 1]):
                 ellipse = ellipses[members[n]]
@@ -64,7 +66,7 @@ def overlap_areas(frames, ellipsoids, mask, starts, members, areas):  # pragma: 
                     a = end
                     if ends[piece] <= a and a < b:
                         piece += 1
-        areas[part, 0], areas[part, 1] = covered, both
+        areas[part, 0], areas[part, 1] = step * covered, step * both
 
 
 @compiled

@@ -41,6 +41,7 @@ _MM = 1e-3
 _LEAST_BAND_PX = 0.75  # a pixel is that coarse
 _FIELD_BAND_MM = 4.5  # the 2007 field falls from outline to centre over a finger's radius
 _ON_PURPOSE = 3.0  # sigmas that fingers of a hand part by when they point or spell: no bell fits that and a hand at ease
+_ROWS_OF_OVERLAP = 4  # of so many one tells whether half of a hand lies where its mask is
 _ROBUST = geman_mcclure(3.0)
 """of given keypoints: one that is more than a few sigmas off no longer pulls"""
 _WIDE = huber(3.0)
@@ -272,7 +273,7 @@ def _of_the_hand(
     every = list(range(len(silhouettes)))
     if len(every) < 3:
         return every
-    overlap = outline_overlap(prepared, model.flesh["fine"], start).iou
+    overlap = outline_overlap(prepared, model.flesh["fine"], start, _ROWS_OF_OVERLAP).iou
     worst = int(np.argmin(overlap))
     is_odd = overlap[worst] < LOST_OVERLAP < np.median(overlap)
     if is_odd and silhouettes[worst] in suspected(tuple(silhouettes)):
