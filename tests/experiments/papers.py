@@ -1,236 +1,164 @@
-"""Benchmark: the three papers' experiments, each by its own method (`--set method=…`) and by ours.
+"""Benchmark: the three papers' experiments, each by its own method (`--set method=…`) and by the default, in the live pass.
 
-Small sizes that end in minutes; each experiment has a benchmark of its own with more of it. Parts that need the shared test
-data (HANDTRACK_DATA) are left out where that is absent. Run: handtrack bench papers.
+Two of them need the shared test data (HANDTRACK_DATA). Run: handtrack bench papers.
 """
 
 from __future__ import annotations
 
-import tempfile
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, N
+from handtrack.arrays import D3, Array, Floats, H, P, W
 from handtrack.bench.measuring import data_folder, recording
 from handtrack.diagnostics.metrics import evaluate
-from handtrack.errors import HandtrackError
+from handtrack.geometry.camera import Camera
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
+from handtrack.model.surfaces.surface_mesh import model_mesh
+from handtrack.observation.observation import ImageKeypoints, ImageView, Observation
 from handtrack.session.run import TrackingRun
-from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.simulation.motion import motion
+from handtrack.simulation.motion_files.bvh import read_bvh
+from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS
+from handtrack.simulation.retarget import fitted_model, retarget
+from handtrack.terms.images.depth_picture import depth_picture
 from handtrack.tracking.sequence import track_frames
-from tests.experiments.clouds import poor_clouds
-from tests.experiments.jumps import dance_appearance, minima, real_person
-from tests.experiments.silhouettes import binary_fist, field_recovery
-from tests.experiments.tracked_frames import mean_mm
+from tests.experiments.scenes.closing_fist import scene
+from tests.experiments.scenes.simulated_clouds import DIGICLOPS, depth_views
+from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
+from tests.experiments.tracked_frames import mean_mm, tracked
 
-Figures = dict[str, float | int | str]
-OURS: dict[str, object] = {"tracker.estimate": "forward"}
-"""the live pass: a paper's method knows no frame after"""
-POOR: poor_clouds.ModeSearch = {
-    "hand26_paper2004": ("hand26", {"method": "paper2004"}),
-    "glove9_paper2004": ("glove9", {"method": "paper2004"}),
-    "hand26_ours": ("hand26", {}),
-}
-"""the whole hand, and the simple model that the paper falls back on"""
-STEREO: Mapping[str, dict[str, object]] = {
-    "paper2004": {"method": "paper2004"},
-    "paper2004_crop_40mm": {"method": "paper2004", "cloud.crop_mm": 40.0},
-    "ours_cloud_alone": {**OURS, "silhouettes.weight": 0.0, "keypoints.weight": 0.0},
-    "ours": OURS,
-}
-
-INSIDE = (-1.0, -0.6, -0.5)
-"""other values of a mask's inside, which the 2007 paper does not say"""
-WHY: Mapping[str, dict[str, bool]] = {
-    "as_the_paper": {},
-    "robust_likelihood": {"plain_sums": False},
-    "surface_in_view": {"whole_surface": False},
-    "both": {"plain_sums": False, "whole_surface": False},
-}
-"""what of the 2004 method is taken away, to see what it costs"""
+Settings = Mapping[str, object]
+_FRAMES = 25
+"""of the stereo recording and of the dance; the others have a hundred"""
+_LIVE: Settings = {"tracker.estimate": "forward"}
+_PALM = ("wrist", "middle_mcp")
+_DANCE = "bandai_body_motion/dance-short_frames_0300-0899.bvh"
+_DANCE_FPS, _DANCER_FRAMES = 25.0, 100
+_SIZE, _WAVE_M = (640, 480), 0.12
+_NOISE_PX, _NOISE_RAD, _NOISE_M = 2.0, np.deg2rad(3.0), 0.02
+"""of the first frame's joints in the image, and of its pose"""
+_APPEARANCE: Settings = {
+    "silhouettes.weight": 0, "edges.weight": 1, "intensity.weight": 1, "tracker.hypotheses": 8, "mixture.scale": 5,
+}  # fmt: skip
 
 
-def papers(frames: int = 25, poses: int = 40) -> Figures:
-    """Return the figures of all experiments, and how long each took; frames: of each stereo recording and the dance."""
-    parts: dict[str, Callable[[], Figures]] = {
-        "paper2007_fields": lambda: fields(poses),
-        "paper2007_fist": fist,
-        "paper2004_poor_clouds": poor,
-        "paper2004_synthetic_stereo": lambda: stereo("webxr_stereo_768", frames),
-        "paper2004_why": lambda: why("webxr_stereo_768"),
-        "paper2004_real_stereo": lambda: stereo("d405_real_stereo", frames),
-        "paper2003_table1": table1,
-        "paper2003_dance": lambda: dance(frames),
-        "paper2003_person": lambda: person(frames),
-    }
-    figures: Figures = {}
-    for name, part in parts.items():
-        began = time.process_time()
-        try:
-            found = part()
-        except HandtrackError as error:
-            found = {"left_out": str(error)}
-        figures |= {f"{name}_{key}": value for key, value in found.items()}
-        figures[f"{name}_cpu_s"] = time.process_time() - began
+def papers() -> dict[str, float]:
+    """Return each experiment's error by the paper's method and by the default."""
+    figures: dict[str, float] = {}
+    for experiment, method in (
+        (_fist, "paper2007"), (_poor_clouds, "paper2004"), (_stereo, "paper2004"), (_dance, "paper2003"),
+    ):  # fmt: skip
+        for name, settings in ((method, {"method": method}), ("default", _LIVE)):
+            figures |= {f"{name}_{key}": value for key, value in experiment(settings)}
     return figures
 
 
-def fields(poses: int) -> Figures:
-    """Return how many poses are found again in field images of two cameras, in either scale of the field."""
-    model, cameras = load_model(), simulated_rig(2).cameras
-    rows = {
-        scale: [
-            field_recovery.recover(model, cameras, seed, scale == "paper") for seed in range(poses)
-        ]
-        for scale in ("paper", "normalised")
-    }
-    found = {scale: np.array([row.error_mm for row in rows[scale]]) for scale in rows}
-    near = {
-        scale: float((error < field_recovery.CONVERGED_MM).mean()) for scale, error in found.items()
-    }
-    return {f"{scale}_scale_found": share for scale, share in near.items()}
-
-
-def fist_errors(cameras: int, settings: Mapping[str, object] | TrackerSettings) -> Floats[N]:
-    """Return the mean joint error [mm] of each frame of the fist, masks of so many cameras."""
-    return binary_fist.track(binary_fist.scene(cameras), settings).error_mm
-
-
-def fist() -> Figures:
-    """Return errors of a hand that closes and opens, seen as masks by two and by six cameras."""
-    figures: Figures = {}
-    closed = slice(binary_fist.FIST.start, binary_fist.FIST.stop)
-    faithful = TrackerSettings().with_values({"method": "paper2007"})
-    ways: dict[str, Mapping[str, object] | TrackerSettings] = {
-        "paper2007": faithful,
-        "paper2007_limits": faithful.with_values({"solver.limits": "bounds"}),
-        **{
-            f"paper2007_inside_{inside}": replace(
-                faithful, traits=replace(faithful.traits, inside=inside)
-            )
-            for inside in INSIDE
-        },
-        "ours": OURS,
-    }
+def _fist(settings: Settings) -> Iterator[tuple[str, float]]:
+    """Masks of a hand that closes and opens: two cameras cannot see the fingers in the fist, six can."""
     for cameras in (2, 6):
-        for way, settings in ways.items():
-            error = fist_errors(cameras, settings)
-            figures |= {
-                f"{way}_{cameras}cam_mean_mm": float(error.mean()),
-                f"{way}_{cameras}cam_fist_mm": float(error[closed].mean()),
-                f"{way}_{cameras}cam_last_mm": float(error[-1]),
-            }
-    return figures
+        what = scene(cameras)
+        start = what.model.transform.solver_params(what.joint_params[0])
+        found = tracked(what.model, settings, what.observations, start)
+        joints = np.stack([result.joint_positions for result in found])
+        yield f"{cameras}cam_mean_mm", mean_mm(joints, what.joints)
 
 
-def poor() -> Figures:
-    """Return the palm's error in poor clouds of 320 × 240."""
-    truth, seen = poor_clouds.scene(0)
-    figures: Figures = {}
-    for way in POOR:
-        error = poor_clouds.palm_mm(way, poor_clouds.track(way, truth, seen, POOR), truth, POOR)
-        figures |= {
-            f"{way}_median_mm": float(np.median(error)),
-            f"{way}_within_15mm": float((error <= poor_clouds.BAR_MM).mean()),
-        }
-    return figures
+def _poor_clouds(settings: Settings) -> Iterator[tuple[str, float]]:
+    """The palm in clouds of 320 × 240 of a closing and opening hand."""
+    rng, model = np.random.default_rng(0), load_model()
+    truth = [model.transform.solver_params(x) for x in motion(model, "open_fist_open", 100, rng)]
+    seen = list(
+        depth_views(model, np.array([model.joint_params(x) for x in truth]), DIGICLOPS, rng)
+    )
+    palm = [model.joint_names.index(name) for name in _PALM]
+    true = np.array([model.joint_positions(model.bones(x))[palm] for x in truth])
+    found = np.array([r.joint_positions[palm] for r in tracked(model, settings, seen, truth[0])])
+    off = np.linalg.norm(found - true, axis=2).mean(axis=1)
+    yield "poor_clouds_median_mm", 1e3 * float(np.median(off))
 
 
-def stereo(name: str, frames: int) -> Figures:
-    """Return errors of the 21 joints on a recording of one or more stereo pairs; of a real hand against its reference."""
-    session = recording(name)
-    reference = data_folder() / "sessions" / name / "reference_dlt.npz"
-    figures: Figures = {"frames": frames}
-    for way, values in STEREO.items():
-        run = TrackingRun.open(session, {"model.fit_size": False, **values})
-        first, start = run.initial()
-        wanted = range(first, first + frames)
-        found = list(track_frames(run.tracker, run.observation, first, start, wanted))
-        if session.truth is not None:
-            truth = session.truth
-            rows = np.isin(truth.frame, wanted)
-            assert truth.keypoints21 is not None
-            part = replace(
-                truth,
-                frame=truth.frame[rows],
-                keypoints21=truth.keypoints21[rows],
-                joint_positions=None,
-            )
-            measures = evaluate(run.result(found), part)
-            figures[f"{way}_mean_mm"] = float(measures["mpjpe_mm"] or np.nan)
-            figures[f"{way}_p95_mm"] = float(measures["p95_mm"] or np.nan)
-        else:
-            with np.load(reference) as file:
-                known = dict(zip(file["frame"].tolist(), file["keypoints21"], strict=True))
-            off = [
-                np.linalg.norm(r.keypoints21 - known[r.frame], axis=1)
-                for r in found
-                if r.keypoints21 is not None and r.frame in known
-            ]
-            each = 1e3 * np.nanmedian(np.array(off), axis=1)
-            figures[f"{way}_median_mm"] = float(np.median(each))
-            figures[f"{way}_p90_mm"] = float(np.quantile(each, 0.9))
-        figures[f"{way}_tracked"] = sum(r.status == 0 for r in found)
-    return figures
-
-
-def why(name: str, frames: int = 8) -> Figures:
-    """Return the mean error of all joints on a stereo recording with parts of the 2004 method taken away."""
-    session = recording(name)
-    figures: Figures = {}
+def _stereo(settings: Settings) -> Iterator[tuple[str, float]]:
+    """A synthetic stereo pair of another hand."""
+    session = recording("webxr_stereo_768")
+    run = TrackingRun.open(session, {"model.fit_size": False, **settings})
+    first, start = run.initial()
+    wanted = range(first, first + _FRAMES)
+    found = list(track_frames(run.tracker, run.observation, first, start, wanted))
     truth = session.truth
     assert truth is not None
     assert truth.keypoints21 is not None
-    run = TrackingRun.open(session, {"model.fit_size": False, "method": "paper2004"})
-    first, start = run.initial()
-    wanted = range(first, first + frames)
-    for way, traits in WHY.items():
-        settings = replace(run.settings, traits=replace(run.settings.traits, **traits))
-        tracker = replace(run.tracker, settings=settings)
-        found = track_frames(tracker, run.observation, first, start, wanted)
-        joints = np.stack([r.keypoints21 for r in found if r.keypoints21 is not None])
-        figures[f"{way}_mm"] = mean_mm(joints, truth.keypoints21[np.isin(truth.frame, wanted)])
-    return figures
+    rows = np.isin(truth.frame, wanted)
+    part = replace(
+        truth, frame=truth.frame[rows], keypoints21=truth.keypoints21[rows], joint_positions=None
+    )
+    yield "stereo_mean_mm", float(evaluate(run.result(found), part)["mpjpe_mm"] or np.nan)
 
 
-def table1(samples: int = 500, poses: int = 10) -> Figures:
-    """Return the heads of Table 1: minima by jumps and by random samples, at equal samples and in all."""
-    found = minima.measure(samples, poses)
-    figures: Figures = {
-        key: found[key]
-        for key in (
-            "kjs1_leaves", "kjs1_distinct_share", "kjs2_distinct_share", "minima_kjs1_at_equal_samples",
-            "most_minima_css_at_equal_samples", "most_minima_ss_at_equal_samples",
-        )
-    }  # fmt: skip
-    most = {
-        name: max(row["minima"] for row in found["rows"] if row["name"] == name)
-        for name in ("KJS1", "CSS", "SS")
-    }
-    return figures | {f"most_minima_{name.lower()}": count for name, count in most.items()}
+@dataclass(frozen=True, eq=False)
+class Dance:
+    """A textured body34 of the dancer's size before one camera."""
+
+    model: ArticulatedModel
+    params: Floats
+    """(F, P) the truth"""
+    camera: Camera
+    images: tuple[Array[H, W, D3], ...]
+    covered: tuple[Array[H, W], ...]
+    """the share of each pixel that the dancer covers"""
+
+    @classmethod
+    def rendered(cls, frames: int, seed: int = 0) -> Dance:
+        """Return the first frames, at 25 a second."""
+        clip = read_bvh(data_folder() / _DANCE, positions="replace").renamed(BANDAI_JOINTS)
+        places = clip.resampled(_DANCE_FPS).positions[:_DANCER_FRAMES]
+        model = fitted_model(lambda scale: load_model("body34", scale=scale), clip.names, places)
+        params = retarget(model, clip.names, places[:frames])
+        focal, (width, height) = 1.19 * _SIZE[0], _SIZE
+        matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+        turn = np.diag([1.0, -1.0, -1.0])
+        camera = Camera("front", _SIZE, matrix, np.zeros(5), turn, -turn @ (0.0, 0.95, 4.3))
+        rng = np.random.default_rng(seed)
+        paint = Pattern.random(model.skeleton.bone_count, rng, _WAVE_M)
+        room, mesh = cluttered_background(_SIZE, rng), model_mesh(model)
+        pictures = [textured_picture(camera, mesh, model.bones(x), paint, room) for x in params]
+        images, covered = zip(*pictures, strict=True)
+        return cls(model, params, camera, images, covered)
+
+    def observation(self, frame: int) -> Observation:
+        """Return the frame's image; of the first one also where its joints are, as marked by hand."""
+        marks: tuple[ImageKeypoints, ...] = ()
+        if frame == 0:
+            joints = self.model.joint_positions(self.model.bones(self.params[0]))
+            pixels = self.camera.project(joints)
+            pixels = pixels + np.random.default_rng(1).normal(scale=_NOISE_PX, size=pixels.shape)
+            marks = (ImageKeypoints(self.camera, self.model.joint_names, pixels, _NOISE_PX),)
+        images = (ImageView(self.camera, self.images[frame]),)
+        return Observation(frame, frame / _DANCE_FPS, keypoints=marks, images=images)
+
+    def start(self) -> Floats[P]:
+        """Return a first pose near the truth, as somebody poses it by hand."""
+        scale = np.full(self.params.shape[1], _NOISE_RAD)
+        scale[:3] = _NOISE_M
+        return self.model.clipped(self.params[0] + np.random.default_rng(2).normal(scale=scale))
 
 
-def dance(frames: int) -> Figures:
-    """Return overlap and error of a dance before one camera, by edges and intensity."""
-    what = dance_appearance.dance(frames)
-    figures: Figures = {"frames": frames}
-    ways = {"paper2003": {"method": "paper2003"}, "ours": dance_appearance.WAYS["memory_8"]}
-    for way, settings in ways.items():
-        found = dance_appearance.track(what, settings)
-        figures |= {
-            f"{way}_overlap_mean": float(found.overlap.mean()),
-            f"{way}_overlap_last": float(found.overlap[-1]),
-            f"{way}_error_mm": float(found.error_mm.mean()),
-        }
-    return figures
-
-
-def person(frames: int) -> Figures:
-    """Return errors of a real person in one camera's video, by edges and intensity."""
-    with tempfile.TemporaryDirectory() as folder:
-        return real_person.figures(Path(folder), frames)
+def _dance(settings: Settings) -> Iterator[tuple[str, float]]:
+    """A dance before one camera, by edges and intensity: overlap with the dancer, error relative to the root."""
+    if "method" not in settings:
+        settings = {**settings, **_APPEARANCE}
+    what = Dance.rendered(_FRAMES)
+    model, mesh = what.model, model_mesh(what.model)
+    seen = [what.observation(frame) for frame in range(_FRAMES)]
+    overlap, error = [], []
+    for result in tracked(model, settings, seen, what.start()):
+        bones = model.bones(model.transform.solver_params(result.parameters))
+        ours = depth_picture(mesh, bones, what.camera).in_image()[0] >= 0
+        true = what.covered[result.frame] > 0.5
+        overlap.append((ours & true).sum() / (ours | true).sum())
+        joints = [model.joint_positions(b) - b.position[0] for b in (bones, model.bones(what.params[result.frame]))]  # fmt: skip
+        error.append(mean_mm(*joints))
+    yield "dance_overlap", float(np.mean(overlap))
+    yield "dance_relative_mm", float(np.mean(error))

@@ -17,7 +17,7 @@ from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.state import Step
 from handtrack.tracking.tracker import Tracker
-from tests.experiments.silhouettes.binary_fist import scene
+from tests.experiments.scenes.closing_fist import scene
 from tests.store.made import about, same
 from tests.tracking import test_appearance as by_images
 

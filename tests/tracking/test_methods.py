@@ -27,7 +27,7 @@ from handtrack.tracking.search.lost_finger import SHIFTED_FINGERS
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import Tracker
-from tests.experiments.silhouettes.binary_fist import scene
+from tests.experiments.scenes.closing_fist import scene
 from tests.model.metaballs_reference import merged
 from tests.terms.conic_field_reference import dense_field
 

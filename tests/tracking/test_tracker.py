@@ -12,7 +12,7 @@ from handtrack.tracking.frame.result import Status
 from handtrack.tracking.sequence import refine_recording, track_frames
 from handtrack.tracking.state import TrackerState
 from handtrack.tracking.tracker import CONFIRMED_BY, Tracker
-from tests.experiments.silhouettes.binary_fist import scene
+from tests.experiments.scenes.closing_fist import scene
 
 FIRST, COUNT = 8, 14
 SCENE = scene(3, 100, (320, 240), range(FIRST, FIRST + COUNT))

@@ -31,7 +31,7 @@ from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.lost_finger import finger_search, with_fingers_found
 
 POOR, GOOD = 0.80, 0.88
-"""agreement below which a cloud's depths are doubted, and above which they are believed again; `bench poor_clouds`"""
+"""agreement below which a cloud's depths are doubted, and above which they are believed again"""
 POOR_CLOUD = Search(
     situation="a cloud that alone holds the hand is poor",
     when=(

@@ -12,7 +12,7 @@ from handtrack.tracking.frame.constants import SEARCH_EVERY
 from handtrack.tracking.frame.result import FrameResult, Status
 
 SUSPICIOUS_RATIO = 1.4
-"""times the usual energy from which a finger may be lost; `bench finger_shift`"""
+"""times the usual energy from which a finger may be lost"""
 SUSPICIOUS_FRAMES = FEWEST_FRAMES
 """the first frames, in which nothing vouches for any pose"""
 UNSEEN_EVERY = 5

@@ -10,24 +10,27 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, C, F, Floats, J
+from handtrack.arrays import D2, D3, Axes, C, F, Floats, J
 from handtrack.bench.measuring import data_folder
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack.simulation.motion_files.asf_amc import read_asf_amc
+from handtrack.simulation.motion_files.bvh import read_bvh
+from handtrack.simulation.motion_files.clip import MotionClip
+from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
-from tests.experiments.jumps.body_retarget import captured_clips
-from tests.experiments.jumps.monocular_dance import framing_camera
 
 FPS, FRAMES, EVERY = 25.0, 60, 200
 """frames of a stretch, and after how many the next begins"""
@@ -35,7 +38,8 @@ _COMMON_M, _OWN_M, _NOISE_PX, _LASTS, _SIZE = 0.016, 0.012, 5.0, 0.8, 0.015
 SIGMA_PX = 10.0
 """what the tracker is told: constant and noise together"""
 SETTINGS = TrackerSettings().with_values({"prior.motion_sigma_deg": 5.0})
-"""as people move: `monocular_dance`"""
+"""as people move: accelerations of an angle in a frame are 1 to 6 degrees in captured motion"""
+_IMAGE, _DISTANCE_M, _MARGIN = (1920, 1080), 4.5, 0.9
 CHI2_90 = 6.251388631170325
 """χ² of three freedoms below which 90 % lie"""
 
@@ -58,6 +62,40 @@ class SeenPerson:
             for camera, pixels in zip(self.cameras, self.pixels, strict=True)
         )
         return Observation(frame, frame / FPS, keypoints=tuple(seen))
+
+
+def captured_clips(folder: Path) -> dict[str, MotionClip]:
+    """Return the shared clips of people that are there, by what they show, with body34's joint names."""
+    bandai, cmu = folder / "bandai_body_motion", folder / "cmu_body_mocap"
+    clips = {}
+    for name, file in (
+        ("dance", "dance-short_frames_0300-0899.bvh"),
+        ("raise", "raise-up-both-hands_active_022.bvh"),
+    ):
+        if (bandai / file).is_file():
+            clips[name] = read_bvh(bandai / file, "replace").renamed(BANDAI_JOINTS)
+    if cmu.is_dir():
+        clip = read_asf_amc(cmu / "01.asf", cmu / "01_01_frames_0001-1200.amc")
+        clips["walk"] = MotionClip(clip.names, clip.positions[::4], clip.fps / 4).renamed(
+            CMU_JOINTS
+        )
+    return clips
+
+
+def framing_camera(places: Floats[*Axes, D3]) -> Camera:
+    """Return a camera in front, 4.5 m from the middle of the points, that they fill."""
+    points = places.reshape(-1, 3)
+    rotation = np.diag([1.0, -1.0, -1.0])
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    translation = -rotation @ middle + (0.0, 0.0, _DISTANCE_M)
+    local = points @ rotation.T + translation
+    rays = local[:, :2] / local[:, 2:]
+    low, high = rays.min(axis=0), rays.max(axis=0)
+    size = np.array(_IMAGE)
+    focal = _MARGIN * float((size / (high - low)).min())
+    cx, cy = 0.5 * (size - 1) - focal * 0.5 * (low + high)
+    matrix = np.array([[focal, 0.0, cx], [0.0, focal, cy], [0.0, 0.0, 1.0]])
+    return Camera("front", _IMAGE, matrix, np.zeros(5), rotation, translation)
 
 
 def people(cameras: int) -> Iterator[SeenPerson]:

@@ -60,7 +60,7 @@ def judged(
 
     energies: of each term; joint_covariance: [m²] if the model were the hand; moved_m: how far the frames after moved a joint,
     None as long as they are not known. Then a misfit alone is a doubt, which another search may end; later it is one sign of many,
-    and tells least: of 85 such frames of `bench honesty` 8 were wrong.
+    and tells least: of 85 such frames 8 were wrong.
     """
     model, joint = terms.model, terms.model.joint_params(params)
     bad, by_cloud = misfit(energies, terms.views), terms.cloud is not None
