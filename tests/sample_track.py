@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from handtrack import ArticulatedModel, FrameResult, Status, TrackResult, load_model
 from handtrack.arrays import Floats
-from handtrack.model.articulated import ArticulatedModel, keypoint_names
-from handtrack.model.model_file import load_model, scale_table
-from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
+from handtrack.model.articulated import keypoint_names
+from handtrack.model.model_file import scale_table
+from handtrack.tracking.frame.result import TrackLabels
 
 PARAMETERS = ("root_tx", "root_ty", "root_tz", "root_rx", "root_ry", "root_rz", "index_mcp_flex")
 BONES = ("root", "index_proximal")

@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import PointCloud, load_model
 from handtrack.arrays import Floats
 from handtrack.capture.clouds.cloud_files import write_cloud
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface

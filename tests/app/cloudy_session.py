@@ -6,12 +6,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from handtrack import Camera, CameraRig, PointCloud, load_model
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.cloud_files import write_cloud
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.geometry.camera import Camera, CameraRig
-from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from handtrack.session.bundled import bundled_session
+from handtrack import bundled_session
 from handtrack_app.cli import main
 from tests.conftest import REPOSITORY
 

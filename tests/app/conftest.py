@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack_app.cli import main
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.cloudy_session import cloudy_session

@@ -10,21 +10,34 @@ from typing import Any, cast
 
 import numpy as np
 
+from handtrack import (
+    ArticulatedModel,
+    Camera,
+    CameraRig,
+    FrameResult,
+    HandScale,
+    HandtrackError,
+    ImageKeypoints,
+    Observation,
+    PointCloud,
+    Silhouette,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackingRun,
+    TrackResult,
+    load_model,
+)
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.capture.clouds.cloud_filters import CloudFilters
-from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.live.live_feed import LiveFeed
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera, CameraRig
-from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, ImageView, Observation, Silhouette
+from handtrack.observation.observation import ImageView
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.session.ineffective_settings import ineffective_settings
-from handtrack.session.run import Tell, TrackingRun
+from handtrack.session.run import Tell
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
@@ -38,10 +51,8 @@ from handtrack.session.sources.views import MaskChoice
 from handtrack.tracking.frame.assessment import OutlineFit
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.result import TrackLabels
 from handtrack.tracking.state import Step
-from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from handtrack_app.engine.document import Document, renamed
 from tests.sample_track import labels_of, posed_frame

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from handtrack import FrameResult
 from handtrack.session.session_state import Edit, decide
 from handtrack.store.current_track import TakeFrames
 from handtrack.store.spans import Span
-from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store.persistence import Persistence

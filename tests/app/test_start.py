@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack import ImageKeypoints, Session, bundled_session
 from handtrack.capture.calibration.rig_file import read_rig
-from handtrack.observation.observation import ImageKeypoints
-from handtrack.session.bundled import bundled_names, bundled_session
-from handtrack.session.session import Session
+from handtrack.session.bundled import bundled_names
 from handtrack.session.sources.views import View
 from handtrack_app.door.access import LARGEST_FILE
 from handtrack_app.start.found_files import find_files

@@ -12,10 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.session import Session
+from handtrack import Session, TrackResult, read_npz
 from handtrack.simulation.render import pixel_rays, render_mask
-from handtrack.tracking.frame.result import TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
 
 MARKS = Path(__file__).with_name("desk_two_view_marks.json")

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from handtrack import Camera, CameraRig
 from handtrack.capture.calibration.boards import Board, Chessboard, draw_board, page_size_mm
-from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 
 _PER_MM = 4.0

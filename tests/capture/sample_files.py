@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack import Camera, CameraRig
 from handtrack.arrays import D3, D21, F, Floats
-from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 
 SAMPLES = Path(__file__).parent / "samples"

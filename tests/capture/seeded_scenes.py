@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from handtrack import Camera, load_model
 from handtrack.arrays import Array, Bytes, Floats
-from handtrack.geometry.camera import Camera
-from handtrack.model.model_file import load_model
 from handtrack.simulation.render import pixel_rays, render
 
 SIZE = (360, 300)

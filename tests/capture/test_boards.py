@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError
 from handtrack.capture.calibration.board_views import (
     BoardView,
     CameraViews,
@@ -34,7 +35,6 @@ from handtrack.capture.calibration.bundle_adjustment import (
 from handtrack.capture.calibration.rig_calibration import CalibrationSettings, calibrate_rig
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.images.frames import ImageFiles
-from handtrack.errors import HandtrackError
 from handtrack_app.cli import main
 from tests.capture.board_scene import BoardPhotographer, board_poses, seen_pixels, three_cameras
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
-from handtrack.errors import HandtrackError
 
 GOOD = """
 [cam_0]

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from handtrack import Camera, HandtrackError, PointCloud
 from handtrack.capture.clouds import cloud_files
 from handtrack.capture.clouds import cloud_filters as filters
 from handtrack.capture.clouds.cloud_files import read_cloud, read_ply, write_cloud
 from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.depth import DepthSettings, depth_cloud, surface_pixels
-from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 
 

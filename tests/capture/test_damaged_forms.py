@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 import handtrack.capture.images.video as video_module
+from handtrack import CameraRig, HandtrackError
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import named, sized, unit_of
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import CameraRig
 from handtrack.session.formats.given_truth import read_given_truth
 from tests.capture.sample_files import forms, sample
 

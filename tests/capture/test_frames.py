@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import handtrack.capture.images.video as video_module
+from handtrack import HandtrackError
 from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, announced_size, frame_number
 from handtrack.capture.images.raw_frames import (
     METHODS,
@@ -18,7 +19,6 @@ from handtrack.capture.images.raw_frames import (
     level_line_green,
 )
 from handtrack.capture.images.video import VideoFile
-from handtrack.errors import HandtrackError
 from tests.capture.level_line_reference import level_line_value
 from tests.capture.mosaics import mosaic_of
 

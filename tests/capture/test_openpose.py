@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose, write_hand, written_by
-from handtrack.errors import HandtrackError
 
 BODY = LAYOUTS["body_25"]
 

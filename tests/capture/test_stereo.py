@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Camera
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.disparity import (
     StereoSettings,
@@ -14,7 +15,6 @@ from handtrack.capture.clouds.disparity import (
 )
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 
 METHODS = ("sgbm", "correlation")

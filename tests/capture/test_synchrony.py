@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from handtrack import Camera
 from handtrack.arrays import Array
 from handtrack.capture.images.synchrony import Motion, TimeOffset, plane_angles, time_offsets
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
 
 FRAMES = 60

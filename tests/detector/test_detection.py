@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from handtrack import Camera
 from handtrack.detector.hand_detector import (
     PALM_SIZE,
     DetectedHand,
@@ -13,7 +14,6 @@ from handtrack.detector.hand_detector import (
 )
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, epipolar_miss, log_odds, our_hands
-from handtrack.geometry.camera import Camera
 from tests.detector.fake_detector import FakeDetector, columns, hand_at
 from tests.session.small_session import keypoints
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from handtrack import HandtrackError
 from handtrack.detector import weights as module
 from handtrack.detector.weights import (
     fetch_weights,
@@ -16,7 +17,6 @@ from handtrack.detector.weights import (
     installed_weights,
     read_weights,
 )
-from handtrack.errors import HandtrackError
 
 NETWORK = b"\x1c\0\0\0TFL3" + bytes(40)
 NAMES = ("hand_detector.tflite", "hand_landmarks_detector.tflite")

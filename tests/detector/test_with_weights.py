@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Session
 from handtrack.detector.hand_detector import HandDetector
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import SeenHand, epipolar_miss, log_odds
-from handtrack.session.session import Session
 
 FIRST = 18  # of desk_two_view: both cameras see the hand, and init.json is about it
 FRAMES = range(FIRST, FIRST + 3)

@@ -6,19 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Silhouette, Status, TrackerSettings, load_model
 from handtrack.diagnostics import residual_image as ri
 from handtrack.diagnostics.review import worth_a_look
 from handtrack.diagnostics.score import score
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import UNKNOWN, Silhouette
+from handtrack.observation.observation import UNKNOWN
 from handtrack.simulation.render import render_mask
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from tests.terms.silhouette_scene import bones_of, ellipsoids_of, silhouettes_of
 
 HAND = load_model("hand26")

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from handtrack import Status, evaluate, load_model
 from handtrack.diagnostics import metrics
 from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_errors
-from handtrack.diagnostics.metrics import evaluate, similarity
+from handtrack.diagnostics.metrics import similarity
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model, scale_table
-from handtrack.tracking.frame.result import Status
+from handtrack.model.model_file import scale_table
 from tests.export.sequences import sample_sequence
 from tests.sample_track import sample_frame, sample_track, stacked
 

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from scipy.spatial import KDTree
 
+from handtrack import Camera
 from handtrack.arrays import Array, Floats
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
 from handtrack.session import layout

@@ -10,15 +10,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from handtrack import (
+    ArticulatedModel,
+    Camera,
+    ImageKeypoints,
+    Observation,
+    TrackingRun,
+    evaluate,
+    load_model,
+)
 from handtrack.arrays import D3, Array, Floats, H, P, W
 from handtrack.bench.measuring import data_folder, recording
-from handtrack.diagnostics.metrics import evaluate
-from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.surface_mesh import model_mesh
-from handtrack.observation.observation import ImageKeypoints, ImageView, Observation
-from handtrack.session.run import TrackingRun
+from handtrack.observation.observation import ImageView
 from handtrack.simulation.motion import motion
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS

@@ -6,13 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from handtrack import ArticulatedModel, FrameResult, Observation, Tracker, TrackerSettings
 from handtrack.arrays import D3, Axes, Floats, P
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import Observation
-from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 
 def tracked(

@@ -5,14 +5,20 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import (
+    ArticulatedModel,
+    Camera,
+    CameraRig,
+    HandScale,
+    Status,
+    TrackResult,
+    load_model,
+)
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import rig_json
-from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import load_model
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import PARTS, Status, TrackResult
+from handtrack.tracking.frame.result import PARTS
 from tests.sample_track import labels_of, posed_frame
 
 CLAW = Path(__file__).parent / "claw.toml"

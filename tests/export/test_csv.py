@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError, TrackResult
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import scale_table
-from handtrack.tracking.frame.result import COLUMNS, TrackResult
+from handtrack.tracking.frame.result import COLUMNS
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 from tests.export.sequences import KINDS, sample_sequence
 from tests.sample_track import sample_track

@@ -2,7 +2,7 @@
 
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from tests.export.foreign import (

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from handtrack import load_model
 from handtrack.export.isb import isb_angles, isb_std
 from handtrack.model.articulated import FINGERS
-from handtrack.model.model_file import load_model
 
 SIDES = ("right", "left")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.export.mano import ManoModel, fit_mano, write_init
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable

@@ -7,12 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack import Session, TrackingRun, TrackResult, bundled_session
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
-from handtrack.session.bundled import bundled_session
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
-from handtrack.tracking.frame.result import TrackResult
 from tests.export.foreign import library
 from tests.export.sequences import sample_sequence
 from tests.sample_track import posed_frame

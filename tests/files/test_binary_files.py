@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.files.mat_files import read_mat
 from handtrack.files.npz_files import read_arrays
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.files.text_files import read_json
 from handtrack.files.toml_edit import changed_toml
 from handtrack.files.toml_text import read_toml, toml_item

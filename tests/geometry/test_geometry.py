@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from handtrack import Camera, HandtrackError
 from handtrack.arrays import Floats
-from handtrack.errors import HandtrackError
 from handtrack.geometry import quadric as q
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.lens import field_radius
 from handtrack.geometry.rotation import (
     matrix_from_quaternion,

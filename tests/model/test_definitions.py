@@ -5,9 +5,8 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack import HandScale, HandtrackError, load_model
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.model.transform import Follows, build_transform
 from handtrack.tracking.frame.terms.contact import contact

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from handtrack import load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.kinematics import bone_poses, linearize
-from handtrack.model.model_file import load_model
 from tests.model import kinematics_reference as reference
 
 

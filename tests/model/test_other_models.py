@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import (
+    ArticulatedModel,
+    HandtrackError,
+    Observation,
+    Silhouette,
+    TrackerSettings,
+    bundled_session,
+    load_model,
+    track,
+)
 from handtrack.export.motion.urdf import urdf_text
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Observation, Silhouette
-from handtrack.session.bundled import bundled_session
 from handtrack.simulation.scenes.simulated_views import model_mask
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.track import track
 from tests.conftest import REPOSITORY
 
 GRIPPER = REPOSITORY / "docs" / "notebooks" / "gripper.urdf"

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandScale, HandtrackError, load_model
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.articulated import HandScale, ShapeCovariance
+from handtrack.model.articulated import ShapeCovariance
 from handtrack.model.flesh import Ellipsoids
-from handtrack.model.model_file import load_model, read_scale, scale_from, scale_table, write_scale
+from handtrack.model.model_file import read_scale, scale_from, scale_table, write_scale
 from handtrack.model.size import SizeParameters, shape_numbers, with_number
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from tests.model import kinematics_reference as reference

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from docs.pictures.ellipsoid_distances import true_distance
+from handtrack import load_model
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.marching_cubes import marching_cubes
 from handtrack.model.surfaces.metaballs import (
     FORMS,
@@ -18,7 +17,7 @@ from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
 from handtrack.model.surfaces.superquadrics import Superquadrics
 from handtrack.model.surfaces.surface_mesh import carried_mesh, surface_mesh
 from tests.derivatives import check_jacobian
-from tests.model.metaballs_reference import merged
+from tests.model.metaballs_reference import merged, true_distance
 from tests.terms.silhouette_scene import ellipsoids_of
 
 

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from handtrack import Camera, HandtrackError, Silhouette
 from handtrack.arrays import Array
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera
 from handtrack.observation.agreement import outlines_off, suspected
 from handtrack.observation.lens_maps import longest_runs
-from handtrack.observation.observation import UNKNOWN, Silhouette
+from handtrack.observation.observation import UNKNOWN
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 
 HAND = np.zeros((120, 160), bool)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from handtrack import ArticulatedModel
 from handtrack.arrays import Array, Floats, Ints, check_shape
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.limits import Limits
 from handtrack.sampling.chains import Chain, PreparedChain, prepare
 from handtrack.sampling.limb_ik import bounds_of_many, extended, rooted

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
-from handtrack.model.model_file import load_model
+from handtrack import Camera, load_model
 from handtrack.sampling.chains import chain_along, chain_votes, chains_of, prepare
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.limb_ik_kernels import pierce, two_hinges

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera, ImageKeypoints, Keypoints, load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
-from handtrack.model.model_file import load_model
 from handtrack.model.root_turn_kernels import turn_root
-from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree

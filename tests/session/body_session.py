@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import ArticulatedModel, Camera, CameraRig, HandScale, load_model
 from handtrack.arrays import F, Floats, P
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import load_model
 from handtrack.simulation.motion import motion as named_motion
 
 LAYOUT = LAYOUTS["body_25b"]

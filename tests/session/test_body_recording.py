@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
+from handtrack import HandScale, Session, TrackingRun
 from handtrack.session.first_pose.first_pose_search import SURE, find_first_poses
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from tests.session.body_session import OFFSETS, Filmed, film
 
 

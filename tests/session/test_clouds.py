@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import PointCloud, Session, TrackingRun
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.cloud_filters import CloudFilters
-from handtrack.capture.clouds.point_cloud import EMPTY, PointCloud
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
+from handtrack.capture.clouds.point_cloud import EMPTY
 
 
 def add(folder: Path, clouds: str, camera: str = "") -> None:

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError, Session
 from handtrack.capture.masks.mask_correction import AS_IT_IS, HAND, empty_layer, painted
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
-from handtrack.errors import HandtrackError
-from handtrack.session.session import Session
 from tests.capture.seeded_scenes import SIZE
 from tests.session.test_seeded_session import JOINTS, folder, opened
 

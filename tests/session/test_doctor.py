@@ -10,11 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Camera, CameraRig, Session, TrackingRun, load_model
 from handtrack.arrays import Floats
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.model_file import load_model
 from handtrack.session.doctor import check_hand
 from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
@@ -23,8 +22,6 @@ from handtrack.session.doctor.check_views import SEVERITIES
 from handtrack.session.doctor.examine import examine
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
 from tests.conftest import REPOSITORY

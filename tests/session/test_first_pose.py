@@ -5,17 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack import HandScale, Session, TrackerSettings, TrackingRun, bundled_session
 from handtrack.detector.hand_detector import DetectedHand
-from handtrack.model.articulated import HandScale
 from handtrack.session import detection
-from handtrack.session.bundled import bundled_session
 from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.run import TrackingRun, given_in_images
-from handtrack.session.session import Session
+from handtrack.session.run import given_in_images
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack.tracking.frame.settings import TrackerSettings
 from tests.detector.fake_detector import FakeDetector
 from tests.session.small_session import add_joints, edit, keypoints, make_session, write_init
 

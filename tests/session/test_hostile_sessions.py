@@ -8,9 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera
-from handtrack.session.session import Session
+from handtrack import Camera, HandtrackError, Session
 from handtrack.session.session_file import CameraSettings
 from handtrack.session.sources.views import View
 from tests.session.small_session import edit, keypoints, write_init

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 import handtrack.session.live.live_session as live_session
+from handtrack import Session, TrackingRun, read_npz
 from handtrack.arrays import Array
-from handtrack.session.formats.tables import read_npz
 from handtrack.session.live.live_recording import LiveRecording
 from handtrack.session.live.live_session import LIVE_SETTINGS, open_live
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from tests.live_cameras import ScriptedDevice
 
 SKIN = (105, 135, 205)  # BGR

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.session.sources.look_ahead import LookAhead
 
 

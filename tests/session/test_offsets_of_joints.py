@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model
-from handtrack.session.formats.tables import read_npz, write_npz
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
+from handtrack import HandScale, Session, TrackingRun, load_model, read_npz, write_npz
+from handtrack.model.articulated import keypoint_names
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.frame.control import Control

@@ -6,12 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Session, Status, TrackResult, load_model
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
-from handtrack.model.model_file import load_model
 from handtrack.session.layout import MASKS_FOLDER
 from handtrack.session.refined_masks import MaskRefinement
-from handtrack.session.session import Session
-from handtrack.tracking.frame.result import Status, TrackResult
 from tests.capture.seeded_scenes import Recording, recording
 from tests.sample_track import labels_of, posed_frame
 from tests.session.test_seeded_session import CALIBRATION, SETTINGS

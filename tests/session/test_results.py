@@ -11,12 +11,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from handtrack import (
+    FrameResult,
+    HandtrackError,
+    Session,
+    Status,
+    TrackingRun,
+    TrackResult,
+    read_npz,
+    write_npz,
+)
 from handtrack.capture.calibration.rig_file import rig_from_json
-from handtrack.errors import HandtrackError
 from handtrack.files.versions import keep_version, versions
-from handtrack.session.formats.tables import read_npz, write_npz, write_result
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
+from handtrack.session.formats.tables import write_result
 from handtrack.session.takes.take_about import about_take
 from handtrack.session.takes.track_files import import_track
 from handtrack.store.record import Record
@@ -24,7 +31,7 @@ from handtrack.store.spans import Span
 from handtrack.store.step_record import read_result, result_content
 from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import PARTS, Alternative, FrameResult, Status, TrackResult
+from handtrack.tracking.frame.result import PARTS, Alternative
 from handtrack.tracking.frame.tables.track_model import model_of
 from tests.export.sequences import KINDS, sample_rig, sample_sequence
 from tests.sample_track import PARAMETERS, sample_frame, sample_track, stacked

@@ -7,25 +7,30 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack import (
+    HandScale,
+    ImageKeypoints,
+    Observation,
+    Session,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    TrackingRun,
+    bundled_session,
+    load_model,
+)
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.size import POPULATION_SIGMA, hand_length_mm
-from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.session.bundled import bundled_session
 from handtrack.session.ineffective_settings import ineffective_settings
-from handtrack.session.run import TrackingRun, size_of_frames, tracked_for_size, who_is_open
-from handtrack.session.session import Session
+from handtrack.session.run import size_of_frames, tracked_for_size, who_is_open
 from handtrack.session.session_file import BODY_TRACKING, CameraSettings
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.tables.track_model import model_of
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
 from tests.tracking.test_shared_cameras import camera_at, waving_poses
 

@@ -7,11 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError, Session
 from handtrack.capture.images.openpose import write_hand
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL
-from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_views import check_view
-from handtrack.session.session import Session
 from tests.capture.seeded_scenes import SIZE, recording
 
 SETTINGS = """

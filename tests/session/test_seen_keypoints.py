@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from handtrack import Session
 from handtrack.model.articulated import keypoint_names
-from handtrack.session.session import Session
 from tests.session.small_session import add_joints, edit, keypoints, make_session
 
 

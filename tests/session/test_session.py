@@ -6,13 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError, PointCloud, Session, bundled_session
 from handtrack.capture.clouds.cloud_files import write_cloud
-from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.masks.segmentation import DepthRange, SkinYCrCb
-from handtrack.errors import HandtrackError
 from handtrack.session import bundled
-from handtrack.session.bundled import bundled_session
-from handtrack.session.session import Session
 from handtrack.session.session_file import (
     CameraSettings,
     CloudSettings,

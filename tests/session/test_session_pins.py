@@ -5,10 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import Camera, CameraRig
+from handtrack import Camera, CameraRig, HandtrackError, Session
 from handtrack.observation.pins import Pin
-from handtrack.session.session import Session
 from handtrack.session.sources.session_pins import SessionPins
 from tests.session.small_session import make_session
 

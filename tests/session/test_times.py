@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.session.session import Session
+from handtrack import HandtrackError, Session
 from handtrack.session.sources.video_audits import keep_audits
 from tests.session.small_session import edit, make_session, write_init
 

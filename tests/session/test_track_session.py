@@ -8,21 +8,21 @@ from typing import cast
 import numpy as np
 import pytest
 
-from handtrack.arrays import Floats
-from handtrack.model.model_file import load_model
-from handtrack.session.posed_frames import posed_frames
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
-from handtrack.session.track_session import (
-    Ended,
+from handtrack import (
+    FrameResult,
+    Session,
+    Status,
     TrackingRequest,
+    TrackingRun,
+    load_model,
     request_for,
     track_session,
-    tracking_segments,
 )
+from handtrack.arrays import Floats
+from handtrack.session.posed_frames import posed_frames
+from handtrack.session.track_session import Ended, tracking_segments
 from handtrack.store.history import Change
 from handtrack.store.store import WritableStore
-from handtrack.tracking.frame.result import FrameResult, Status
 from tests.app.command_line import small_recording
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.joints.joint_names import JOINTS
-from handtrack.errors import HandtrackError
 from handtrack.session.formats.given_truth import read_given_truth
 from handtrack.session.formats.given_truth import write_truth as write_given
 from handtrack.session.formats.truth import read_truth

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.model.model_file import load_model
+from handtrack import HandtrackError, load_model
 from handtrack.simulation.motion_files.asf_amc import INCH_M, read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import MotionClip

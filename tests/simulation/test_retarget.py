@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
+from handtrack import HandScale, load_model
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_WRIST_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget, retarget_errors

@@ -4,13 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Camera, Session, load_model
 from handtrack.diagnostics.residual_image import model_mask
-from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
-from handtrack.session.session import Session
 from handtrack.simulation.motion import MOTIONS, motion
 from handtrack.simulation.render import render_mask
 from handtrack.simulation.simulate import Simulation, simulate, simulated_rig

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Keypoints
+from handtrack import Keypoints, load_model
 from handtrack.solver.covariance import (
     UNOBSERVABLE_STD,
     covariance,

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, minimize
 
-from handtrack.model.model_file import load_model
+from handtrack import Keypoints, load_model
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.model.transform import ParameterTransform
-from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.limited_step_kernels import bounded_step, clip, fill_box, new_box
 from handtrack.solver.problem import Problem

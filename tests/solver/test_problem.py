@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Keypoints
+from handtrack import Keypoints, load_model
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem

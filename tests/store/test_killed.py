@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
 from tests.killing import KILLS, Fate, Tell, forked, killed

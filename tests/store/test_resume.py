@@ -6,17 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack import FrameResult, ImageKeypoints, Observation, Tracker, TrackerSettings, load_model
 from handtrack.arrays import Floats
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.state import Step
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.scenes.closing_fist import scene
 from tests.store.made import about, same
 from tests.tracking import test_appearance as by_images

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.store import lease as lease_file
 from handtrack.store.history import Action, Change, History
 from handtrack.store.lease import Lease, LeaseTaken, holder_of

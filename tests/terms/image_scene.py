@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.terms.images.carried_texture import (
     Texture,

@@ -3,10 +3,10 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera, Silhouette
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import UNKNOWN, Silhouette
+from handtrack.observation.observation import UNKNOWN
 from tests.derivatives import deformed
 
 BONES = 5

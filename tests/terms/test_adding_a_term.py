@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from tests.conftest import REPOSITORY

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from handtrack import load_model
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from handtrack import load_model
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.model_file import load_model
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm, colliding_pairs

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack import Camera, ImageKeypoints, Keypoints, load_model
 from handtrack.terms.collision import CollisionTerm, colliding_pairs
 from handtrack.terms.images.carried_texture import CarriedTextureTerm
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm

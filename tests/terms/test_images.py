@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render

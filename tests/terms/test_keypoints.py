@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Keypoints
+from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.observation.pins import PIN_SIGMA_PX, ImagePins, Pin
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import Sums

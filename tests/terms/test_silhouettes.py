@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import HandScale
+from handtrack import (
+    Camera,
+    HandScale,
+    Observation,
+    Silhouette,
+    Status,
+    TrackerSettings,
+    load_model,
+)
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BoneFields, BonePoses
-from handtrack.model.model_file import load_model
 from handtrack.model.size import SizeParameters
-from handtrack.observation.observation import Observation, Silhouette
 from handtrack.simulation.render import render_mask
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
@@ -24,8 +29,6 @@ from handtrack.terms.silhouettes.prepared_silhouette import clip_spans
 from handtrack.tracking.frame.assessment import assess, outline_fit
 from handtrack.tracking.frame.constants import DOUBTFUL_PIECE_MM2
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from tests.derivatives import check_gradient
 from tests.terms.conic_field_reference import dense_field
 from tests.terms.silhouette_scene import (

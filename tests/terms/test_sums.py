@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model
 from handtrack.terms.bone_kernels import pull_back
 from handtrack.terms.bone_system import JointSystem, Sums
 from handtrack.terms.loss import geman_mcclure, huber, quadratic

@@ -5,11 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack import Session, Status, TrackingRun, bundled_session
 from handtrack.model.size import hand_length_mm
-from handtrack.session.bundled import bundled_session
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
-from handtrack.tracking.frame.result import Status
 from tests.benchmarks.desk_two_view import compare
 
 

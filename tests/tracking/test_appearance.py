@@ -5,17 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import Observation, Status, Tracker, TrackerSettings, TrackerState, load_model
 from handtrack.model.surfaces.surface_mesh import model_mesh
-from handtrack.observation.observation import ImageView, Observation
+from handtrack.observation.observation import ImageView
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 
 MODEL = load_model()

@@ -6,9 +6,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
+from handtrack import (
+    HandScale,
+    ImageKeypoints,
+    Keypoints,
+    Observation,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    load_model,
+)
+from handtrack.model.articulated import keypoint_names
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.assessment import (
@@ -18,11 +27,7 @@ from handtrack.tracking.frame.assessment import (
     what_is_open,
 )
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.policy import why_hand_may_be_lost
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
 CAMERAS = simulated_rig(3, (320, 240)).cameras

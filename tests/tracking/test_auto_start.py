@@ -2,21 +2,23 @@
 
 import numpy as np
 
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
+from handtrack import (
+    HandScale,
+    Observation,
+    PointCloud,
+    Session,
+    Status,
+    TrackerSettings,
+    TrackingRun,
+    bundled_session,
+    load_model,
+)
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Observation
-from handtrack.session.bundled import bundled_session
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.clouds.cloud_emptiness import seen_from
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
 from tests.experiments.starts.auto_start import search
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera, load_model
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_changes import changes, moved
 from handtrack.tracking.frame.settings import PriorSettings
 from handtrack.tracking.size.cameras import LATE, CameraChanges

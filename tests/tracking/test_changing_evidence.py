@@ -6,23 +6,27 @@ from functools import cache
 import numpy as np
 import pytest
 
+from handtrack import (
+    Keypoints,
+    Observation,
+    PointCloud,
+    Session,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackingRun,
+    load_model,
+)
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Keypoints, Observation, PointCloud
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.clouds.cloud_emptiness import hidden, seen_from
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
 EYE = np.array([0.0, 0.0, -0.5])

@@ -5,17 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
+from handtrack import (
+    HandScale,
+    Observation,
+    PointCloud,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    load_model,
+)
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
-from handtrack.observation.observation import Observation, PointCloud
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import see_cloud
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.scenes.simulated_clouds import FINE, depth_views
 
 CHI2_90 = 6.251

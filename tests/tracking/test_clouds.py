@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import Observation, PointCloud, Status, Tracker, TrackerState, load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Observation, PointCloud
-from handtrack.tracking.frame.result import Status
 from handtrack.tracking.search.initialize import carried_over
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 
 
 def seen(model, pose, rng, count=3000, noise=3e-4):

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack import HandScale, ImageKeypoints, load_model
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.size import SizeParameters, hand_length_mm
-from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack import ImageKeypoints, Status, Tracker, TrackerSettings, load_model
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
@@ -15,10 +14,7 @@ from handtrack.tracking.frame.doubt.judgement import judged
 from handtrack.tracking.frame.doubt.stated import curls, misfit, stated_covariance
 from handtrack.tracking.frame.doubt.wrong import probably_beyond
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
-from handtrack.tracking.tracker import Tracker
 
 HAND = load_model("hand26")
 CHI2_90 = 6.251388631170325

@@ -4,24 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.geometry.camera import Camera
-from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import (
+from handtrack import (
+    Camera,
     ImageKeypoints,
-    ImageView,
     Observation,
     Silhouette,
+    Status,
+    Tracker,
+    TrackerSettings,
+    load_model,
 )
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack.observation.observation import ImageView
 from handtrack.sampling.chains import chain_along
 from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.tracking.frame.doubt.judgement import judged
 from handtrack.tracking.frame.doubt.mirrored import mirrored_covariance
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
-from handtrack.tracking.tracker import Tracker
 
 BODY = load_model("body34")
 FRONT = Camera(

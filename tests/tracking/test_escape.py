@@ -3,19 +3,16 @@
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.model_file import load_model
+from handtrack import Observation, PointCloud, TrackerSettings, load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.lost_finger import (
     FingerObjective,

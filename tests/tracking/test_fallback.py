@@ -5,16 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
+from handtrack import HandScale, Status, Tracker, TrackerSettings, TrackerState, load_model
 from handtrack.simulation.motion import motion
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
 
 MODEL = load_model()

@@ -5,14 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack import (
+    HandScale,
+    Keypoints,
+    Observation,
+    PointCloud,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    load_model,
+)
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import FOREARM_END
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import UNKNOWN, Keypoints, Observation
+from handtrack.observation.observation import UNKNOWN
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
@@ -20,15 +29,11 @@ from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints
 from handtrack.tracking.search.lost_finger import with_fingers_found
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.person import OpenPerson
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement

@@ -2,14 +2,11 @@
 
 import numpy as np
 
-from handtrack.model.model_file import load_model
+from handtrack import Observation, PointCloud, Status, Tracker, load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Observation, PointCloud
-from handtrack.tracking.frame.result import Status
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 
 def posed(model, shift=0.0):

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale, keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack import HandScale, Keypoints, load_model
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import Keypoints
 from handtrack.tracking.search.initialize import fit_keypoints, fit_scale
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from handtrack import ImageKeypoints, load_model
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import ImageKeypoints
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.keypoint_start import (
     hands_from_images,

@@ -6,27 +6,29 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.model_file import load_model
+from handtrack import (
+    Observation,
+    PointCloud,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    load_model,
+)
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import carried_mesh, sample_surface
-from handtrack.observation.observation import Observation
 from handtrack.sampling.chains import Chain
 from handtrack.sampling.diffusion import long_tailed
 from handtrack.terms.priors.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.mixture_search import Component
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 from handtrack.tracking.search.lost_finger import SHIFTED_FINGERS
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.scenes.closing_fist import scene
 from tests.model.metaballs_reference import merged
 from tests.terms.conic_field_reference import dense_field

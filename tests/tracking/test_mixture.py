@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack import (
+    Camera,
+    ImageKeypoints,
+    Observation,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    load_model,
+)
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 
 FRAMES, FEW = 6, {"tracker.hypotheses": 3, "mixture.draws": 8, "mixture.carried": 5}
 

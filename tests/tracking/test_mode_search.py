@@ -6,18 +6,16 @@ from itertools import product
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import Observation, Status, TrackerSettings, load_model
 from handtrack.model.pose_changes import changes
 from handtrack.model.pose_library import named_pose
-from handtrack.observation.observation import Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Alternative, Status
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from handtrack import TrackerSettings, load_model
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.other_side import evidence_of_other_side
 
 

@@ -5,16 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 
+from handtrack import ImageKeypoints, Observation, PointCloud, Status, Tracker, TrackerSettings
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import ImageKeypoints, Observation, PointCloud
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from tests.derivatives import check_observation_term

@@ -5,15 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Keypoints, Observation
 from handtrack.tracking.frame.prediction import predict
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
 

@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack import Keypoints, Observation, Tracker, TrackerSettings, load_model
 from handtrack.arrays import Floats
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Keypoints, Observation
 from handtrack.observation.pins import ImagePins, Pin
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.pulling import pulled
 from handtrack.tracking.sequence import refine_recording, track_frames
-from handtrack.tracking.tracker import Tracker
 
 HAND = load_model("hand26")
 CAMERAS = [camera.without_distortion() for camera in simulated_rig(2, (320, 240)).cameras]

@@ -5,21 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.model_file import load_model
+from handtrack import (
+    ImageKeypoints,
+    Observation,
+    PointCloud,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    load_model,
+)
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search import lost_hand
 from handtrack.tracking.search.global_search import GlobalObjective
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.starts.recovery import gap_runs
 
 MODEL = load_model()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.search.engine import (
     Candidate,

@@ -5,8 +5,8 @@ from typing import Literal
 
 import pytest
 
+from handtrack import TrackerSettings
 from handtrack.setting import NotAcceptedError, declared, setting
-from handtrack.tracking.frame.settings import TrackerSettings
 
 
 def test_strings_are_read_as_their_kind():

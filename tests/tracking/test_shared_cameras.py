@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera, ImageKeypoints, Observation, Tracker, TrackerSettings, load_model
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement

@@ -6,25 +6,31 @@ from functools import cache
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.articulated import HandScale, ShapeCovariance, keypoint_names
-from handtrack.model.model_file import load_model, read_scale, write_scale
+from handtrack import (
+    HandScale,
+    ImageKeypoints,
+    Observation,
+    PointCloud,
+    Silhouette,
+    Tracker,
+    TrackerSettings,
+    load_model,
+)
+from handtrack.model.articulated import ShapeCovariance, keypoint_names
+from handtrack.model.model_file import read_scale, write_scale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.simulation.render import render_mask
 from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.size.cameras import CameraChanges
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.size.person import OpenPerson, PersonChange
 from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.size.size_uncertainty import shape_covariance
-from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
 from handtrack.tracking.whole.evidence import Evidence, Recording
 from handtrack.tracking.whole.recording_estimate import refine

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
-from handtrack.model.model_file import load_model
+from handtrack import HandScale, load_model
 from handtrack.model.size import SizeParameters
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handtrack import Status
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import Status
 from handtrack.tracking.speculative import SpeculativeExecution
 
 COUNT = 60

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.model.model_file import load_model
-from handtrack.tracking.frame.result import Status
+from handtrack import HandtrackError, Status, load_model
 from handtrack.tracking.size.spread import measured_spread, spread_of_track
 from tests.sample_track import sample_track
 

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.model.model_file import load_model
+from handtrack import TrackerSettings, load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.global_search import GlobalObjective, finger_bends, narrow, wide

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from handtrack import load_model
 from handtrack.geometry.rotation import spread_rotations
-from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views

@@ -5,13 +5,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Observation
+from handtrack import Observation, Status, Tracker, TrackerState, load_model
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import Status
 from handtrack.tracking.sequence import refine_recording, track_frames
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import CONFIRMED_BY, Tracker
+from handtrack.tracking.tracker import CONFIRMED_BY
 from tests.experiments.scenes.closing_fist import scene
 
 FIRST, COUNT = 8, 14

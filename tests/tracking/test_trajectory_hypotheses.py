@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera, ImageKeypoints, Observation, TrackerSettings
 from handtrack.model.pose_changes import PLACE
-from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.estimate import estimate_whole
 from handtrack.tracking.whole.evidence import Evidence, new_share
 from handtrack.tracking.whole.trajectory_hypotheses import (

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Silhouette
+from handtrack import Silhouette, load_model
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.evidence.visual_hull import visual_hull

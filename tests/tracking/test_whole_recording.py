@@ -5,17 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_changes import changes, moved
-from handtrack.observation.observation import Keypoints, Observation
 from handtrack.solver.block_banded import BlockBanded
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
-from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import _bridged, refine, refine_near
 from tests.derivatives import check_gradient, check_jacobian

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handtrack import Session, Status, read_npz
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.session import Session
-from handtrack.tracking.frame.result import Status
 from handtrack_app.commands.terminal import track_options
 from handtrack_app.commands.terminal.track_options import percent
 

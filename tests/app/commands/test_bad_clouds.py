@@ -8,12 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Camera, PointCloud, load_model, read_npz
 from handtrack.capture.clouds.cloud_files import write_cloud
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.geometry.camera import Camera
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.session.formats.tables import read_npz
 from handtrack.simulation.render import pixel_rays, render
 from tests.app.cloud_session import FRAMES, STEP_M, cloud_file, cloud_recording, points_of
 from tests.app.command_line import Ended

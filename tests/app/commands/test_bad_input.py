@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.session.bundled import bundled_session
-from handtrack.session.formats.tables import read_npz
+from handtrack import bundled_session, read_npz
 from tests.app.command_line import FRAMES, refused
 from tests.session.small_session import edit
 

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack.session.bundled import bundled_session
-from handtrack.session.session import Session
+from handtrack import Session, bundled_session
 from tests.capture.mosaics import mosaic_of
 from tests.session.small_session import edit
 

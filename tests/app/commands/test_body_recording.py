@@ -5,8 +5,7 @@ import shlex
 
 import numpy as np
 
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.session import Session
+from handtrack import Session, read_npz
 from tests.app.commands.test_new_project import project
 from tests.capture.joints.people import names, places
 from tests.conftest import REPOSITORY

@@ -5,11 +5,9 @@ import json
 import shutil
 from pathlib import Path
 
+from handtrack import Session, bundled_session, read_npz
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.export.registry import export_format
-from handtrack.session.bundled import bundled_session
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.session import Session
 from handtrack_app.commands import track as track_command
 from tests.session.small_session import edit
 

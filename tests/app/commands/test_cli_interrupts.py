@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.session.bundled import bundled_session
-from handtrack.session.formats.tables import read_npz
+from handtrack import bundled_session, read_npz
 from handtrack_app.commands import track
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import PROGRAM

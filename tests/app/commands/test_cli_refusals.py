@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from handtrack.session.bundled import bundled_session
+from handtrack import bundled_session
 from tests.app.command_line import refused
 
 VIDEO = bundled_session("open_fist_open") / "cam0.mp4"

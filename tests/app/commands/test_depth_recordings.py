@@ -2,7 +2,7 @@
 
 import pytest
 
-from handtrack.session.session import Session
+from handtrack import Session
 from tests.capture.sample_files import sample
 from tests.conftest import REPOSITORY
 from tests.test_docs import blocks

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Session
 from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, region_of_hand
 from handtrack.detector.weights import read_weights
-from handtrack.session.session import Session
 from handtrack_app.start.import_progress import PREVIEW, previews
 from tests.app.command_line import refused
 from tests.session.small_session import FRAMES, edit, keypoints, make_session

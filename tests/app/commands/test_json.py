@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 
-from handtrack.session.formats.tables import write_npz
+from handtrack import write_npz
 from tests.app.command_line import CommandLine, small_recording
 from tests.conftest import REPOSITORY
 from tests.sample_track import hand_track

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.diagnostics.metrics import evaluate
+from handtrack import evaluate, read_npz, write_npz
 from handtrack.model.model_file import scale_table
-from handtrack.session.formats.tables import read_npz, write_npz
 from handtrack.session.formats.truth import read_truth
 from tests.app.command_line import CommandLine
 from tests.export.sequences import sample_sequence

@@ -7,11 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError, Session, bundled_session
 from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, whole_image
-from handtrack.errors import HandtrackError
-from handtrack.session.bundled import bundled_session
 from handtrack.session.formats.truth import read_truth
-from handtrack.session.session import Session
 from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
 from tests.capture.sample_files import sample

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Session
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.session.session import Session
 from tests.capture.joints.people import FRAMES, in_order, openpose, pixels, rig
 
 

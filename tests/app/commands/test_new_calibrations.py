@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from handtrack.session.session import Session
+from handtrack import Session
 from tests.app.command_line import refused
 from tests.app.commands.test_new import video
 from tests.capture.calibration_forms.hostile import HOSTILE

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 
-from handtrack.session.session import Session
+from handtrack import Session
 from tests.capture.calibration_forms.test_calibration_forms import fisheyes
 from tests.capture.sample_files import sample
 

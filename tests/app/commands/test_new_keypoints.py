@@ -7,11 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Session, bundled_session
 from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
-from handtrack.session.bundled import bundled_session
-from handtrack.session.session import Session
 from tests.app.command_line import refused
 from tests.capture.joints.hostile import HDF5, HOSTILE
 from tests.capture.sample_files import hand, rig_of_two, sample

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import CameraRig, Session
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.geometry.camera import CameraRig
-from handtrack.session.session import Session
 from tests.app.command_line import refused
 from tests.capture.joints.people import in_order, openpose, pixels, rig
 

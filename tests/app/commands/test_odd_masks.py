@@ -6,10 +6,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from handtrack import Session, Status, read_npz
 from handtrack.arrays import Bytes
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.session import Session
-from handtrack.tracking.frame.result import Status
 
 
 def paint(

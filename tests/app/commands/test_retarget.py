@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from handtrack.session.formats.tables import read_npz
-from handtrack.session.session import Session
+from handtrack import Session, read_npz
 from tests.capture.joints.people import places
 from tests.capture.sample_files import sample
 

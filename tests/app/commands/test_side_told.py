@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model, read_npz
 from handtrack.model.pose_library import named_pose
-from handtrack.session.formats.tables import read_npz
 
 DOUBT = "a left hand fits decisively better"
 

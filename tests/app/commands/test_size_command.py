@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from handtrack.model.model_file import load_model, read_scale, scale_from, scale_table
+from handtrack import load_model, read_npz
+from handtrack.model.model_file import read_scale, scale_from, scale_table
 from handtrack.model.size import FOREARM_END, hand_length_mm, without_forearm_end
-from handtrack.session.formats.tables import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import refused

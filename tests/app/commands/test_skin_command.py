@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import HandtrackError, Session
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse, chromaticity
 from handtrack.capture.masks.mask_correction import AS_IT_IS
-from handtrack.errors import HandtrackError
-from handtrack.session.session import Session
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.cli import main
 from handtrack_app.engine.opening import Opening

@@ -6,9 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from handtrack.session.bundled import bundled_session
-from handtrack.session.formats.tables import read_npz
-from handtrack.tracking.frame.result import Status
+from handtrack import Status, bundled_session, read_npz
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.session.formats.tables import read_npz
+from handtrack import read_npz
 from handtrack.store.lease import Lease
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore

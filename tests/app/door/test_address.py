@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack_app.door import address
 from handtrack_app.door.address import choose_port, host_warning, is_loopback, own_names
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from handtrack.geometry.camera import Camera
+from handtrack import Camera
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, smaller
 from tests.app.fake_run import fake_document
 

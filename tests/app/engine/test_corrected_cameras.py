@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError, Session, TrackingRun
 from handtrack.session.doctor.examine import examine
 from handtrack.session.posed_frames import keyframe_result
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.tracking.whole.refinement import CameraError, Refinement
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.store import edits

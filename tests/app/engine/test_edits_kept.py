@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
 from handtrack_app.engine.store import persistence

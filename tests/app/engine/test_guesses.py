@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
+from handtrack import HandScale
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
 from handtrack.tracking.frame.result import Alternative
 from handtrack_app.engine import jobs

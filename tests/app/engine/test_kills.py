@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.session.session_state import SessionState, name_of, written
 from handtrack.store.history import History
 from handtrack.store.store import Store

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import handtrack.session.live.live_session as live_session
-from handtrack.session.session import Session
+from handtrack import Session
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.process.child import LiveOptions
 from handtrack_app.protocol import snapshots

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import Session
 from handtrack.capture.masks.mask_correction import HAND, empty_layer, painted
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from handtrack.files.versions import versions
-from handtrack.session.session import Session
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots

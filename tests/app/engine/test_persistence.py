@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 from handtrack.session.layout import POSES_FILE
 from handtrack.store.spans import Span
 from handtrack_app.engine.posing_service import pose as pose_edit

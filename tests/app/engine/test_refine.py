@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from handtrack.model.articulated import HandScale
+from handtrack import HandScale
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.store.persistence import whole_track

@@ -7,12 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handtrack.session.formats.tables import read_npz
+from handtrack import Session, Status, TrackingRun, read_npz, track_session
 from handtrack.session.posed_frames import posed_frames
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
-from handtrack.session.track_session import Ended, track_session
-from handtrack.tracking.frame.result import Status
+from handtrack.session.track_session import Ended
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.engine.worker import Worker

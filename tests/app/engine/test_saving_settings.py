@@ -2,11 +2,10 @@
 
 import pytest
 
+from handtrack import HandScale, HandtrackError
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
-from handtrack.errors import HandtrackError
 from handtrack.files import toml_edit
 from handtrack.files.versions import versions
-from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file

@@ -5,7 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from handtrack.model.articulated import HandScale
+from handtrack import HandScale
 from handtrack_app.protocol import snapshots
 from tests.app.desk import Listener, a_desk, pose_with
 from tests.app.fake_run import FRAMES

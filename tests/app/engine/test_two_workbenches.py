@@ -4,8 +4,7 @@ import os
 
 import pytest
 
-from handtrack.errors import HandtrackError
-from handtrack.session.bundled import bundled_session
+from handtrack import HandtrackError, bundled_session
 from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.workbench import Workbench

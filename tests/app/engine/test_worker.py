@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
 from handtrack_app.protocol import snapshots

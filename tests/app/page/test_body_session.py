@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.engine.document_snapshots import pose_snapshot, truth_at
 from handtrack_app.engine.inverse_kinematics import reach, stem_bones

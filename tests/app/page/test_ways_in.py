@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from handtrack.session.formats.tables import read_npz
+from handtrack import read_npz
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.cli import main
 from handtrack_app.commands import track

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from handtrack.session.bundled import bundled_session
+from handtrack import bundled_session
 from tests.app.command_line import PROGRAM
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handtrack import Session, TrackingRun
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import fitted_surface
 from handtrack_app.rerun import recorder as residual_recorder

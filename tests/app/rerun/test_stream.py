@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handtrack.tracking.frame.reason import Status
+from handtrack import Status
 from handtrack_app.rerun.stream import (
     RerunStream,
     RerunViewer,

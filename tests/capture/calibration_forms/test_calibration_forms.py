@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from handtrack import CameraRig, HandtrackError
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import named, pinholes, sized, unit_of
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
-from handtrack.errors import HandtrackError
-from handtrack.geometry.camera import CameraRig
 from tests.capture.sample_files import SAMPLES, forms, rig_of_two, sample
 
 SIZES = {"cam0": (640, 480), "cam1": (640, 480)}

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import CameraRig, load_model
 from handtrack.arrays import D2, D3, F, Floats, J, K
 from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.geometry.camera import CameraRig
-from handtrack.model.model_file import load_model
 from handtrack.simulation.motion import motion as named_motion
 from handtrack.simulation.simulate import simulated_rig
 from tests.capture.sample_files import sample

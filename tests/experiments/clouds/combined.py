@@ -11,12 +11,10 @@ from itertools import combinations
 
 import numpy as np
 
+from handtrack import Keypoints, Observation, TrackingRun, evaluate
 from handtrack.bench.measuring import recording
-from handtrack.diagnostics.metrics import evaluate
 from handtrack.model.articulated import keypoint_names
-from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session.formats.truth import Truth
-from handtrack.session.run import TrackingRun
 from handtrack.tracking.sequence import track_frames
 
 RUNS = {

@@ -11,10 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from handtrack import ArticulatedModel, Observation, load_model
 from handtrack.arrays import F, Floats, S
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
 from tests.experiments.scenes.simulated_clouds import FINE, NOISY, Sensor, depth_views
 from tests.experiments.tracked_frames import mean_mm, tracked

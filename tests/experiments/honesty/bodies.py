@@ -14,23 +14,28 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import (
+    ArticulatedModel,
+    Camera,
+    FrameResult,
+    HandScale,
+    ImageKeypoints,
+    Observation,
+    Status,
+    Tracker,
+    TrackerSettings,
+    load_model,
+)
 from handtrack.arrays import D2, D3, Axes, C, F, Floats, J
 from handtrack.bench.measuring import data_folder
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix
-from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.simulation.motion_files.asf_amc import read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
 from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M
-from handtrack.tracking.frame.result import FrameResult, Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
-from handtrack.tracking.tracker import Tracker
 
 FPS, FRAMES, EVERY = 25.0, 60, 200
 """frames of a stretch, and after how many the next begins"""

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from handtrack import Session, TrackingRun
+from handtrack import Session, Status, TrackingRun
 from handtrack.arrays import Array, F, Floats, N
 from handtrack.diagnostics.constant_offsets import WRONG_M, without_offsets
 from handtrack.model.articulated import keypoint_names
@@ -33,7 +33,7 @@ from handtrack.tracking.frame.doubt.wrong import (
     part_of,
     probably_off,
 )
-from handtrack.tracking.frame.result import PARTS, Status
+from handtrack.tracking.frame.result import PARTS
 from handtrack.tracking.whole import recording_estimate
 from tests.experiments.honesty.recordings import HALVES
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from handtrack import Camera
 from handtrack.arrays import D3, Array, Floats, H, M, N, W
-from handtrack.geometry.camera import Camera
 
 _FINE = 16  # sub-pixel places of OpenCV's polygons, as a power of two: 4 bits
 _SHIFT = 4

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import HandtrackError
 from handtrack.arrays import D3, D4, D5, D21, Array, F, Floats, K, L, T, V
-from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 
 FINGERS, HINGES = 5, 4

@@ -9,13 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from handtrack import ArticulatedModel, HandScale, Session, TrackingRun, load_model
 from handtrack.arrays import F, Floats, S
-from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import SizeParameters
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.whole.refinement import Refinement

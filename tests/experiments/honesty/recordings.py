@@ -18,9 +18,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from handtrack import Camera, CameraRig
 from handtrack.arrays import D3, D21, Array, F, Floats, N, T
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.session import layout
 from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose

@@ -14,21 +14,27 @@ from typing import Any
 import cv2
 import numpy as np
 
+from handtrack import (
+    ArticulatedModel,
+    Camera,
+    HandScale,
+    ImageKeypoints,
+    Observation,
+    Silhouette,
+    Status,
+    Tracker,
+    TrackerSettings,
+    TrackerState,
+    load_model,
+)
 from handtrack.arrays import Floats, P
-from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
-from handtrack.model.model_file import load_model
+from handtrack.model.articulated import keypoint_names
 from handtrack.model.size import SizeParameters, hand_length_mm
-from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.size.size_uncertainty import shape_covariance
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
 
 HANDS, FRAMES = 20, 6

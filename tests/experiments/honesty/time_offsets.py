@@ -13,10 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
+from handtrack import FrameResult, Session, TrackingRun
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.whole.refinement import Refinement
 from tests.experiments.honesty import motions, recordings
 from tests.experiments.honesty.meshes import read_meshes

@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from handtrack import ArticulatedModel, Observation, load_model
 from handtrack.arrays import D3, F, Floats, J, S
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Observation
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig

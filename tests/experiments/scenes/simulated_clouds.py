@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from handtrack import ArticulatedModel, Camera, Observation
 from handtrack.arrays import Array, F, Floats, S
 from handtrack.capture.clouds.depth import depth_cloud
-from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import Observation
 from handtrack.simulation.render import pixel_rays, render
 from handtrack.simulation.simulate import simulated_rig
 

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from handtrack import ArticulatedModel, Camera, Silhouette
 from handtrack.arrays import Floats, P
 from handtrack.diagnostics.residual_image import field_image
-from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.observation.observation import Silhouette
 from handtrack.simulation.scenes.simulated_views import everything
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 

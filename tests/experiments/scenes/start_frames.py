@@ -8,15 +8,13 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.stats import norm
 
+from handtrack import ArticulatedModel, Camera, HandScale, Observation, Silhouette, load_model
 from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.diagnostics.residual_image import model_mask
-from handtrack.geometry.camera import Camera
-from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
+from handtrack.model.articulated import FINGERS
 from handtrack.model.flesh import PosedEllipsoids
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import alphabet, named_pose
-from handtrack.observation.observation import Observation, Silhouette
 from handtrack.simulation.render import pixel_rays, render
 from handtrack.simulation.scenes.simulated_views import everything
 from handtrack.simulation.simulate import simulated_rig

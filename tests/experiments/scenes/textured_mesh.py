@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from handtrack import Camera
 from handtrack.arrays import D3, Array, B, Floats, H, Ints, K, N, W
-from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.terms.images.carried_texture import texture_points

@@ -13,12 +13,10 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from handtrack import ArticulatedModel, Camera, Keypoints, Observation, Silhouette, load_model
 from handtrack.arrays import D3, D21, F, Floats
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.model.articulated import ArticulatedModel, keypoint_names
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Keypoints, Observation, Silhouette
+from handtrack.model.articulated import keypoint_names
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.terms.forearm import forearm_in_view

@@ -15,22 +15,25 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import (
+    ArticulatedModel,
+    Camera,
+    FrameResult,
+    HandScale,
+    ImageKeypoints,
+    Session,
+    TrackingRun,
+)
 from handtrack.arrays import D2, Floats, J, N
 from handtrack.bench.measuring import data_folder
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
 from handtrack.capture.calibration.formats.settle import named
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import triangulated
-from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import write_scale
-from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.whole.refinement import Refinement
 

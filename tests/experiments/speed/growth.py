@@ -13,17 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from handtrack import Session, TrackerState, TrackingRun, bundled_session
 from handtrack.bench.cloud_speed import SIGMA_M, cloud_scene
 from handtrack.bench.measuring import alone, alternating_timings, ratio_figures
 from handtrack.bench.three_views import ThreeViews
-from handtrack.session.bundled import bundled_session
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.session.takes.take_about import about_take
 from handtrack.solver.problem import Problem
 from handtrack.store.store import Store, WritableStore
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
-from handtrack.tracking.state import TrackerState
 from tests.experiments.workbench.long_recordings import opened
 
 _MODULE = "tests.experiments.speed.growth"

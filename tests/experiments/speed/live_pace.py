@@ -18,12 +18,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from handtrack import HandtrackError, Session, Status, TrackingRun, bundled_session
 from handtrack.arrays import D3, Array, H, W
-from handtrack.errors import HandtrackError
-from handtrack.session.bundled import bundled_session
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
-from handtrack.tracking.frame.result import Status
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.worker import Worker
 from handtrack_app.process.child import EnginePlan, LiveOptions

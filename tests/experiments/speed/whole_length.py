@@ -14,11 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from handtrack import Observation, Session, TrackingRun
 from handtrack.bench.measuring import alone
 from handtrack.model.kinematics import BonePoses
-from handtrack.observation.observation import Observation
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.sequence import refine_recording
 from handtrack.tracking.size.person import OpenPerson

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from handtrack import Session, TrackingRun
 from handtrack.bench.measuring import recording
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from tests.experiments.tracked_frames import mean_mm
 
 FRAMES: dict[str, Sequence[int]] = {

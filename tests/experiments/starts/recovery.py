@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from handtrack import HandScale, Observation, load_model
 from handtrack.arrays import Floats, K
-from handtrack.model.articulated import FINGERS, HandScale
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import Observation
+from handtrack.model.articulated import FINGERS
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig

@@ -9,8 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handtrack.model.model_file import load_model
-from handtrack.tracking.frame.settings import TrackerSettings
+from handtrack import TrackerSettings, load_model
 from handtrack.tracking.search.auto_start import auto_start
 from handtrack.tracking.search.start_confidence import BASIN_M
 from tests.experiments.scenes.start_frames import KINDS, start_frame

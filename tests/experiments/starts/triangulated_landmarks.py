@@ -16,19 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
+from handtrack import Camera, Session, TrackResult, evaluate
 from handtrack.arrays import D2, D3, D21, C, F, Floats, N
 from handtrack.bench.measuring import data_folder
 from handtrack.detector.hand_detector import HandDetector
-from handtrack.diagnostics.metrics import evaluate
 from handtrack.files.toml_edit import edit_toml
-from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import missed_px, triangulated
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.detection import JointDetection, session_changes
 from handtrack.session.formats.truth import Truth
 from handtrack.session.layout import INIT_FILE, SESSION_FILE, TRUTH_FILE
-from handtrack.session.session import Session
-from handtrack.tracking.frame.result import TrackResult
 from tests.experiments.silhouettes.four_cameras import tracked_alone
 
 RECORDING = "marked_real_5cam"

@@ -20,7 +20,7 @@ from typing import Any
 
 import handtrack
 import handtrack_app
-from handtrack.session.bundled import bundled_session
+from handtrack import bundled_session
 from handtrack_app.workbench import Workbench
 from tests.experiments.workbench.wire import WireClient
 

@@ -8,15 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.model.articulated import ArticulatedModel
-from handtrack.session.bundled import bundled_session
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
+from handtrack import (
+    ArticulatedModel,
+    FrameResult,
+    Session,
+    TrackerState,
+    TrackingRun,
+    bundled_session,
+)
 from handtrack.session.takes.take_about import about_take
 from handtrack.store.spans import Span
 from handtrack.store.store import WritableStore
-from handtrack.tracking.frame.result import FrameResult
-from handtrack.tracking.state import TrackerState
 
 _CAMERAS = ("cam0", "cam1")
 

@@ -14,11 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from handtrack import Camera, Session, TrackingRun
 from handtrack.arrays import D3, Floats
 from handtrack.bench.measuring import data_folder
-from handtrack.geometry.camera import Camera
-from handtrack.session.run import TrackingRun
-from handtrack.session.session import Session
 from tests.experiments.workbench.program import RunningWorkbench
 from tests.experiments.workbench.wire import WireClient
 

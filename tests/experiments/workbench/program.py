@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from handtrack.errors import HandtrackError
+from handtrack import HandtrackError
 
 _OPENING_S = 180.0
 _ADDRESS = re.compile(r"is open at (\S+)")

@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.point_cloud import PointCloud
-from handtrack.model.model_file import load_model
+from handtrack import Observation, PointCloud, TrackerSettings, load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import Observation
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 
 MODEL = load_model("ball6")

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from handtrack import load_model
 from handtrack.model.articulated import FINGERS
-from handtrack.model.model_file import load_model
 from handtrack.model.pose_library import named_pose
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, improved

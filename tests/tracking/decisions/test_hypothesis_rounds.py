@@ -7,13 +7,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
 from handtrack.sampling.chains import chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses import mixture_search
 from handtrack.tracking.hypotheses.mixture_search import (
     Component,

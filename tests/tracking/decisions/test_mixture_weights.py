@@ -8,8 +8,7 @@ import pytest
 from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_normal, norm
 
-from handtrack.model.model_file import load_model
-from handtrack.observation.observation import ImageKeypoints, Observation
+from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
 from handtrack.sampling.chains import Chain, chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.keypoints import KeypointTerm
@@ -17,7 +16,6 @@ from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, Linear
 from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.hypotheses import mixture, mixture_search
 from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.mixture_search import (

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from handtrack.model.model_file import load_model
+from handtrack import Tracker, TrackerSettings, load_model
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.sequence import track_frames
-from handtrack.tracking.tracker import Tracker
 from tests.experiments.scenes.simulated_clouds import Sensor, depth_views
 
 MODEL = load_model()

@@ -5,11 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import Status, load_model
 from handtrack.solver.problem import Problem
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.frame.prediction import inheriting_doubt, predict
-from handtrack.tracking.frame.result import Status
 
 MODEL = load_model()
 STEP = 0.012

@@ -6,22 +6,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import Status, Tracker, TrackerSettings, TrackerState, load_model
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search import lost_hand
 from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round
 from handtrack.tracking.search.evidence.hand_shapes import shape_of
 from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective, tracker
 from handtrack.tracking.search.lost_hand import with_hand_found
 from handtrack.tracking.search.policy import why_hand_may_be_lost
-from handtrack.tracking.state import TrackerState
-from handtrack.tracking.tracker import Tracker
 
 MODEL = load_model()
 PLAIN = TrackerSettings().with_values({"tracker.recovery": False, "tracker.escape": False})

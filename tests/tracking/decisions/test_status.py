@@ -6,19 +6,23 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handtrack.capture.clouds.point_cloud import PointCloud
+from handtrack import (
+    ImageKeypoints,
+    Keypoints,
+    Observation,
+    PointCloud,
+    Status,
+    TrackerSettings,
+    load_model,
+)
 from handtrack.diagnostics.residual_image import model_mask
-from handtrack.model.model_file import load_model
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame import assessment
 from handtrack.tracking.frame.assessment import assess, energy_ratio, what_is_open
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.frame.result import Status
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.policy import why_fingers_may_be_lost
 
 MODEL = load_model()

@@ -2,8 +2,8 @@
 
 import pytest
 
+from handtrack import TrackerSettings
 from handtrack.tracking.frame.methods import METHODS
-from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.page.panels.settings import to_be_said

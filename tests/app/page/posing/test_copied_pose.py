@@ -2,8 +2,8 @@
 
 import pytest
 
+from handtrack import load_model
 from handtrack.files.user_folder import user_data_folder
-from handtrack.model.model_file import load_model
 from handtrack_app.page.panels.copying import ALL, CopiedPose, read_copied, save_copied
 
 HAND = load_model().parameter_names

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model
 from handtrack_app.engine.document_snapshots import pose_picture, pose_titles
 from handtrack_app.protocol import snapshots
 from tests.app.waiting import eventually

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from handtrack.model.model_file import load_model
+from handtrack import load_model
 from handtrack_app.page.panels.copying import mirrored
 
 RIGHT = np.array([1.0, 2.0, 0.5]) / np.linalg.norm([1.0, 2.0, 0.5])
