@@ -26,7 +26,7 @@ from handtrack.terms.clouds.cloud_lanes_kernels import (
     shares,
     twist_rows,
 )
-from handtrack.terms.clouds.lanes_kernels import LANES
+from handtrack.terms.lanes_kernels import LANES
 from handtrack.terms.loss import robust
 
 BLOCK = 32
@@ -76,12 +76,13 @@ def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma:
     points, count, spheres = cloud
     table, start, members = surface.table, surface.start, surface.members
     sharpness, turning, width = surface.sharpness, surface.turning, sums.width
-    ellipsoids, stride, flat = table.shape[0], points.shape[1], points.reshape(-1)
+    ellipsoids = table.shape[0]
     low, least_high = bounds(table, turning, spheres)
     buffers = aligned(ellipsoids * 3 * BUFFER).reshape(ellipsoids, 3, BUFFER)
     filled = np.zeros(ellipsoids, np.int64)
     wanted = np.zeros(members.shape[0], np.bool_)
-    best, who = aligned(BLOCK), aligned(BLOCK)
+    nearest = aligned(2 * BLOCK).reshape(2, BLOCK)
+    best, who = nearest[0], nearest[1]
     tried = np.empty(ellipsoids, np.int64)
     most = 0
     for e in range(ellipsoids):
@@ -112,14 +113,14 @@ def cloud_sums(cloud, surface, sigma, loss, weight, reference, sums):  # pragma:
             best[:], who[:] = np.inf, ellipsoids
             groups = (here + LANES - 1) // LANES
             likely = tried[first_try]
-            worst = nearer(flat, first, stride, groups, table, likely, turning, best, who)
+            worst = nearer(points, first, groups, table, likely, turning, nearest)
             kept = 0
             for t in range(tries):  # those that the likely one beats at every point need no look
                 e = tried[t]
                 if e != likely:
                     if low[e, block] > worst:
                         continue
-                    worst = nearer(flat, first, stride, groups, table, e, turning, best, who)
+                    worst = nearer(points, first, groups, table, e, turning, nearest)
                 tried[kept] = e
                 kept += 1
             tries = kept
@@ -151,9 +152,8 @@ def bounds(table, turning, spheres):  # pragma: no cover - compiled
     blocks = spheres.shape[1]
     low = aligned(table.shape[0] * blocks).reshape(table.shape[0], blocks)
     least_high = np.full(blocks, np.inf)
-    flat, out = spheres.reshape(-1), low.reshape(-1)
     for e in range(table.shape[0]):
-        distances(flat, blocks // LANES, blocks, table, e, turning, 0.0, out, e * blocks)
+        distances(spheres, blocks // LANES, table[e], turning, 0.0, low[0], low[e])
         stretch = table[e, STRETCH]
         for i in range(blocks):
             change = stretch * spheres[3, i]
@@ -221,38 +221,32 @@ def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no co
         for axis in range(3):
             buffers[e, axis, i] = buffers[e, axis, count - 1]
     groups = (count + LANES - 1) // LANES
-    points = buffers[e].reshape(-1)
-    close, row = near.reshape(-1), rows.reshape(-1)
-    total, distance, factor, residual, size = (
-        vectors[0],
-        vectors[1],
-        vectors[2],
-        vectors[3],
-        vectors[4],
-    )
+    points = buffers[e]
+    total, distance, factor = vectors[0], vectors[1], vectors[2]
+    residual, size = vectors[3], vectors[4]
     who = np.empty(near.shape[0], np.int64)
     total[:], near[0, 4] = 1.0, 1.0
     who[0], used = e, 1
     margin = NEGLIGIBLE / sharpness
     if width > 0:
-        gradients(points, groups, BUFFER, table, e, turning, margin, close, 0)
+        gradients(points, groups, table[e], turning, margin, near[0, 0], near[0])
     else:
-        distances(points, groups, BUFFER, table, e, turning, margin, close, 0)
+        distances(points, groups, table[e], turning, margin, near[0, 0], near[0, 0])
     for n in range(start[e] + 1, start[e + 1]):
         if not wanted[n]:
             continue
         wanted[n] = False
-        other, at = members[n], used * 5 * BUFFER
+        other, mine = members[n], near[used]
         if width > 0:
-            counts = gradients(points, groups, BUFFER, table, other, turning, margin, close, at)
+            counts = gradients(points, groups, table[other], turning, margin, near[0, 0], mine)
         else:
-            counts = distances(points, groups, BUFFER, table, other, turning, margin, close, at)
+            counts = distances(points, groups, table[other], turning, margin, near[0, 0], mine[0])
         if not counts:
             continue
-        shares(close, 0, at, groups, sharpness, close, at + 4 * BUFFER, total)
+        shares(near[0, 0], mine[0], groups, sharpness, mine[4], total)
         who[used], used = other, used + 1
     if used > 1:
-        merge(close, 0, groups, sharpness, total, distance)
+        merge(near[0, 0], groups, sharpness, total, distance)
     else:
         distance[:] = near[0, 0]
     cost = _fill_robust(loss, sigma, count, distance, residual, size)
@@ -277,16 +271,14 @@ def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no co
                 wide[12 * a :],
             )
             continue
-        twist_rows(
-            points, BUFFER, groups, reference, close, a * 5 * BUFFER, factor, row, a * 6 * BUFFER
-        )
+        twist_rows(points, groups, reference, near[a], factor, rows[a])
     if width == 12:
         _add_wide(bone, who[:used], count, wide, residual, sums)
         return cost
     sums = np.empty(36)
     for a in range(used):
         at = width * bone[who[a]]
-        own_products(row, a * 6 * BUFFER, BUFFER, groups, residual, sums)
+        own_products(rows[a], groups, residual, sums)
         k = 0
         for i in range(6):
             gradient[at + i] += sums[21 + i]
@@ -297,7 +289,7 @@ def work_off(e, count, surface, noise, reference, space, sums):  # pragma: no co
                 hessian[at + j, at + i] += sums[k]
                 k += 1
         for b in range(a + 1, used):
-            cross_products(row, a * 6 * BUFFER, b * 6 * BUFFER, BUFFER, groups, sums)
+            cross_products(rows[a], rows[b], groups, sums)
             to = width * bone[who[b]]
             for i in range(6):
                 for j in range(6):

@@ -1,6 +1,6 @@
 """The arithmetic of E1 on eight cloud points at a time.
 
-All indices are flat; `n` counts groups of eight; arrays of points hold x, y and z in rows that are `stride` apart.
+`n` counts groups of eight; points and rows of numbers have x, y and z, or what they are of, in rows of one array.
 """
 
 from __future__ import annotations
@@ -9,31 +9,28 @@ import math
 
 from llvmlite import ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic
 
 from handtrack.model.surfaces.metaballs_kernels import AXES, CENTRE, LEAST, TINY
-from handtrack.terms.clouds.lanes_kernels import (
+from handtrack.terms.lanes_kernels import (
     DOUBLE,
     DOUBLES,
     LANES,
-    LONG,
     ZEROS,
     Anywhere,
-    Code,
     Eight,
     exp,
     log,
+    written,
 )
 
 
 class _Ellipsoid:
     """One ellipsoid's numbers, loaded before the loop."""
 
-    def __init__(self, code, table, e, turning):
-        at = code.times(e, 16)
-        self.centre = [code.scalar(table, at, CENTRE + i) for i in range(3)]
-        self.axes = [[code.scalar(table, at, AXES + 3 * i + j) for j in range(3)] for i in range(3)]
-        self.least = code.scalar(table, at, LEAST)
+    def __init__(self, code, ball, turning):
+        self.centre = [ball.scalar(CENTRE + i) for i in range(3)]
+        self.axes = [[ball.scalar(AXES + 3 * i + j) for j in range(3)] for i in range(3)]
+        self.least = ball.scalar(LEAST)
         self.turning = code.splat(turning).at_least(TINY * (1 + 1e-9))
 
     def level(self, x):
@@ -50,145 +47,99 @@ class _Ellipsoid:
         return near.where(k < self.turning, rho - rho / k)
 
 
-def _points(code, array, at, stride):
-    return [code.load(array, code.plus(at, code.times(stride, i))) for i in range(3)]
+def _rows(array, at, count=3, first=0):
+    return [array.load(at, first + i) for i in range(count)]
 
 
-@intrinsic
-def nearer(typing, points, first, stride, n, table, e, turning, best, who):
-    """best, who (8 n) = d_e and e where ellipsoid e is nearer, the first of equal ones; return the largest of `best`.
+@written(types.double)
+def nearer(code, points, first, n, table, e, turning, nearest):
+    """nearest (2, 8 n) = d_e and e where ellipsoid e is nearer, the first of equal ones; return the largest distance.
 
-    points: flat, from `first` on.
+    points: from `first` on.
     """
-    signature = types.double(points, first, stride, n, table, e, turning, best, who)
-
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-        ball = _Ellipsoid(code, 4, values[5], values[6])
-        name = code.splat(builder.sitofp(values[5], DOUBLE))
-        worst = cgutils.alloca_once(builder, DOUBLES)
-        builder.store(ir.Constant(DOUBLES, [-math.inf] * LANES), worst)
-        with code.groups(values[3]) as at:
-            d = ball.distance(_points(code, 0, code.plus(values[1], at), values[2]))
-            old, holder = code.load(7, at), code.load(8, at)
-            equal = builder.and_(builder.fcmp_ordered("==", d.value, old.value), name < holder)
-            closer = builder.or_(d < old, equal)
-            d = d.where(closer, old)
-            code.store(d, 7, at)
-            code.store(name.where(closer, holder), 8, at)
-            builder.store(d.at_least(Eight(builder, builder.load(worst))).value, worst)
-        return Eight(builder, builder.load(worst)).largest()
-
-    return signature, generate
+    builder = code.builder
+    ball = _Ellipsoid(code, table.row(e), turning)
+    name = code.splat(builder.sitofp(e, DOUBLE))
+    worst = cgutils.alloca_once(builder, DOUBLES)
+    builder.store(ir.Constant(DOUBLES, [-math.inf] * LANES), worst)
+    with code.groups(n) as at:
+        d = ball.distance(_rows(points, code.plus(first, at)))
+        old, holder = _rows(nearest, at, 2)
+        equal = builder.and_(builder.fcmp_ordered("==", d.value, old.value), name < holder)
+        closer = builder.or_(d < old, equal)
+        d = d.where(closer, old)
+        nearest.store(d, at)
+        nearest.store(name.where(closer, holder), at, 1)
+        builder.store(d.at_least(Eight(builder, builder.load(worst))).value, worst)
+    return Eight(builder, builder.load(worst)).largest()
 
 
-@intrinsic
-def distances(typing, points, n, stride, table, e, turning, margin, near, at_d):
-    """Write d of ellipsoid e to near[at_d : at_d + 8 n]; return whether any is below near[: 8 n] + margin."""
-    signature = types.boolean(points, n, stride, table, e, turning, margin, near, at_d)
-
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-        ball = _Ellipsoid(code, 3, values[4], values[5])
-        margin, close = code.splat(values[6]), Anywhere(code)
-        with code.groups(values[1]) as at:
-            d = ball.distance(_points(code, 0, at, values[2]))
-            close.note(d < code.load(7, at) + margin)
-            code.store(d, 7, code.plus(values[8], at))
-        return close.answer()
-
-    return signature, generate
+@written(types.boolean)
+def distances(code, points, n, ball, turning, margin, first, d):
+    """d (8 n) = those of an ellipsoid; return whether any is below first + margin."""
+    ball = _Ellipsoid(code, ball, turning)
+    margin, close = code.splat(margin), Anywhere(code)
+    with code.groups(n) as at:
+        found = ball.distance(_rows(points, at))
+        close.note(found < first.load(at) + margin)
+        d.store(found, at)
+    return close.answer()
 
 
-@intrinsic
-def gradients(typing, points, n, stride, table, e, turning, margin, near, at_d):
-    """As `distances`; write nx, ny and nz too, to rows that are `stride` apart."""
-    signature = types.boolean(points, n, stride, table, e, turning, margin, near, at_d)
-
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-        ball = _Ellipsoid(code, 3, values[4], values[5])
-        margin, close = code.splat(values[6]), Anywhere(code)
-        with code.groups(values[1]) as at:
-            out, y, k, rho2 = ball.level(_points(code, 0, at, values[2]))
-            inside = k < ball.turning
-            rho = rho2.at_least(1e-60).sqrt()
-            both = 1.0 / (k * rho)  # one division for all
-            inverse = both * rho
-            share = inverse * rho  # ρ/k
-            along = (ball.least * inverse).where(inside, share * inverse * inverse)
-            outward = Eight(builder, ZEROS).where(inside, both * k - both)
-            d = ((k - 1.0) * ball.least).where(inside, rho - share)
-            close.note(d < code.load(7, at) + margin)
-            place = code.plus(values[8], at)
-            code.store(d, 7, place)
-            for j in range(3):
-                g = ball.axes[0][j] * y[0] + ball.axes[1][j] * y[1] + ball.axes[2][j] * y[2]
-                row = code.plus(place, code.times(values[2], j + 1))
-                code.store(along * g + outward * out[j], 7, row)
-        return close.answer()
-
-    return signature, generate
+@written(types.boolean)
+def gradients(code, points, n, ball, turning, margin, first, near):
+    """As `distances`; near has rows d, nx, ny and nz."""
+    ball = _Ellipsoid(code, ball, turning)
+    margin, close = code.splat(margin), Anywhere(code)
+    with code.groups(n) as at:
+        out, y, k, rho2 = ball.level(_rows(points, at))
+        inside = k < ball.turning
+        rho = rho2.at_least(1e-60).sqrt()
+        both = 1.0 / (k * rho)  # one division for all
+        inverse = both * rho
+        share = inverse * rho  # ρ/k
+        along = (ball.least * inverse).where(inside, share * inverse * inverse)
+        outward = Eight(code.builder, ZEROS).where(inside, both * k - both)
+        d = ((k - 1.0) * ball.least).where(inside, rho - share)
+        close.note(d < first.load(at) + margin)
+        near.store(d, at)
+        for j in range(3):
+            g = ball.axes[0][j] * y[0] + ball.axes[1][j] * y[1] + ball.axes[2][j] * y[2]
+            near.store(along * g + outward * out[j], at, j + 1)
+    return close.answer()
 
 
-@intrinsic
-def shares(typing, near, at_first, at_other, n, sharpness, share, at_share, total):
+@written(types.void)
+def shares(code, first, other, n, sharpness, share, total):
     """share = exp(−β (d_other − d_first)), added to total (8 n)."""
-    signature = types.void(near, at_first, at_other, n, sharpness, share, at_share, total)
-
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-        beta = code.splat(values[4])
-        with code.groups(values[3]) as at:
-            gap = code.load(0, code.plus(values[1], at)) - code.load(0, code.plus(values[2], at))
-            part = exp(gap * beta)
-            code.store(part, 5, code.plus(values[6], at))
-            code.store(code.load(7, at) + part, 7, at)
-
-    return signature, generate
+    beta = code.splat(sharpness)
+    with code.groups(n) as at:
+        part = exp((first.load(at) - other.load(at)) * beta)
+        share.store(part, at)
+        total.store(total.load(at) + part, at)
 
 
-@intrinsic
-def merge(typing, near, at_first, n, sharpness, total, distance):
+@written(types.void)
+def merge(code, first, n, sharpness, total, distance):
     """distance (8 n) = d_first − log(total)/β; total becomes its inverse."""
-    signature = types.void(near, at_first, n, sharpness, total, distance)
-
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-        blur = 1.0 / code.splat(values[3])
-        with code.groups(values[2]) as at:
-            whole = code.load(4, at)
-            code.store(code.load(0, code.plus(values[1], at)) - log(whole) * blur, 5, at)
-            code.store(1.0 / whole, 4, at)
-
-    return signature, generate
+    blur = 1.0 / code.splat(sharpness)
+    with code.groups(n) as at:
+        whole = total.load(at)
+        distance.store(first.load(at) - log(whole) * blur, at)
+        total.store(1.0 / whole, at)
 
 
-@intrinsic
-def twist_rows(typing, points, stride, n, reference, near, at_d, factor, rows, at_row):
-    """Write factor · [n ; (X − o) × n] to six rows of `rows`, `stride` apart."""
-    signature = types.void(points, stride, n, reference, near, at_d, factor, rows, at_row)
-
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-        zero = ir.Constant(LONG, 0)
-        o = [code.scalar(3, zero, i) for i in range(3)]
-        with code.groups(values[2]) as at:
-            point = _points(code, 0, at, values[1])
-            x = [point[i] - o[i] for i in range(3)]
-            scale = code.load(6, at)
-            place = code.plus(values[5], at)
-            m = [
-                code.load(4, code.plus(place, code.times(values[1], i + 1))) * scale
-                for i in range(3)
-            ]
-            turn = [
-                x[(i + 1) % 3] * m[(i + 2) % 3] - x[(i + 2) % 3] * m[(i + 1) % 3] for i in range(3)
-            ]
-            for i, value in enumerate(m + turn):
-                code.store(value, 7, code.plus(values[8], at, code.times(values[1], i)))
-
-    return signature, generate
+@written(types.void)
+def twist_rows(code, points, n, reference, near, factor, rows):
+    """rows (6, 8 n) = factor · [n ; (X − o) × n]."""
+    o = [reference.scalar(i) for i in range(3)]
+    with code.groups(n) as at:
+        x = [point - o[i] for i, point in enumerate(_rows(points, at))]
+        scale = factor.load(at)
+        m = [normal * scale for normal in _rows(near, at, 3, 1)]
+        turn = [x[(i + 1) % 3] * m[(i + 2) % 3] - x[(i + 2) % 3] * m[(i + 1) % 3] for i in range(3)]
+        for i, value in enumerate(m + turn):
+            rows.store(value, at, i)
 
 
 def _sums(code, n, pairs, read, out, first):
@@ -205,49 +156,22 @@ def _sums(code, n, pairs, read, out, first):
             old = Eight(builder, builder.load(slot))
             builder.store((rows[i] * rows[j] + old).value, slot)
     for k, slot in enumerate(totals):
-        code.set_scalar(Eight(builder, builder.load(slot)).sum(), out, ir.Constant(LONG, first + k))
+        out.set_scalar(Eight(builder, builder.load(slot)).sum(), first + k)
 
 
-@intrinsic
-def own_products(typing, rows, at_row, stride, n, residual, out):
+@written(types.void)
+def own_products(code, rows, n, residual, out):
     """out (27) = the upper half of R Rᵀ, row by row, and R r, for six rows R."""
-    signature = types.void(rows, at_row, stride, n, residual, out)
-
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-
-        def read(at):
-            rows = [
-                code.load(0, code.plus(values[1], at, code.times(values[2], i))) for i in range(6)
-            ]
-            return [*rows, code.load(4, at)]
-
-        pairs = [(i, j) for i in range(6) for j in range(i, 6)] + [(i, 6) for i in range(6)]
-        _sums(code, values[3], pairs, read, 5, 0)
-
-    return signature, generate
+    pairs = [(i, j) for i in range(6) for j in range(i, 6)] + [(i, 6) for i in range(6)]
+    _sums(code, n, pairs, lambda at: [*_rows(rows, at, 6), residual.load(at)], out, 0)
 
 
-@intrinsic
-def cross_products(typing, rows, at_row, at_other, stride, n, out):
+@written(types.void)
+def cross_products(code, rows, others, n, out):
     """out (36) = R Qᵀ for six rows R and six rows Q."""
-    signature = types.void(rows, at_row, at_other, stride, n, out)
+    for half in (0, 3):  # 18 sums at a time stay in registers
 
-    def generate(context, builder, signature, values):
-        code = Code(context, builder, signature, values)
-        for half in (0, 3):  # 18 sums at a time stay in registers
+        def read(at, half=half):
+            return _rows(rows, at, 3, half) + _rows(others, at, 6)
 
-            def read(at, half=half):
-                mine = [
-                    code.load(0, code.plus(values[1], at, code.times(values[3], half + i)))
-                    for i in range(3)
-                ]
-                return mine + [
-                    code.load(0, code.plus(values[2], at, code.times(values[3], i)))
-                    for i in range(6)
-                ]
-
-            pairs = [(i, 3 + j) for i in range(3) for j in range(6)]
-            _sums(code, values[4], pairs, read, 5, 6 * half)
-
-    return signature, generate
+        _sums(code, n, [(i, 3 + j) for i in range(3) for j in range(6)], read, out, 6 * half)

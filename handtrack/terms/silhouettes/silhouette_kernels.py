@@ -221,10 +221,9 @@ def _sum_rows(ellipses, mask, field, moments):  # pragma: no cover - compiled
         begin_row(buffer, low, high, marks, opened, core)
         for n in range(found):
             e, at = painted[n, 0], painted[n, 1]
-            paint(
-                buffer, painted[n, 2], painted[n, 3], opened, spans[at], spans[at + 8], lines[e, BEND], limit, e + 1, core
-            )  # fmt: skip
-        runs = find_runs(buffer, low, high, edges, v * edges.shape[1], starts)
+            parabola = spans[at], spans[at + 8], lines[e, BEND]
+            paint(buffer, (painted[n, 2], painted[n, 3]), opened, parabola, limit, e + 1, core)
+        runs = find_runs(buffer, low, high, edges[v], starts)
         left, piece = low, begins[v]
         while ends[piece] <= low:
             piece += 1
