@@ -1,9 +1,10 @@
-"""Types of arrays, which say their axes (`Floats[N, D3]`), and a check of shapes where arrays enter."""
+"""Types of arrays, which say their axes (`Floats[N, D3]`), what is made of them, and a check of shapes where they enter."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Any, TypeAlias, TypeVarTuple
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias, TypeVar, TypeVarTuple, dataclass_transform
 
 import numpy as np
 
@@ -37,6 +38,15 @@ B6 = P2 = Axis
 """6 B: a twist a bone; 2 P: places and velocities"""
 D2 = D3 = D4 = D5 = D6 = D7 = D8 = D9 = D12 = D13 = D16 = D21 = D24 = Axis
 """just so many: D3 are x, y, z; D21 the keypoints of a hand"""
+
+
+_Class = TypeVar("_Class", bound=type)
+
+
+@dataclass_transform(eq_default=False, frozen_default=True, field_specifiers=(field,))
+def array_dataclass(own: _Class) -> _Class:
+    """Make a class data that nobody changes, compared and hashed by identity: of arrays there is no plain equality."""
+    return dataclass(frozen=True, eq=False)(own)
 
 
 def check_shape(array: Array[*Axes], shape: tuple[int | None, ...], name: str) -> None:

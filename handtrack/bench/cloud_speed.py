@@ -6,13 +6,12 @@ import json
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from handtrack.arrays import D3, Floats, N, P
+from handtrack.arrays import D3, Floats, N, P, array_dataclass
 from handtrack.bench.dense_rows_kernels import dense_rows
 from handtrack.bench.measuring import (
     Timing,
@@ -34,7 +33,7 @@ from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_clo
 POINTS, NOISE_M, SIGMA_M = 10_000, 0.0003, 0.0005
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CloudScene:
     """A cloud of the model's own surface, and a start that is off."""
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
 from handtrack.observation.observation import Silhouette
@@ -21,7 +19,7 @@ WIDE_PX = 6.0
 """the widest band of the schedule is the slowest: spans are longest and overlap most"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ThreeViews:
     """Silhouettes of the true pose, and a start about 5 mm and 5° an angle beside it."""
 

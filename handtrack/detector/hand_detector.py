@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, D7, D21, Array, Axes, Floats, H, K, N, W
+from handtrack.arrays import D2, D3, D4, D7, D21, Array, Axes, Floats, H, K, N, W, array_dataclass
 from handtrack.detector.weights import Weights, find_weights, read_weights
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.parallel import thread_count
@@ -90,7 +89,7 @@ _STEADY = (0, 1, 2, 3, 5, 6, 9, 10, 13, 14, 17, 18)  # without the ends of finge
 _INDEX, _MIDDLE, _RING = 6, 10, 14  # PIP
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Region:
     """A square of an image."""
 
@@ -218,7 +217,7 @@ _LEAST_PRESENCE = 0.5
 _LEAST_SIDE = 8.0  # [px]: a smaller region shows nothing
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class DetectedHand:
     """A hand in an image."""
 

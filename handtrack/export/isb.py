@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import D3, D4, D6, Axes, B, F, Floats, Ints, K, S
+from handtrack.arrays import D3, D4, D6, Axes, B, F, Floats, Ints, K, S, array_dataclass
 from handtrack.geometry.rotation import euler_angles
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -72,7 +70,7 @@ def isb_std(
     return _by_name(own, spread)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class _Joints:
     """The joints that a model has."""
 

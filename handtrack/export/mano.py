@@ -10,13 +10,26 @@ import codecs
 import json
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, D16, D21, Array, Axes, F, Floats, Ints, K, N, V, evenly_spread
+from handtrack.arrays import (
+    D3,
+    D16,
+    D21,
+    Array,
+    Axes,
+    F,
+    Floats,
+    Ints,
+    K,
+    N,
+    V,
+    array_dataclass,
+    evenly_spread,
+)
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
@@ -42,7 +55,7 @@ _STEPS = 12
 _DIFFERENCE = 1e-5
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ManoModel:
     """The numbers of a MANO file."""
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, F, Floats, J
+from handtrack.arrays import D3, Array, F, Floats, J, array_dataclass
 from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.files.toml_table import one_of, read_table
 from handtrack.files.toml_text import read_toml
@@ -45,7 +45,7 @@ class ArchiveMetadata:
         return read_table(cls, read_toml(path, "metadata for archives"), str(path))
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ResultsTable:
     """A tracked sequence with what its numbers mean. World frame, metres, radians, seconds, as in poses.npz."""
 

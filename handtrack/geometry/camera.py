@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, Array, Axes, Floats, K
+from handtrack.arrays import D2, D3, D4, Array, Axes, Floats, K, array_dataclass
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 from handtrack.geometry.rotation import rotation_matrix
@@ -24,7 +24,7 @@ _MOST_TANGENTIAL = 0.1  # a lens that is not centred on its sensor has 0.001 to 
 _LONGEST_FOCAL_PX = 1e6  # a lens of 1 m over pixels of 1 µm
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Camera:
     """One calibrated camera. Compared by identity, so it can be the key of a cache.
 
@@ -173,7 +173,7 @@ def scaled_by(size: tuple[int, int], found: tuple[int, int]) -> float | None:
     return 0.5 * sum(factors) if fits else None
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CameraRig:
     """Cameras of one calibration, with names that differ."""
 

@@ -8,11 +8,10 @@ The same holds for a matrix with skew, which a pinhole of ours does not have.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Axes, Floats, H, K, W, pixel_grid
+from handtrack.arrays import D2, D3, Axes, Floats, H, K, W, array_dataclass, pixel_grid
 from handtrack.errors import HandtrackError
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
 from handtrack.geometry.rotation import rotation_matrix
@@ -26,7 +25,7 @@ _ON_BORDER = 33  # directions tried on each side of a view
 _LEAST_PX = 16
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SourceLens:
     """A lens: OpenCV's polynomial in x/z, y/z, or `cv2.fisheye`'s in the angle from the axis (Kannala and Brandt 2006)."""
 
@@ -110,7 +109,7 @@ class SourceLens:
         return 1 + s * (3 * k1 + s * (5 * k2 + s * (7 * k3 + s * 9 * k4)))
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PinholeView:
     """A pinhole at the same place as a lens, turned from it."""
 

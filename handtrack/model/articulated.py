@@ -23,6 +23,7 @@ from handtrack.arrays import (
     N,
     P,
     S,
+    array_dataclass,
     check_shape,
     indices,
 )
@@ -102,7 +103,7 @@ class HandScale:
         return self.overall * self.parts.get(group, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Proportions:
     """What a standard deviation of each of K proportions changes at the bones."""
 
@@ -114,7 +115,7 @@ class Proportions:
     """of each bone's ellipsoids, in its frame [m]"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ArticulatedModel:
     """What moves and how, for one person. Solver parameters (P,) are what is estimated.
 

@@ -7,7 +7,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, D6, D12, Axes, B, Floats, Ints, J, N, S, check_shape
+from handtrack.arrays import (
+    D3,
+    D4,
+    D6,
+    D12,
+    Axes,
+    B,
+    Floats,
+    Ints,
+    J,
+    N,
+    S,
+    array_dataclass,
+    check_shape,
+)
 from handtrack.model.kinematics_kernels import linearize_pose, pose
 from handtrack.model.skeleton import Skeleton
 
@@ -63,7 +77,7 @@ class BonePoses:
         return self.rescaled(bone, points) + (0.0 if self.shift is None else self.shift[bone])
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class BoneFields:
     """How bones move and deform with each of N unknowns: a point X of one moves by v + G (X − o), world axes, about the poses'
     reference o; twelve numbers, (v, G row by row). G is antisymmetric where a bone only turns, symmetric where it only grows.

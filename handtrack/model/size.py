@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, Ints, J, K, N
+from handtrack.arrays import D3, Floats, Ints, J, K, N, array_dataclass
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import BODY_PARTS, FINGERS, ArticulatedModel, HandScale
 from handtrack.model.kinematics import BoneFields, BonePoses
@@ -79,7 +79,7 @@ def unmeasured_size(build: Callable[[HandScale], ArticulatedModel], scale: HandS
     return replace(scale, std={"length_mm": std_mm, "overall": POPULATION_SIGMA})
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SizeParameters:
     """Deviations (N,) of a person from the mean adult: overall, of each part, of each internal proportion; then of the places
     where a detector sees joints.

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Axes, F, Floats, H, Ints, J, K, W, check_shape
+from handtrack.arrays import (
+    D2,
+    D3,
+    Array,
+    Axes,
+    F,
+    Floats,
+    H,
+    Ints,
+    J,
+    K,
+    W,
+    array_dataclass,
+    check_shape,
+)
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.geometry.camera import Camera
@@ -71,7 +85,7 @@ def _advice(mask: Array, size: tuple[int, int]) -> str:
     return "Scale the camera to the mask: `camera.scaled((width, height))`."
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Silhouette:
     """Where one camera saw the hand, in the pixels of its undistorted image.
 
@@ -123,7 +137,7 @@ class Silhouette:
         return seen & (self.mask >= 0)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ImageView:
     """What one camera saw, undistorted."""
 
@@ -133,7 +147,7 @@ class ImageView:
     """uint8, BGR; beyond the real image its border goes on"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Keypoints:
     """Points of the hand in space, by joint name."""
 
@@ -152,7 +166,7 @@ class Keypoints:
         return int(np.isfinite(self.positions).all(axis=1).sum())
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ImageKeypoints:
     """Points of the hand in one camera's undistorted image, by joint name."""
 
@@ -170,7 +184,7 @@ class ImageKeypoints:
         object.__setattr__(self, "sigma_px", np.broadcast_to(sigma, len(self.names)))
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Observation:
     """One frame of a session. A view that is missing is simply absent."""
 

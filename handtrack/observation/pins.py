@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, K
+from handtrack.arrays import D2, Floats, K, array_dataclass
 from handtrack.geometry.camera import Camera
 
 PIN_SIGMA_PX = 0.3
@@ -38,7 +38,7 @@ class Pin:
         return self.camera, self.joint, self.bone, self.point
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ImagePins:
     """The pins in one camera's undistorted image."""
 

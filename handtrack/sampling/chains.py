@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, Floats, Ints, J, K, L, M, P, indices
+from handtrack.arrays import D3, Array, C, Floats, Ints, J, K, L, M, P, array_dataclass, indices
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import FINGERS, ArticulatedModel, keypoint_names
 from handtrack.sampling.limb_ik_kernels import Turns
@@ -28,7 +28,7 @@ class Chain:
     """the solver parameters that move this chain and nothing else"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PreparedChain:
     """A chain's geometry at the zero pose, where its rotations are a product of turns about fixed axes.
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, Ints, J, K, L, P, check_shape
+from handtrack.arrays import D2, Array, Floats, Ints, J, K, L, P, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
@@ -21,7 +20,7 @@ MOVED_RAD = 0.2
 """an angle by which a flip in depth differs at least from the pose"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class InterpretationTree:
     """The leaves of a tree, L poses."""
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Floats, Ints, K, L, M, N, S
+from handtrack.arrays import D2, D3, Array, Floats, Ints, K, L, M, N, S, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.limits import Limits
@@ -18,7 +17,7 @@ REACHED_M = 1e-9
 """an end this close to its target is on it"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Branches:
     """Poses of a chain grown link by link, N of them."""
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from itertools import pairwise
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames
@@ -24,7 +24,7 @@ from handtrack.tracking.state import Step
 from handtrack.tracking.whole.refinement import Refinement
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class TrackingRequest:
     """What to track. Poses are joint parameters (S,) of the run's model [m, rad], so they hold for a hand of any size."""
 
@@ -49,7 +49,7 @@ class TrackingRequest:
     """the run for the person whom the poses were set for; the one that is tracked unless given"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Segment:
     """Frames tracked from one pose: forward from `first`, and backward to earlier ones."""
 
@@ -75,14 +75,14 @@ class Progress:
     """a frame that was just tracked to fit the size; nothing is kept of it"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ProvisionalFrame:
     """A frame is solved; a search beside may still change it (not yielded: goes to `on_progress`)."""
 
     result: FrameResult
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SizeFitted:
     """The size or forearm was found; frames from here on are of this run."""
 
@@ -91,7 +91,7 @@ class SizeFitted:
     """it was found in the frames tracked before; without `track_again` they stay, and it is an offer"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PassBegan:
     """The frames are tracked from here on, perhaps again: what came before no longer counts."""
 
@@ -102,14 +102,14 @@ class PassBegan:
     """frames of an interrupted pass, which are not tracked again"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FrameTracked:
     """A frame's result of the forward pass."""
 
     result: FrameResult
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FramesRefined:
     """All frames were optimised jointly; `results` (ascending) are those that it changed."""
 
@@ -126,7 +126,7 @@ class Warned:
     message: str
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Ended:
     """The last event. Cancelled, or ended by input that cannot be used, `results` are the frames before that."""
 

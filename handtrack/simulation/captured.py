@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, J, P
+from handtrack.arrays import D3, F, Floats, J, P, array_dataclass
 from handtrack.capture.calibration.rig_file import rig_json, write_rig
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.joints.given_joints import write_joints
@@ -55,7 +55,7 @@ _SIGMA_M = 0.01  # as `retarget` has it
 _VIEW = 0.36  # of a simulated camera: half its height over its focal length is 0.39
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Captured:
     """A motion that was fitted."""
 

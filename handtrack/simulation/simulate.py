@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, F, Floats, S
+from handtrack.arrays import Array, F, Floats, S, array_dataclass
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
@@ -105,7 +105,7 @@ def simulated_rig(
     return CameraRig(tuple(cameras))
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class KnownMotion:
     """A motion to be rendered in place of a named one."""
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import Array, Axes, F, Floats, K, L, N, P
+from handtrack.arrays import Array, Axes, F, Floats, K, L, N, P, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.solver import block_banded_kernels as kernels
 
@@ -17,7 +16,7 @@ _AT_ONCE = 256
 """frames of an inverse that are made at once: all of them would be as large as the factor"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class BlockBanded:
     """A symmetric matrix of F blocks (P, P), each beside its REACH next ones: the lower half of it."""
 
@@ -44,7 +43,7 @@ class BlockBanded:
         return BandedFactor(lower)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class BandedFactor:
     """L with L Lᵀ the matrix."""
 

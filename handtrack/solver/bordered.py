@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, K, P
+from handtrack.arrays import F, Floats, K, P, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.solver.block_banded import BandedFactor
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Bordered:
     """[[B, C], [Cᵀ, D]]: B of frames, C and D of K unknowns that all frames share, eliminated last (Schur complement).
 

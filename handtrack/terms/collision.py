@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, Ints, K, check_shape
+from handtrack.arrays import D2, Floats, Ints, K, array_dataclass, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
@@ -21,7 +21,7 @@ _FIRM = 0.9
 """the share of each radius that does not give way; thighs are pressed flatter than wrists"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CollisionTerm(SurfaceTerm):
     """½ weight Σ ((−d − slack)₊/σ)² over pairs of ellipsoids, d their signed distance.
 

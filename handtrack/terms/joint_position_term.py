@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, Ints, J, N
+from handtrack.arrays import D3, Floats, Ints, J, N, array_dataclass
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -20,7 +19,7 @@ _STEP_M = 1e-6
 """of central differences: their error, the step's square, and that of rounding, 1e-16 over it, are both below 1e-9"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class JointPositionTerm(ObservationTerm):
     """½ Σ r², for residuals r of the positions of some joints.
 

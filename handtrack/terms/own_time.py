@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, B, Floats, K, L, N
+from handtrack.arrays import D3, B, Floats, K, L, N, array_dataclass
 from handtrack.geometry.rotation import skew
 from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.term import ObservationTerm
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class BoneMotion:
     """Where each bone goes from one moment to another: X → turn · X + shift, world axes [m]."""
 
@@ -51,7 +51,7 @@ class BoneMotion:
         return found
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class AtOwnTime(ObservationTerm):
     """The cost of another term at the moment when its camera saw."""
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import Floats, P, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Keypoints, Observation, check_kind
@@ -23,7 +23,7 @@ _TRIED = 4
 """frames of a sequence in which a surer pose is looked for than the best so far"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PoseEstimate:
     """A pose that tracking may start from: `TrackerState.beginning_at(found.params)`."""
 

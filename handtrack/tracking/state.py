@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import Floats, P, array_dataclass
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.appearance_terms import Before
@@ -15,7 +15,7 @@ REMEMBERED = 30
 """results that a step may look back on"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Step:
     """A frame that is solved, with what those after it need of it: what a store keeps to go on from."""
 
@@ -24,7 +24,7 @@ class Step:
     hypotheses: tuple[Hypothesis, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class TrackerState:
     """Immutable: a state may be stepped from again, with other settings or another observation."""
 

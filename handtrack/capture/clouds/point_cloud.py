@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, N, check_shape
+from handtrack.arrays import D3, Array, Axes, Floats, N, array_dataclass, check_shape
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PointCloud:
     """Measured surface points. Raises HandtrackError when the shapes do not fit."""
 

@@ -6,12 +6,10 @@ of their own, and two cameras that are turned towards each other keep what both 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W, pixel_grid
+from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W, array_dataclass, pixel_grid
 from handtrack.capture.images.raw_frames import level_line_at
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
@@ -22,7 +20,7 @@ _LEAST_BASELINE_M = 1e-4
 _LEAST_CROSSING_COS = 0.34  # 70 degrees: beyond that, two views have hardly a surface in common
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class RectifiedPair:
     """Two virtual cameras without distortion, with the same rotation and rows; `left` is to the
     left of `right` in their own images."""

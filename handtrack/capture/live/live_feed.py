@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import cv2
 
-from handtrack.arrays import D3, Array, H, W
+from handtrack.arrays import D3, Array, H, W, array_dataclass
 from handtrack.capture.images.frames import check_size
 from handtrack.errors import HandtrackError
 
@@ -186,7 +186,7 @@ _KEPT_TIMES = 600  # frames that count as known
 _STALLED_S = 1.0  # without any image; then a frame without images lets who tracks go on
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class LiveFrame:
     """What the cameras showed at about one moment."""
 

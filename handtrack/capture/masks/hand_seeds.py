@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, H, W
+from handtrack.arrays import D2, Array, Floats, H, W, array_dataclass
 from handtrack.capture.images.openpose import FINGERS
 
 _PALM = ("wrist", "thumb_cmc", "thumb_mcp", "index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
@@ -34,7 +33,7 @@ _MOST = 4.0
 """log-odds: place alone is never surer than 50 to 1"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class HandSeeds:
     """What is expected in a part of an image."""
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import D3, D4, B, F, Floats, Ints, T, V
+from handtrack.arrays import D3, D4, B, F, Floats, Ints, T, V, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.surfaces.part_mesh import vertex_normals
 from handtrack.model.surfaces.surface_mesh import carried_mesh, model_mesh
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Skin:
     """A triangle mesh on bones."""
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, D16, Array, E, Floats, Ints, K, L, N, check_shape
+from handtrack.arrays import D3, D16, Array, E, Floats, Ints, K, L, N, array_dataclass, check_shape
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.flesh import Ellipsoids
@@ -51,7 +51,7 @@ class PosedSurface(NamedTuple):
     turning: float
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class MetaballSurface:
     """d = −(1/β) log Σ exp(−β d_e) over the closest ellipsoid and those linked with it.
 

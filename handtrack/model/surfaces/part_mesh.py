@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import D3, Array, F, Floats, Ints, T, V
+from handtrack.arrays import D3, Array, F, Floats, Ints, T, V, array_dataclass
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BonePoses
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PartMesh:
     """Closed triangle meshes on bones. Parts may lie in each other; what is hidden is for the camera to find."""
 

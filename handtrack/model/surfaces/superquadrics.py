@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D9, E, Floats, Ints, N, T, V
+from handtrack.arrays import D2, D3, D9, E, Floats, Ints, N, T, V, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
@@ -18,7 +17,7 @@ _FROM_BONE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """bone ← part: a part's z lies along the bone's y, its x towards the bone's z"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Superquadrics:
     """Parts (|x/a|^(2/ε₂) + |y/b|^(2/ε₂))^(ε₂/ε₁) + |z/c|^(2/ε₁) = 1, then tapered, then bent; nine numbers each."""
 

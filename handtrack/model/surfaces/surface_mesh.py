@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, Ints, N, V
+from handtrack.arrays import D3, F, Floats, Ints, N, V, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -19,7 +19,7 @@ MOST_NODES = 16_000_000
 """of the grid; finer ones are refused"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SurfaceMesh:
     """Triangles on d = 0. Outlines of parts that lie in each other are one surface, except where fingers touch."""
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D21, Floats
+from handtrack.arrays import D2, D3, D21, Floats, array_dataclass
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
@@ -33,7 +33,7 @@ _FARTHEST_ROOT_M = 50.0
 _FEWEST_IN_IMAGE = 4
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FirstPose:
     """A pose at one frame: parameters, keypoints in space, or keypoints in images; the others are empty or None."""
 

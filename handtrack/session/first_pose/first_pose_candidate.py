@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, P
+from handtrack.arrays import D3, Floats, J, P, array_dataclass
 from handtrack.errors import unknown_name
 from handtrack.geometry.rotation import rotation_matrix, turned_by
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
@@ -25,7 +25,7 @@ from handtrack.tracking.search.start_confidence import clustered_modes
 _TURNED_DEG = 30.0  # less than that is not worth a word
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FirstPoseCandidate:
     """A pose that tracking may start from."""
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Floats, N
+from handtrack.arrays import Floats, N, array_dataclass
 from handtrack.errors import HandtrackError
 
 COLUMNS = ("camera", "frame", "time_s")
@@ -20,7 +19,7 @@ _USUAL_STEP_S = (0.001, 1.0)
 _TIE = 1e-3  # of a frame: two that are equally near but for rounding
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FrameTimes:
     """Time of every frame: frame / fps, or measured times with straight lines between and beyond them."""
 

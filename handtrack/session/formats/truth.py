@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, K
+from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, K, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.files.npz_files import read_arrays
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Truth:
     """Ground truth of F frames."""
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from handtrack.arrays import Array, Axes, H, W
+from handtrack.arrays import Array, Axes, H, W, array_dataclass
 from handtrack.capture.images.frames import DerivedFrames, FrameSource
 from handtrack.session.formats.timestamps import FrameTimes, read_timestamps
 from handtrack.session.layout import SESSION_FILE, matching_files
@@ -20,7 +19,7 @@ _OFF_GRID = 0.05  # of a frame: half of what the doctor's estimate resolves
 _LOOKED_AT = 500  # frames by which it is told how far joined frames lie apart
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CameraTimes:
     """A camera's frames against a session's, joined by time."""
 

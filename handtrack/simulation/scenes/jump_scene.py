@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, J, N, P, indices
+from handtrack.arrays import D2, Floats, J, N, P, array_dataclass, indices
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model
@@ -36,7 +36,7 @@ FULL_SEED = 277
 """the first seed whose scene has full trees"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class JumpScene:
     """One pose, its image joints, and the minimum that descent reaches from the truth."""
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, Floats, Ints, K, M, N, check_shape
+from handtrack.arrays import D3, D4, Floats, Ints, K, M, N, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -26,7 +25,7 @@ FARTHEST_M = 1e6
 """A coordinate beyond this is no measurement."""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PreparedCloud:
     """A cloud in an order in which neighbours in memory are neighbours in space. Once a frame."""
 
@@ -81,7 +80,7 @@ def prepare_cloud(points: Floats[N, D3]) -> PreparedCloud:
     return PreparedCloud(rows, finite[along], spheres, len(points))
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CloudDistanceTerm(SurfaceTerm):
     """½ weight Σ ρ(d(X)²/σ²) over the cloud's points X, d the signed distance to the merged surface.
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V, check_shape
+from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, V, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.surface_mesh import SurfaceMesh
@@ -23,7 +23,7 @@ CELL, DEPTH_STEP = 0.006, 0.012
 """[m] of the depth picture in which model points hide each other"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CloudEmptinessTerm(SurfaceTerm):
     """½ weight Σ ρ((D(X) − slack)₊²/σ²) over model surface points X, D the distance map of the cloud.
 

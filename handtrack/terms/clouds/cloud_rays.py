@@ -5,12 +5,11 @@ A mismatch of a stereo pair moves a point along its viewing ray; its direction s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, N, check_shape
+from handtrack.arrays import D3, Floats, N, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -24,7 +23,7 @@ BESIDE_M, MISSED = 0.001, geman_mcclure(15.0)
 """by how much a ray may miss the model, and the loss of that"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CloudRaysTerm(SurfaceTerm):
     """½ weight Σ over the cloud's points: ρ_a(d²/along²) where a point's ray hits the model, ρ_b(s²/beside²) + an outlier's
     ρ_a where it passes by at the distance s.

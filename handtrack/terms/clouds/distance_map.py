@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z, check_shape
+from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
 from handtrack.terms.clouds.distance_map_kernels import MapArrays, fill_nodes, look_up_all
 from handtrack.terms.clouds.nearest_cells_kernels import fill_cells, fill_nearest
@@ -17,7 +16,7 @@ MOST_VOXELS = 8_000_000
 """The grid gets coarser rather than larger; about 150 MB are in use while this many are computed."""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class DistanceMap:
     """Unsigned distances to a cloud: to the nearest of the points in those cells that are nearest to the 8 nodes around."""
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Floats, Ints, N
+from handtrack.arrays import D2, D3, Array, Floats, Ints, N, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
@@ -24,7 +24,7 @@ _UNSURE = 4.0  # [grey levels] contrast below which nothing is said about a chan
 _MOST_GAIN = 2.0
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Texture:
     """Colours of points of the model's surface, as one camera saw them."""
 
@@ -86,7 +86,7 @@ def exposed_as(texture: Texture, bones: BonePoses, image: SmoothImage) -> Textur
     return replace(texture, color=middle_now + gain * (texture.color - middle))
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CarriedTextureTerm(SurfaceTerm):
     """½ weight Σ ρ(|I(π(X)) − T(X)|²/σ²) over surface points X fixed to their bones, all channels of a point together.
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import D2, Array, Floats, H, Ints, N, W
+from handtrack.arrays import D2, Array, Floats, H, Ints, N, W, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.terms.images.depth_picture_kernels import fill_triangles
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class DepthPicture:
     """A window of a camera's undistorted image, around the model."""
 

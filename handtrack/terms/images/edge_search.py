@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import Floats, K, N
+from handtrack.arrays import Floats, K, N, array_dataclass
 from handtrack.terms.images.edge_search_kernels import search_along
 from handtrack.terms.images.model_outline import OutlinePoints
 from handtrack.terms.images.smooth_image import SmoothImage
@@ -16,7 +14,7 @@ MOST = 4  # edges kept of a normal; more are clutter
 FAINT = 2.0  # [grey levels / px] an edge this weak is noise
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SeenEdges:
     """Up to MOST edges on the normal of each piece of outline."""
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Floats, Ints, N
+from handtrack.arrays import D2, D3, Array, Floats, Ints, N, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
@@ -15,7 +13,7 @@ from handtrack.terms.images.depth_picture import DepthPicture
 _BESIDE_PX = 1.5  # that far to either side of the contour the picture shows who hides whom
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class OutlinePoints:
     """Short pieces of outline, each by its middle."""
 

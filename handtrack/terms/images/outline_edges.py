@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from handtrack.arrays import array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
@@ -14,7 +14,7 @@ from handtrack.terms.images.outline_edges_kernels import edges_sums
 from handtrack.terms.term import SurfaceTerm
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class OutlineEdgesTerm(SurfaceTerm):
     """−weight Σ (ℓ/stretch) log p(x): each piece of outline, ℓ long, explains one of the edges on its normal, or none.
 

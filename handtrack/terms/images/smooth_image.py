@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Floats, H, N, W
+from handtrack.arrays import D2, D3, Array, Floats, H, N, W, array_dataclass
 from handtrack.terms.images.smooth_image_kernels import look_up_all
 
 _REACH = 3.0  # sigmas that a pixel spreads
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SmoothImage:
     """Part of an undistorted image after a Gaussian. Beyond the image the border's value goes on."""
 

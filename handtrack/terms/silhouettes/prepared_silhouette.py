@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from handtrack.arrays import (
     N,
     W,
     X,
+    array_dataclass,
     check_shape,
 )
 from handtrack.errors import HandtrackError
@@ -47,7 +48,7 @@ class MaskArrays(NamedTuple):
     heights: Floats[X, D24]
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PreparedSilhouette:
     """One camera's observation Z, ready for terms. Made by `prepare`, shared by all terms of a frame."""
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from handtrack.arrays import D2, D13, B, C, E, Floats, N
+from handtrack.arrays import D2, D13, B, C, E, Floats, N, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.flesh import Ellipsoids
 from handtrack.model.kinematics import BoneFields, BonePoses
@@ -26,7 +26,7 @@ from handtrack.terms.term import ObservationTerm
 MOST_ELLIPSOIDS = 1000
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FieldShape:
     """P = min over ellipsoids of s (q − t), at most 0 and at least −limit; q: −1 at the centre, 0 on the outline."""
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, N, P
+from handtrack.arrays import Floats, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.pins import ImagePins
 from handtrack.sampling.polish import PolishSettings, polish
@@ -25,7 +25,7 @@ no more than one standard deviation, ½; the last one by a seventh of it. Of thr
 evaluations are left of those to the last digit, and the mean error is within 0.08 mm, both ways"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Minima:
     """Where N starts ended."""
 
@@ -36,7 +36,7 @@ class Minima:
     """of the cost, Gauss-Newton"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Descended:
     """Where the schedule ended."""
 

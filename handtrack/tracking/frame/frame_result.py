@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.geometry.rotation import wrapped
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -22,7 +22,7 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Solved:
     """A frame's result, and what only the next frame's prediction needs of it."""
 

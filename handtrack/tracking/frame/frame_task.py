@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_changes import changes
 from handtrack.observation.observation import Observation
@@ -20,7 +18,7 @@ from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.frame.terms.forearm import aimed_forearm
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FrameTask:
     """One frame to be solved, and all that is known before."""
 

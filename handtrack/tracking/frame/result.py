@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, dataclass_transform
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S, indices
+from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S, array_dataclass, indices
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import FINGERS, JOINT_CENTRES, keypoint_names
 from handtrack.tracking.frame.reason import Reason, Status
@@ -40,7 +40,7 @@ PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Alternative:
     """One of several poses that may be a frame's, where `tracker.hypotheses` is above 1."""
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice
 
 import numpy as np
 
-from handtrack.arrays import Floats, P
+from handtrack.arrays import Floats, P, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import Observation
@@ -42,7 +42,7 @@ from handtrack.tracking.hypotheses.motion_belief import (
 from handtrack.tracking.search.engine import Search, Tried, report, run_rounds
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Mixture:
     """The hypotheses of one frame, heaviest first, and which of the last frame's each continues."""
 
@@ -51,7 +51,7 @@ class Mixture:
     """−1 in a first frame"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class MixtureStep:
     """What is the same in every frame: model, settings, chains, and how fast parameters may change."""
 

@@ -13,7 +13,7 @@ from itertools import groupby
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, Ints, J, K, N, P, indices
+from handtrack.arrays import D2, Floats, Ints, J, K, N, P, array_dataclass, indices
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import closest_equivalent, rotation_matrix, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
@@ -39,7 +39,7 @@ _LEAVES = 96  # of a tree
 _WEIGHTLESS = np.finfo(float).tiny
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Source:
     """Where some starts come from, and what is known there before the frame is seen."""
 
@@ -67,7 +67,7 @@ class Start(Candidate):
     """½ Σ r², priors included"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ReferenceCamera:
     """The camera whose lines of sight the flips keep: the one with most keypoints, else the first of the views."""
 
@@ -86,7 +86,7 @@ class ReferenceCamera:
         return cls(views[0].camera, None) if views else None
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class MixtureObjective:
     """What first frames and all others share; see engine.Objective."""
 
@@ -143,7 +143,7 @@ class MixtureObjective:
         return [candidates[row] for row in rows[:most]]
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FirstHypotheses(MixtureObjective):
     """A first frame; see engine.Objective. From a start that is far off, first as if joints were seen coarsely."""
 
@@ -200,7 +200,7 @@ class FirstHypotheses(MixtureObjective):
         return np.concatenate(starts)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Component:
     """One bell of the temporal prior: a hypothesis of the last frame moved to where it is expected now."""
 
@@ -210,7 +210,7 @@ class Component:
     weight: float
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class NextHypotheses(MixtureObjective):
     """A frame after others; see engine.Objective. docs/how-to/one_camera.md.
 

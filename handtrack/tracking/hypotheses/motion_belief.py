@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import P2, Floats, Ints, K, P
+from handtrack.arrays import P2, Floats, Ints, K, P, array_dataclass
 from handtrack.geometry.rotation import left_jacobian, wrapped
 
 _SPEED_RAD, _SPEED_M = np.deg2rad(10.0), 0.03
 """a frame; how fast what has just been found may move: an arm's swing takes about half a second"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class MotionBelief:
     """A normal distribution of place and velocity."""
 
@@ -102,7 +102,7 @@ def unknown_speed(size: int) -> Floats[P]:
     return speed
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Hypothesis:
     """One minimum of a frame's cost, the normal distribution around it, and how it moves."""
 

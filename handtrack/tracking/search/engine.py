@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from handtrack.arrays import D3, D21, Floats, P
+from handtrack.arrays import D3, D21, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_result import Solved
@@ -23,7 +23,7 @@ from handtrack.tracking.search.evidence.hand_shapes import HandShape
 _LISTED = 6  # candidates of a round that are named
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Candidate:
     """A pose that may be the frame's, with its cost."""
 

@@ -7,13 +7,13 @@ tracker fits.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import pairwise, product
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, M, N, P
+from handtrack.arrays import D3, Array, Floats, Ints, M, N, P, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import spread_rotations, turned_by
 from handtrack.model.articulated import FINGERS, ArticulatedModel, HandScale
@@ -60,7 +60,7 @@ _FREEDOMS = ("mcp_flex", "mcp_abd", "pip_flex", "dip_flex")
 _MOST_CAMERAS = 2  # along whose lines of sight fingers are flipped
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class GlobalObjective:
     """One frame's silhouettes and cloud; see engine.Objective."""
 

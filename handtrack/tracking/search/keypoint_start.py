@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, S
+from handtrack.arrays import D3, Floats, J, S, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.geometry.rotation import rotation_vector, spread_rotations
 from handtrack.geometry.triangulation import missed_px
@@ -94,7 +94,7 @@ def in_space(
     return Keypoints(names, points, sigma_m)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ImageJointObjective:
     """Joints seen in images of one frame; see engine.Objective."""
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
-from handtrack.arrays import D6, D9, Array, C, F, Floats, K, P
+from handtrack.arrays import D6, D9, Array, C, F, Floats, K, P, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.pose_changes import PLACE, TURN, changes, moved
@@ -35,7 +35,7 @@ CALIBRATION = np.arange(9) < LATE
 """which of a camera's numbers are found: all, when it saw, how wide its masks are, where and what it is"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SeenPoses:
     """The hand of all frames as one camera sees it."""
 
@@ -51,7 +51,7 @@ class SeenPoses:
     """by how much farther out outlines are with each of the camera's free numbers [m]"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CameraChanges:
     """Nine numbers a camera: turn [rad] and shift [m] in world axes about its centre, zoom (a share), how late it is [frames], and by how
     much its masks are wider than the hand, all along their outlines [m].

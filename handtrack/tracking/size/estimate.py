@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Protocol, Self
 
 import numpy as np
 
-from handtrack.arrays import D2, Array, F, Floats, K, N, P
+from handtrack.arrays import D2, Array, F, Floats, K, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters
@@ -52,7 +52,7 @@ _MOTIONS, _MOTION_SWEEPS = 5, 3
 many of the sweeps; then it stands, for poses to settle"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class WholeEstimate:
     """Poses of frames that follow one another, and how sure they are."""
 
@@ -118,7 +118,7 @@ class Frames(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class ChosenFrames:
     """Frames with a problem each that do not follow one another."""
 
@@ -143,7 +143,7 @@ class ChosenFrames:
         return replace(self, person=shared.person)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class _Swept:
     """What all frames say at their poses, and of what they share."""
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, Ints, K, L, M, N, P
+from handtrack.arrays import F, Floats, Ints, K, L, M, N, P, array_dataclass
 from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
@@ -20,7 +20,7 @@ _AT_ONCE = 256
 """frames that are unpacked at once"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FrameSystem:
     """What a frame says of its pose (P) and of what all share (K)."""
 
@@ -32,7 +32,7 @@ class FrameSystem:
     """of that, how much is in `whole`"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FrameProblem:
     """What a frame says of its pose, and of what all share."""
 
@@ -78,7 +78,7 @@ class FrameProblem:
         return FrameSystem(whole, told / self.share, self.share)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FrameSystems:
     """Each frame's cost to second order, by L = P + K numbers: changes of its own pose, and of what all frames share.
 

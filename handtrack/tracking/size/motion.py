@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, F, Floats, K, L, M, N, P
+from handtrack.arrays import D3, F, Floats, K, L, M, N, P, array_dataclass
 from handtrack.geometry.rotation import left_jacobian
 from handtrack.model.pose_changes import ANGLES, PLACE, TURN, changes
 from handtrack.solver.block_banded import BlockBanded
@@ -26,7 +25,7 @@ _PAIRS = ((0, 0, 2), (0, 1, 1), (0, 2, 0), (1, 0, 2), (1, 1, 1), (2, 0, 2))
 how many frames before the end"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Motion:
     """x₊ − x = kept · (x − x₋) + N(0, process noise), of solver parameters a frame: an Ornstein–Uhlenbeck velocity.
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, K, N
+from handtrack.arrays import D3, Array, Floats, K, N, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import FOREARM_END, SizeParameters
 from handtrack.observation.observation import Observation
@@ -38,7 +38,7 @@ class OpenPerson:
     """what is known of them beforehand, as other recordings told; None: what is known of people"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class PersonChange:
     """Those of a person's `SizeParameters` that are found with the poses, in standard deviations of people."""
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from handtrack.arrays import Array, Floats, K
+from handtrack.arrays import Array, Floats, K, array_dataclass
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.cameras import CALIBRATION, NUMBERS, TIME, CameraChanges
 from handtrack.tracking.size.person import PersonChange
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Shared:
     """Unknowns beside the poses: K numbers, those of the cameras first."""
 

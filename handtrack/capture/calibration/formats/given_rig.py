@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, K
+from handtrack.arrays import D3, Array, Axes, Floats, K, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
@@ -29,7 +29,7 @@ FISHEYE_MODELS = {
 """the same of `cv2.fisheye`'s polynomial in the angle"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class GivenCamera:
     """One camera of a file; `p_camera = R p_world + t`."""
 

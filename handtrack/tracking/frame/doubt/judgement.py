@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Floats, J, K, P
+from handtrack.arrays import D3, Floats, J, K, P, array_dataclass
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.size import is_unmeasured
@@ -35,7 +34,7 @@ from handtrack.tracking.frame.result import PARTS, FrameResult, Status
 _WORDS = {**{p: f"{p} finger" for p in PARTS}, "thumb": "thumb", "palm": "palm"}
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Judgement:
     """How far a frame can be trusted."""
 

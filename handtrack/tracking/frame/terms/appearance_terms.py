@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Floats, Ints
+from handtrack.arrays import Array, Floats, Ints, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -50,7 +50,7 @@ _SAME, _SAME_PX = 4.0, 2.0  # sigmas within which a colour is the same, images s
 _LEAST_SMOOTHING_PX = 0.8  # of images in which edges are looked for
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Before:
     """A frame that is solved already."""
 
@@ -61,7 +61,7 @@ class Before:
     """the frame that tracking started from, where its pose was given"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class _Carried:
     """Points of the surface that one camera saw in a frame before."""
 
@@ -89,7 +89,7 @@ class _Carried:
         return self._textures[smoothing_px]
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SeenAppearance:
     """The images of a frame, ready for terms."""
 

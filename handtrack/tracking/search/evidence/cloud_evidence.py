@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, P, R
+from handtrack.arrays import D3, Array, Floats, Ints, K, M, N, P, R, array_dataclass
 from handtrack.capture.clouds.cloud_filters import thinned
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -30,7 +29,7 @@ _SIGMA_BANDS, _ROBUST = 0.5, 5.0  # of errors, in bands; how many sigmas pull
 _FEWEST = 60
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CloudEvidence:
     """One frame's cloud, thinned; made by `cloud_evidence`."""
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, Array, Floats, K, P, S, V, X, Y, Z
+from handtrack.arrays import D3, D4, Array, Floats, K, P, S, V, X, Y, Z, array_dataclass
 from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.pose_library import named_pose
@@ -25,7 +24,7 @@ _POINT_M = 0.012
 _LEAST_BALL_M, _BALLS_COVER = 0.003, 1.5  # radii: a ball stands for those with their middle so near
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class HandShape:
     """A hand in one posture, in its own frame: the root at the origin, not turned."""
 

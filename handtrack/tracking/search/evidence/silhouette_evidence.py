@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, Ints, M, P, R
+from handtrack.arrays import D3, Array, Floats, Ints, M, P, R, array_dataclass
 from handtrack.observation.observation import UNKNOWN, Silhouette
 from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.terms.silhouettes.prepared_silhouette import prepare
@@ -29,7 +29,7 @@ _WIDE_PIXELS = 2.0
 _LEAST_SEEN = 0.25  # share of a box that counts as the whole
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class SilhouetteEvidence:
     """One frame's silhouettes, reduced; made by `silhouette_evidence`."""
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, Floats, N
+from handtrack.arrays import D3, Array, Floats, N, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.observation.observation import Silhouette
 
@@ -18,7 +17,7 @@ HAND_AREA_M2 = 0.012
 _DEPTHS = (0.6, 1.6)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class VisualHull:
     """Cells that project into every silhouette that could see them."""
 
