@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+import scipy.linalg
 
 from handtrack import (
     Camera,
@@ -210,6 +211,7 @@ def test_terms_and_priors_of_ones_own_count():
 
 def test_linear_algebra_takes_one_thread_while_we_work_and_as_many_as_before_afterwards():
     pools = pytest.importorskip("threadpoolctl")
+    scipy.linalg.inv(np.eye(2))  # its BLAS is loaded before threads are counted
 
     def threads() -> set[int]:
         known = pools.threadpool_info()
