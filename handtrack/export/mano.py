@@ -33,8 +33,8 @@ from handtrack.arrays import (
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
-from handtrack.files.given_files import check_given, first_bytes
 from handtrack.files.npz_files import read_arrays
+from handtrack.files.text_files import check_given, first_bytes
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.surfaces.metaballs import MetaballSurface

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import check_given
+from handtrack.files.text_files import check_given
 
 _DEEPEST = 20  # levels
 _MOST_BYTES = 64 << 20  # of one variable, unpacked

@@ -1,4 +1,4 @@
-"""Text files that people and other programs write: read in one place, so that all say the same of a bad one."""
+"""Files that people name: looked at before they are opened, so that none waits for ever or fills the memory; texts read in one place."""
 
 from __future__ import annotations
 
@@ -10,7 +10,36 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import MOST_BYTES, check_given
+
+MOST_BYTES = 64 << 20  # of a description in words or numbers; a calibration has some kB
+
+
+def check_given(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
+    """Raise HandtrackError unless a path is a plain file of at most so many bytes.
+
+    what: a few words for the error, such as `a calibration`.
+    """
+    if path.is_dir():
+        raise HandtrackError(f"{path} is a folder; expected {what}.")
+    if not path.exists():
+        raise HandtrackError(f"{path}: no such file; expected {what} there.")
+    if not path.is_file():
+        raise HandtrackError(f"{path} is a pipe or a device, not a file, so it was not opened.")
+    size = path.stat().st_size
+    if size > most_bytes:
+        raise HandtrackError(
+            f"{path} has {size / 1e6:.0f} MB; {what} of more than {most_bytes / 1e6:.0f} MB is not read. Is it another file?"
+        )
+
+
+def first_bytes(path: Path) -> bytes:
+    """Return how a file begins. Raises HandtrackError where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(4096)
+    except OSError as error:
+        raise HandtrackError(f"{path}: cannot be read ({error.strerror}).") from None
+
 
 _LONGEST_WHOLE = 18  # digits: what 64 bits hold; longer ones become floats
 

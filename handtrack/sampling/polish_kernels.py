@@ -10,8 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled
-from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
-from handtrack.sampling.keypoint_system_kernels import keypoint_system
+from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system, workspace
 from handtrack.solver.limited_step_kernels import (
     clip,
     fill_box,

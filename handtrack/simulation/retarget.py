@@ -13,7 +13,7 @@ from handtrack.observation.observation import Keypoints
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
-from handtrack.terms.priors.body_priors import body_priors
+from handtrack.terms.priors.priors import body_priors
 from handtrack.tracking.search.initialize import FEWEST, fit_keypoints
 from handtrack.tracking.size.estimate import fit_size
 

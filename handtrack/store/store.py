@@ -109,7 +109,7 @@ class Store:
         return labels.track(frames) if frames else None
 
     def known_files(self) -> set[str]:
-        """Return digests of track files whose frames are all in takes; `session.takes.track_files` makes them."""
+        """Return digests of track files whose frames are all in takes; `session.takes.take_recorder` makes them."""
         return {str(data["digest"]) for data in self._actions(_FILE)}
 
     def damage(self, takes: bool = True) -> list[str]:

@@ -30,11 +30,7 @@ def written(result):
         def typed(typing, *kinds):
             def generate(context, builder, own, values):
                 code = Code(context, builder)
-                arguments = [
-                    Memory.of(code, kind, value) if isinstance(kind, types.Array) else value
-                    for kind, value in zip(own.args, values, strict=True)
-                ]
-                return write(code, *arguments)
+                return write(code, *map(code.argument, own.args, values))
 
             return result(*kinds), generate
 
@@ -100,7 +96,7 @@ class Eight:
 
     def picked(self, lanes):
         """Return the numbers of the given lanes."""
-        mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), lanes)
+        mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), lanes)
         return Eight(self.builder, self.builder.shuffle_vector(self.value, self.value, mask))
 
     def where(self, mask, other):
@@ -168,12 +164,18 @@ class Code:
     def __init__(self, context, builder):
         self.context, self.builder = context, builder
 
-    def splat(self, value):
-        vector = ir.VectorType(value.type, LANES)
+    def argument(self, kind, value):
+        """Return what a function is called with as code that is written takes it."""
+        if isinstance(kind, types.BaseTuple):
+            return tuple(map(self.argument, kind, cgutils.unpack_tuple(self.builder, value)))
+        return Memory.of(self, kind, value) if isinstance(kind, types.Array) else value
+
+    def splat(self, value, count=LANES):
+        vector = ir.VectorType(value.type, count)
         one = self.builder.insert_element(
             ir.Constant(vector, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
         )
-        return Eight(self.builder, one).picked([0] * LANES)
+        return Eight(self.builder, one).picked([0] * count)
 
     def eight(self, numbers, kind=DOUBLES):
         """Return eight constants."""

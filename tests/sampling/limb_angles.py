@@ -6,7 +6,7 @@ from handtrack import ArticulatedModel
 from handtrack.arrays import Array, Floats, Ints, check_shape
 from handtrack.model.limits import Limits
 from handtrack.sampling.chains import Chain, PreparedChain, prepare
-from handtrack.sampling.limb_ik import bounds_of_many, extended, rooted
+from handtrack.sampling.interpretation_tree import bounds_of_many, extended, rooted
 
 
 def limb_angles(

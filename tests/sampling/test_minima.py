@@ -9,9 +9,8 @@ from handtrack.model.root_turn_kernels import turn_root
 from handtrack.sampling.chains import chains_of
 from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.interpretation_tree import interpretation_tree
-from handtrack.sampling.keypoint_kernels import keypoint_cost, workspace
+from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
-from handtrack.sampling.keypoint_system_kernels import keypoint_system
 from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.sampling.suppression import angle_distance, distinct
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
@@ -19,8 +18,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
-from handtrack.terms.priors.body_priors import body_priors
-from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
+from handtrack.terms.priors.priors import GaussianPrior, LinearPrior, body_priors
 from tests.derivatives import check_gradient, check_jacobian
 
 FAR = SolverSettings(

@@ -25,7 +25,7 @@ from handtrack.capture.calibration.rig_file import rig_from_json
 from handtrack.files.versions import keep_version, versions
 from handtrack.session.formats.tables import write_result
 from handtrack.session.takes.take_about import about_take
-from handtrack.session.takes.track_files import import_track
+from handtrack.session.takes.take_recorder import import_track
 from handtrack.store.record import Record
 from handtrack.store.spans import Span
 from handtrack.store.step_record import read_result, result_content

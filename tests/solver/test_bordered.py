@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from handtrack.solver.block_banded import BlockBanded
-from handtrack.solver.bordered import Bordered
+from handtrack.solver.block_banded import BlockBanded, Bordered
 
 FRAMES, SIZE = 7, 4
 

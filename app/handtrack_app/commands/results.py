@@ -21,7 +21,7 @@ from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import foreign_result, foreign_takes
-from handtrack.session.takes.track_files import import_track, make_current
+from handtrack.session.takes.take_recorder import import_track, make_current
 from handtrack.store.lease import holder_of
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore

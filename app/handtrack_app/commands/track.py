@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.capture.images.frame_notes import listed
+from handtrack.capture.images.frames import listed
 from handtrack.diagnostics.review import queue_words, worth_a_look
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.examine import examine_start

@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import first_bytes
+from handtrack.files.text_files import first_bytes
 
 _CONTAINERS = {
     "mov": rb".{4}(ftyp|moov|mdat|wide|free|skip|pnot)",

@@ -10,7 +10,8 @@ import io
 import os
 import re
 import struct
-from collections.abc import Callable, Iterable
+import threading
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -18,9 +19,55 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Axes, Bytes, H, W
-from handtrack.capture.images.frame_notes import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import scaled_by
+
+_MOST_RUNS = 6
+
+
+class FrameNotes:
+    """Sentences by frame; those that differ by numbers alone are told once. Safe from several threads."""
+
+    def __init__(self) -> None:
+        self._texts: dict[int, tuple[str, ...]] = {}
+        self._lock = threading.Lock()
+
+    def add(self, frame: int, *texts: str) -> None:
+        """Note what was odd about a frame, in place of what was noted of it before."""
+        with self._lock:
+            self._texts[frame] = texts
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Each kind of oddity once: the first frame's sentence, and which frames are like it."""
+        with self._lock:
+            met = sorted(self._texts.items())
+        kinds: dict[str, list[tuple[int, str]]] = {}
+        for frame, texts in met:
+            for text in texts:
+                kinds.setdefault(re.sub(r"\d+", "", text), []).append((frame, text))
+        return tuple(_sentence(alike) for alike in kinds.values())
+
+
+def listed(frames: Sequence[int]) -> str:
+    """Return frame numbers as runs, such as `3-5, 9`, at most a few of them. frames: ascending."""
+    runs: list[list[int]] = []
+    for frame in frames:
+        if runs and frame == runs[-1][1] + 1:
+            runs[-1][1] = frame
+        else:
+            runs.append([frame, frame])
+    shown = ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in runs[:_MOST_RUNS])
+    return shown + (f" and {len(runs) - _MOST_RUNS} more runs" if len(runs) > _MOST_RUNS else "")
+
+
+def _sentence(alike: Sequence[tuple[int, str]]) -> str:
+    """Return the first text, and the frames of the others. alike: (frame, text), ascending."""
+    (_, text), others = alike[0], [frame for frame, _ in alike[1:]]
+    if not others:
+        return text
+    return f"{text} The same in {len(others)} more frames: {listed(others)}."
+
 
 COLOUR, MASK, DEPTH, RAW = "image", "mask", "depth", "raw"
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm", ".jp2")

@@ -14,8 +14,7 @@ from handtrack.capture.joints.given_joints import LARGEST, GivenJoints
 from handtrack.capture.joints.h5_joints import read_h5_joints
 from handtrack.capture.joints.json_joints import read_json_joints, read_openpose_files
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import check_given, first_bytes
-from handtrack.files.text_files import read_json, read_text
+from handtrack.files.text_files import check_given, first_bytes, read_json, read_text
 
 _WHAT = "2D joints"
 ACCEPTED = (

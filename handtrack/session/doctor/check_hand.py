@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, D21, Floats, evenly_spread
-from handtrack.capture.images.frame_notes import listed
+from handtrack.capture.images.frames import listed
 from handtrack.model.articulated import ArticulatedModel, HandScale, keypoint_names
 from handtrack.model.model_file import load_model, read_scale
 from handtrack.observation.observation import Keypoints

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, Array, Bytes, Floats, N, evenly_spread
-from handtrack.capture.images.frame_notes import listed
+from handtrack.capture.images.frames import listed
 from handtrack.capture.images.synchrony import plane_angles
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.triangulation import triangulated

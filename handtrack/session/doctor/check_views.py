@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import Array, H, W, evenly_spread
-from handtrack.capture.images.frame_notes import listed
-from handtrack.capture.images.frames import FrameSource
+from handtrack.capture.images.frames import FrameSource, listed
 from handtrack.capture.images.synchrony import Motion, TimeOffset, time_offsets
 from handtrack.capture.images.video import VideoFile
 from handtrack.geometry.camera import Camera

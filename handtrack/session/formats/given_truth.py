@@ -12,8 +12,7 @@ from handtrack.arrays import D3, F, Floats, Ints, N, indices
 from handtrack.capture.joints.given_joints import named_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import check_given, first_bytes
-from handtrack.files.text_files import number_in, read_rows, read_text
+from handtrack.files.text_files import check_given, first_bytes, number_in, read_rows, read_text
 from handtrack.session.formats.truth import Truth, read_truth
 
 _HAND_M = (

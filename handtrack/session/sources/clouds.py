@@ -15,7 +15,7 @@ from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.disparity import StereoSettings
 from handtrack.capture.clouds.point_cloud import PointCloud, merged
 from handtrack.capture.clouds.stereo import StereoMatcher, StereoView, check_pair
-from handtrack.capture.images.frame_notes import FrameNotes
+from handtrack.capture.images.frames import FrameNotes
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.session_file import SessionFile

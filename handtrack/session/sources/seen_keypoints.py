@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D2, D3, Floats, J
-from handtrack.capture.images.frame_notes import FrameNotes
-from handtrack.capture.images.frames import files_by_frame, frames_of
+from handtrack.capture.images.frames import FrameNotes, files_by_frame, frames_of
 from handtrack.capture.images.openpose import (
     LAYOUTS,
     Layout,

@@ -19,8 +19,7 @@ from handtrack.sampling.interpretation_tree import InterpretationTree, interpret
 from handtrack.sampling.polish import Polished, polish
 from handtrack.solver.covariance import covariance
 from handtrack.terms.collision import CollisionTerm
-from handtrack.terms.priors.body_priors import body_priors
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.terms.priors.priors import GaussianPrior, body_priors
 
 LIMBS = ("left_arm", "right_arm", "left_leg", "right_leg")
 KJS1 = ("left_arm", "right_arm", "left_leg")

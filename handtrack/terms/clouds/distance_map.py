@@ -8,8 +8,13 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z, array_dataclass, check_shape
 from handtrack.errors import HandtrackError
-from handtrack.terms.clouds.distance_map_kernels import MapArrays, fill_nodes, look_up_all
-from handtrack.terms.clouds.nearest_cells_kernels import fill_cells, fill_nearest
+from handtrack.terms.clouds.distance_map_kernels import (
+    MapArrays,
+    fill_cells,
+    fill_nearest,
+    fill_nodes,
+    look_up_all,
+)
 
 SPACING_M = 0.006
 MOST_VOXELS = 8_000_000

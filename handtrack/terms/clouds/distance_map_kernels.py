@@ -1,15 +1,165 @@
-"""Compiled look-ups in a distance map, and the sums of E2."""
+"""Compiled: which filled cell of a grid is nearest to each of its cells, look-ups in such a map of distances, and the sums of E2.
+
+The nearest filled cell along x, then along y of those, then along z (the transform is separable). In the last two steps, cells
+1, 2, 3 … further are tried until none can be nearer: 16 at once. The plain form: tests/terms/test_cloud_terms.py.
+"""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
 
 from handtrack.arrays import D3, Array, Floats, M, N, X, Y, Z
 from handtrack.compiled import compiled_as_numpy, inlined
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
+from handtrack.terms.lanes_kernels import Eight, written
 from handtrack.terms.loss import robust
+
+_NOWHERE = 1e30
+_LANES = 16
+"""cells looked at together; rows are filled up to a multiple of it"""
+_FLOATS, _INTS = ir.VectorType(ir.FloatType(), _LANES), ir.VectorType(ir.IntType(32), _LANES)
+
+
+@written(types.void)
+def _nearest(code, to, of, within, steps, least):
+    """best[at:] = the least of far[row ± s · stride:] + s² over start ≤ s < stop, who[at:] = whose that is: 16 cells.
+
+    to: best, who, at. of: far, whose, row, stride. Rows are sought `within` row + low · stride to row + high · stride; what
+    lies beyond is taken to be as the last. Ends where nothing can be less, far being nowhere less than `least`. Of equals the
+    first counts, so that the order is no matter.
+    """
+    builder = code.builder
+    (far, whose, row, stride), (low, high), (start, stop) = of, within, steps
+    best = cgutils.alloca_once_value(builder, ir.Constant(_FLOATS, [_NOWHERE] * _LANES))
+    who = cgutils.alloca_once_value(builder, ir.Constant(_INTS, [0] * _LANES))
+    with cgutils.for_range(builder, stop, start) as loop:
+        s = loop.index
+        square = builder.sitofp(builder.mul(s, s), ir.FloatType())
+        for shift, better in ((builder.neg(s), "<="), (s, "<")):
+            shift = builder.select(builder.icmp_signed("<", shift, low), low, shift)
+            shift = builder.select(builder.icmp_signed(">", shift, high), high, shift)
+            place = code.plus(row, code.times(shift, stride))
+            distance = far.load(place, kind=_FLOATS).value
+            distance = builder.fadd(distance, code.splat(square, _LANES).value)
+            before = builder.load(best)
+            nearer = builder.fcmp_ordered(better, distance, before)
+            builder.store(builder.select(nearer, distance, before), best)
+            owner = whose.load(place, kind=_INTS).value
+            builder.store(builder.select(nearer, owner, builder.load(who)), who)
+        limit = code.splat(builder.fadd(square, least), _LANES).value
+        further = builder.fcmp_ordered(">", builder.load(best), limit)
+        bits = ir.IntType(_LANES)
+        with builder.if_then(builder.icmp_unsigned("==", builder.bitcast(further, bits), bits(0))):
+            loop.do_break()
+    for memory, found in zip(to, (best, who), strict=False):
+        memory.store(Eight(builder, builder.load(found)), to[2])
+
+
+@compiled_as_numpy
+def fill_cells(points, low, spacing, cells):  # pragma: no cover - compiled
+    """Fill cells (X, Y, Z) with the number of each filled cell, −1 where it is empty; return the points (N, 3) by cell, and
+    first (M + 1,): the points of cell m are those from first[m] to first[m + 1].
+
+    points (N, 3) lie inside the grid.
+    """
+    count, room = 0, points.shape[0]
+    first, cell = np.zeros(room + 1, np.int32), np.empty(room, np.int32)
+    cells[:] = -1
+    for n in range(room):
+        i = np.int64(np.rint((points[n, 0] - low[0]) / spacing))
+        j = np.int64(np.rint((points[n, 1] - low[1]) / spacing))
+        k = np.int64(np.rint((points[n, 2] - low[2]) / spacing))
+        if cells[i, j, k] < 0:
+            cells[i, j, k] = count
+            count += 1
+        cell[n] = cells[i, j, k]
+        first[cell[n] + 1] += 1
+    first = np.cumsum(first[: count + 1]).astype(np.int32)
+    filled, ordered = first.copy(), np.empty((room, 3))
+    for n in range(room):
+        at = filled[cell[n]]
+        filled[cell[n]] += 1
+        for axis in range(3):
+            ordered[at, axis] = points[n, axis]
+    return ordered, first
+
+
+@compiled_as_numpy
+def fill_nearest(cells, nearest):  # pragma: no cover - compiled
+    """Fill nearest (X, Y, Z), int32, with the number of the filled cell that is nearest to each cell. cells: as of `fill_cells`."""
+    size_x, size_y, size_z = cells.shape
+    lows, highs = np.array(cells.shape), np.full(3, -1)
+    for i in range(size_x):
+        for j in range(size_y):
+            for k in range(size_z):
+                if cells[i, j, k] >= 0:
+                    lows[0], highs[0] = min(lows[0], i), max(highs[0], i)
+                    lows[1], highs[1] = min(lows[1], j), max(highs[1], j)
+                    lows[2], highs[2] = min(lows[2], k), max(highs[2], k)
+    first, last = lows[1], highs[1] + 1
+    begin, wide = lows[2], highs[2] + 1 - lows[2]
+    room = (wide + _LANES - 1) // _LANES * _LANES
+    far = np.zeros((size_x, last - first, room), np.float32)  # what fills rows up is soon found
+    whose = np.zeros(far.shape, np.int32)
+    _along_x(cells[:, first:last, begin : begin + wide], far, whose)
+    long = (size_z + _LANES - 1) // _LANES * _LANES
+    # beyond the row's ends there is nothing, as far as anybody looks
+    row, owner = np.empty(3 * long + room, np.float32), np.zeros(3 * long + room, np.int32)
+    best, who = np.empty(long, np.float32), np.empty(long, np.int32)
+    row[:] = _NOWHERE
+    for i in range(size_x):
+        plane, near = i * (last - first) * room, _least(far[i], wide)
+        for j in range(size_y):
+            start = max(first - j, j - (last - 1), 0)
+            at = plane + (j - first) * room
+            for n in range(0, room, _LANES):
+                to, of = (row, owner, long + begin + n), (far, whose, at + n, room)
+                _nearest(to, of, (first - j, last - 1 - j), (start, size_y), near)
+            row[long + begin + wide : long + begin + room] = _NOWHERE
+            least = _least(row[long + begin :].reshape(1, -1), wide)
+            for n in range(0, long, _LANES):
+                _nearest((best, who, n), (row, owner, long + n, 1), (-long, long), (0, long), least)
+            for k in range(size_z):
+                nearest[i, j, k] = who[k] if cells[i, j, k] >= 0 else -1 - who[k]
+
+
+@compiled_as_numpy
+def _least(far, wide):  # pragma: no cover - compiled
+    """Return the least of far[:, :wide]."""
+    least = np.float32(_NOWHERE)
+    for j in range(far.shape[0]):
+        for k in range(wide):
+            least = min(least, far[j, k])
+    return least
+
+
+@compiled_as_numpy
+def _along_x(cells, far, whose):  # pragma: no cover - compiled
+    """Fill far with the square of how many cells along x the nearest filled one is away, whose with its row."""
+    last = far.shape[0] - 1
+    for i in range(last + 1):
+        for j in range(cells.shape[1]):
+            for k in range(cells.shape[2]):
+                m = cells[i, j, k]
+                if m >= 0:
+                    far[i, j, k], whose[i, j, k] = 0.0, m
+                elif i > 0:
+                    far[i, j, k], whose[i, j, k] = far[i - 1, j, k] + 1.0, whose[i - 1, j, k]
+                else:
+                    far[i, j, k], whose[i, j, k] = _NOWHERE, 0
+    for i in range(last - 1, -1, -1):
+        for j in range(cells.shape[1]):
+            for k in range(cells.shape[2]):
+                if far[i + 1, j, k] + 1.0 < far[i, j, k]:
+                    far[i, j, k], whose[i, j, k] = far[i + 1, j, k] + 1.0, whose[i + 1, j, k]
+    for i in range(last + 1):
+        for j in range(cells.shape[1]):
+            for k in range(cells.shape[2]):
+                far[i, j, k] = min(far[i, j, k] * far[i, j, k], np.float32(_NOWHERE))
 
 
 class MapArrays(NamedTuple):

@@ -13,9 +13,8 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.images.carried_texture_kernels import texture_sums
 from handtrack.terms.images.depth_picture import DepthPicture
-from handtrack.terms.images.image_rows_kernels import Pinhole
+from handtrack.terms.images.image_kernels import Pinhole, texture_sums
 from handtrack.terms.images.smooth_image import SmoothImage
 from handtrack.terms.loss import Loss, geman_mcclure
 from handtrack.terms.term import SurfaceTerm

@@ -8,7 +8,7 @@ from handtrack.arrays import D2, Array, Floats, H, Ints, N, W, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh
-from handtrack.terms.images.depth_picture_kernels import fill_triangles
+from handtrack.terms.images.image_kernels import fill_triangles
 
 
 @array_dataclass

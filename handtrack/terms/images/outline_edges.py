@@ -1,17 +1,56 @@
-"""Edge term: image edges lie on the model's outline; robust, normalised, without masks. 2003 paper, section 2."""
+"""Edges along the normals of a predicted outline, and their term: image edges lie on the model's outline; robust, normalised, without masks. 2003 paper, section 2."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from handtrack.arrays import array_dataclass
+import numpy as np
+
+from handtrack.arrays import Floats, K, N, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.images.edge_search import SeenEdges
-from handtrack.terms.images.image_rows_kernels import Pinhole
-from handtrack.terms.images.outline_edges_kernels import edges_sums
+from handtrack.terms.images.image_kernels import Pinhole, edges_sums, search_along
+from handtrack.terms.images.model_outline import OutlinePoints
+from handtrack.terms.images.smooth_image import SmoothImage
 from handtrack.terms.term import SurfaceTerm
+
+STEP_PX = 0.5  # between samples along a normal
+MOST = 4  # edges kept of a normal; more are clutter
+FAINT = 2.0  # [grey levels / px] an edge this weak is noise
+
+
+@array_dataclass
+class SeenEdges:
+    """Up to MOST edges on the normal of each piece of outline."""
+
+    outline: OutlinePoints
+    place: Floats[N, K]
+    """(N, MOST) signed distance along the normal from the piece's own pixel [px]"""
+    strength: Floats[N, K]
+    """(N, MOST) 0 … 1; 0 where there is no edge"""
+
+    @property
+    def found(self) -> float:
+        """The share of the outline, by length, on whose normals there is any edge."""
+        length = self.outline.length_px
+        total = float(length.sum())
+        return float(length @ (self.strength > 0).any(axis=1)) / total if total > 0 else 0.0
+
+
+def edges_near(outline: OutlinePoints, image: SmoothImage, search_px: float) -> SeenEdges:
+    """Return the edges within ± search_px of an outline.
+
+    An edge is a peak of the slope g of brightness along the normal, over all channels together. Its strength
+    g²/(g² + mean g² + FAINT²), the mean along the same normal, does not depend on how bright or contrasted that
+    part of the image is: a faint edge counts where all is faint.
+    """
+    count = len(outline.bone)
+    place, strength = np.zeros((count, MOST)), np.zeros((count, MOST))
+    start = np.ascontiguousarray(outline.pixel - np.array(image.corner, dtype=float))
+    half = max(round(search_px / STEP_PX), 1)
+    search_along(image.values, start, outline.normal, half, STEP_PX, FAINT, place, strength)
+    return SeenEdges(outline, place, strength)
 
 
 @array_dataclass

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D2, D3, Array, Floats, H, N, W, array_dataclass
-from handtrack.terms.images.smooth_image_kernels import look_up_all
+from handtrack.terms.images.image_kernels import look_up_all
 
 _REACH = 3.0  # sigmas that a pixel spreads
 

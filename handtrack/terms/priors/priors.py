@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handtrack.arrays import Axes, Floats, K, S
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.priors.prior_kernels import correlated_sums, independent_sums, linear_sums
@@ -69,3 +70,24 @@ class CorrelatedPrior(ParameterTerm):
 def contiguous(*arrays: Floats[*Axes]) -> tuple[Floats[*Axes], ...]:
     """Return arrays as compiled sums take them: so these are compiled for one kind of array only."""
     return tuple(np.ascontiguousarray(array, dtype=float) for array in arrays)
+
+
+_REST_SIGMA_DEG = 80.0
+
+
+def body_priors(model: ArticulatedModel) -> list[GaussianPrior]:
+    """Return a model's soft priors, each a negative log-likelihood: a weak pull of all joint angles to rest, and `stabilisation`.
+
+    The prior on proportions belongs to the estimation of a person's size: `tracking.size.estimate`.
+    """
+    sigma = np.full(len(model.parameter_names), np.deg2rad(_REST_SIGMA_DEG))
+    sigma[:6] = np.inf
+    rest, held = GaussianPrior(model.rest, sigma, "rest"), stabilisation(model)
+    return [rest] if held is None else [rest, held]
+
+
+def stabilisation(model: ArticulatedModel) -> GaussianPrior | None:
+    """Return the prior that holds hard-to-measure freedoms, such as the clavicles', near rest; None if there are none."""
+    if model.stabilise is None:
+        return None
+    return GaussianPrior(model.rest, model.stabilise, "stabilise")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import types
 
 from handtrack.compiled import compiled
 from handtrack.terms.lanes_kernels import BYTE, DOUBLE, LANES, LONG, LONGS, ZEROS, Eight, written
@@ -39,7 +39,7 @@ _NOTHING = ir.Constant(LONGS, [0] * LANES)
 def _paint_block(code, buffer, u, parabola, limit, number, full):
     """buffer[u : u + 8] = max(itself, top − bend (u − centre)², with `number` in its last bits; `full` from limit on)."""
     builder = code.builder
-    centre, top, bend = cgutils.unpack_tuple(builder, parabola)
+    centre, top, bend = parabola
     steps = code.eight([float(i) for i in range(LANES)])
     x = code.splat(builder.fsub(builder.sitofp(u, DOUBLE), centre)) + steps
     value = code.splat(top) - x * x * code.splat(bend)

@@ -13,8 +13,7 @@ from handtrack.arrays import D2, Array, F, Floats, K, N, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters
-from handtrack.solver.block_banded import BlockBanded
-from handtrack.solver.bordered import Bordered
+from handtrack.solver.block_banded import BlockBanded, Bordered
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.constants import POINTS_LAST
 from handtrack.tracking.size.cameras import CameraChanges, velocities

@@ -36,7 +36,7 @@ from handtrack.session.session_state import (
     written,
 )
 from handtrack.session.takes.take_about import foreign_takes, refined_by, versions_in_use
-from handtrack.session.takes.track_files import import_track
+from handtrack.session.takes.take_recorder import import_track
 from handtrack.store.current_track import TakeFrames
 from handtrack.store.history import DO, NOTE, Action, Change, History, merged
 from handtrack.store.lease import LeaseTaken

@@ -28,7 +28,7 @@ from handtrack.capture.calibration.formats.given_rig import (
     whole_size,
 )
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import check_given
+from handtrack.files.text_files import check_given
 from handtrack.geometry.rotation import matrix_from_quaternion
 
 _T = TypeVar("_T")

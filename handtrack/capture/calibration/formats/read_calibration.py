@@ -24,10 +24,9 @@ from handtrack.capture.calibration.formats.programs import (
     read_splatting,
 )
 from handtrack.errors import HandtrackError
-from handtrack.files.given_files import MOST_BYTES, check_given, first_bytes
 from handtrack.files.mat_files import read_mat, read_mat_objects
 from handtrack.files.npz_files import read_arrays
-from handtrack.files.text_files import read_json, read_text
+from handtrack.files.text_files import MOST_BYTES, check_given, first_bytes, read_json, read_text
 from handtrack.files.toml_text import read_toml
 from handtrack.files.yaml_text import parse_yaml
 
