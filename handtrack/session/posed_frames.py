@@ -34,7 +34,7 @@ def posed_frames(
         joint parameters where pins or tuned settings led the solver: tracking starts again from there and solves these frames, too
     """
     store = Store(run.session.folder / TRACKS_FOLDER)
-    state, frames = readable(store.history().state), run.session.known_frames
+    state, frames = readable(store.state()), run.session.known_frames
     decided = {frame: pose for frame, pose in state.pose.items() if not pose.carried}
     if decided:
         run = _sized(run, state)

@@ -112,8 +112,7 @@ class Session:
             )
         check_written(folder)
         file = read_session_file(folder / SESSION_FILE)
-        decided = Store(folder / TRACKS_FOLDER).history().state
-        cameras = {name: value for name, value in decided.items() if name.startswith("camera/")}
+        cameras = Store(folder / TRACKS_FOLDER).state("camera/")
         session = cls(folder, file, session_rig(folder, file))
         return session.with_cameras(readable(cameras).camera)
 

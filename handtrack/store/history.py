@@ -77,6 +77,15 @@ def _said(value: Any) -> tuple[str, int] | None:
     return None if value is None else (str(value[0]), int(value[1]))
 
 
+def count(changes: Iterable[Change], state: dict[str, Value]) -> None:
+    """Let changes count in a state."""
+    for change in changes:
+        if change.after is None:
+            state.pop(change.key, None)
+        else:
+            state[change.key] = change.after
+
+
 def merged(actions: Sequence[Action]) -> tuple[Change, ...]:
     """Return what several actions did together: each value as it was before the first of them, and after the last."""
     found: dict[str, Change] = {}
@@ -207,8 +216,4 @@ class History:
 
     def _count(self, action: Action) -> None:
         self.said = action.said or self.said
-        for change in action.changes:
-            if change.after is None:
-                self.state.pop(change.key, None)
-            else:
-                self.state[change.key] = change.after
+        count(action.changes, self.state)

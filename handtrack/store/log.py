@@ -33,9 +33,11 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in segments(folder))
 
 
-def read_log(folder: Path, damage: list[str], payloads: bool = True) -> Iterator[Record]:
+def read_log(
+    folder: Path, damage: list[str], payloads: bool = True, mark: bytes = b""
+) -> Iterator[Record]:
     """Yield the records of a log in order. A sentence for whatever is damaged or missing is added to `damage`."""
-    for _, record in read_segments(folder, damage, payloads):
+    for _, record in read_segments(folder, damage, payloads, mark):
         yield record
 
 
@@ -53,12 +55,14 @@ def read_at(path: Path, offset: int) -> Record:
 
 
 def read_segments(
-    folder: Path, damage: list[str], payloads: bool = True
+    folder: Path, damage: list[str], payloads: bool = True, mark: bytes = b""
 ) -> Iterator[tuple[Path, Record]]:
     """Yield the records of a log, each with the segment that it stands in; see `read_log`."""
     for path in segments(folder):
         if path.is_symlink() or not path.is_file():
             damage.append(f"{path} is no ordinary file, so it was not read.")
+            continue
+        if mark and mark not in path.read_bytes():
             continue
         expected = 1
         with path.open("rb") as file:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
-from handtrack.store.history import Action, Change, History
+from handtrack.store.history import Action, Change, History, State, Value, count
 from handtrack.store.lease import BEAT_S, Lease
 from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
 from handtrack.store.spans import Span, beside_accepted, resolved, with_span
@@ -54,20 +54,27 @@ class Store:
             raise HandtrackError(f"{self.folder}: no take {number}; its takes: {there}.")
         return known[number]
 
-    def actions(self) -> Iterator[Action]:
-        """Yield what was decided, one action after the other."""
-        for record in read_log(self.folder / _ACTIONS, [], payloads=False):
+    def actions(self, mark: str = "") -> Iterator[Action]:
+        """Yield what was decided, one action after the other; files that do not have `mark` in them are passed over."""
+        for record in read_log(self.folder / _ACTIONS, [], payloads=False, mark=mark.encode()):
             with suppress(ValueError, KeyError, TypeError):  # of a later version
                 if record.kind == _ACTION:
                     yield Action.of(record.data)
 
     def history(self) -> History:
-        """Return what was decided so far. Reads all of it."""
+        """Return what was decided so far, step by step. Reads all of it."""
         return History.of(self.actions())
+
+    def state(self, beginning: str = "") -> State:
+        """Return what holds by all that was decided, of values whose names begin so."""
+        state: dict[str, Value] = {}
+        for action in self.actions(f'"{beginning}' if beginning else ""):
+            count((c for c in action.changes if c.key.startswith(beginning)), state)
+        return state
 
     def current(self) -> tuple[Span, ...]:
         """Return the spans of takes that show as the current track, in ascending order."""
-        spans = spans_of(self.history().state.get(SPANS))
+        spans = spans_of(self.state().get(SPANS))
         ordered = sorted(spans, key=lambda span: span.first)
         if all(one.stop <= other.first for one, other in pairwise(ordered)):
             return tuple(ordered)
@@ -87,7 +94,7 @@ class Store:
     def composed(self, spans: Sequence[Span]) -> tuple[Span, ...]:
         """Return what would show if spans were made current, each frame once: accepted frames stay as they are."""
         shown = resolved(spans, self.frames_of)
-        accepted = self.history().state.get(ACCEPTED) or ()
+        accepted = self.state().get(ACCEPTED) or ()
         return beside_accepted(shown, self.current(), accepted) if accepted else shown
 
     def track_of(self, spans: Sequence[Span]) -> TrackResult | None:
@@ -180,6 +187,10 @@ class WritableStore(Store):
     def history(self) -> History:
         """Return what was decided so far, what this program wrote included; whoever adds to it is to `write` it."""
         return self._history
+
+    def state(self, beginning: str = "") -> State:
+        """As `Store.state`, what this program wrote included."""
+        return {k: v for k, v in self._history.state.items() if k.startswith(beginning)}
 
     def write(self, action: Action) -> None:
         """Bring an action to disk. Raises HandtrackError, and nothing is written."""
