@@ -1,7 +1,6 @@
 """Predicted images of a silhouette term and their difference to the mask, as arrays and pictures.
 
 Blue: the model covers, the mask does not; or the way from a joint that was seen to the model's. Orange: the mask, not the model; or a joint. Both are told apart by colour-blind eyes.
-Plain NumPy, pixel by pixel: independent of the terms' run sums.
 """
 
 from __future__ import annotations
@@ -11,10 +10,9 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Bytes, E, Floats, H, J, N, W
+from handtrack.arrays import D2, D3, Array, Bytes, Floats, H, J, N, W
 from handtrack.geometry.camera import Camera
-from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import PosedEllipsoids, field_image, model_mask
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Silhouette
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
@@ -30,46 +28,6 @@ DOT = (
     1 / 600
 )  # half a dot's radius, of the image's longer side: seen on a thumbnail, and smaller than a detector's error
 OUTLINE = (255, 194, 10)
-
-
-def field_image(
-    camera: Camera,
-    flesh: PosedEllipsoids,
-    levels: Floats[E, D2] | None = None,
-    depth_scaled: bool = False,
-) -> Floats[H, W]:
-    """Return the lowest field, 0 where there is none; eqs. 18–19 of the 2007 paper, without distortion.
-
-    levels: t and s of each ellipsoid, for s (q − t) in place of q. depth_scaled: the paper's scale [m⁻²].
-    """
-    width, height = camera.size
-    image = np.zeros((height, width))
-    shape = shape_matrix(flesh.rotation, flesh.radii)
-    dual = dual_conic(camera.projection, flesh.centre, shape)
-    seen = is_ellipse(camera.projection, flesh.centre, shape)
-    centre, spread = ellipse(np.where(seen[:, None, None], dual, np.diag([-1.0, -1.0, 1.0])))
-    seen &= (spread[:, 0, 0] > 0) & (spread[:, 1, 1] > 0)
-    for e in np.flatnonzero(seen):
-        outer, factor = (0.0, 1.0) if levels is None else levels[e]
-        factor = -1.0 / dual[e, 2, 2] if depth_scaled else factor
-        reach = np.sqrt((1 + outer) * np.diag(spread[e]))
-        low = np.clip(np.ceil(centre[e] - reach), 0, camera.size).astype(int)
-        high = np.clip(np.floor(centre[e] + reach) + 1, 0, camera.size).astype(int)
-        determinant = np.linalg.det(spread[e])
-        if (low >= high).any() or determinant <= 0:
-            continue
-        x = np.arange(low[0], high[0]) - centre[e, 0]
-        y = (np.arange(low[1], high[1]) - centre[e, 1])[:, None]
-        (s11, s12), (_, s22) = spread[e]
-        value = (s22 * x * x - 2 * s12 * x * y + s11 * y * y) / determinant - 1 - outer
-        part = image[low[1] : high[1], low[0] : high[0]]
-        np.minimum(part, factor * value, out=part)
-    return image
-
-
-def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array[H, W]:
-    """Return True where the undistorted camera sees the model."""
-    return field_image(camera, flesh) < 0
 
 
 def predicted_image(

@@ -1,4 +1,4 @@
-"""Ellipsoids: the flesh on bones, and where a pose puts them."""
+"""Ellipsoids: the flesh on bones, where a pose puts them, and how a camera sees them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, E, Floats, Ints
+from handtrack.arrays import D2, D3, Array, E, Floats, H, Ints, W
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
 from handtrack.model.kinematics import BonePoses
 
 
@@ -95,3 +97,43 @@ class Ellipsoids:
         return Ellipsoids(
             names, self.bone[kept], self.centre[kept], self.rotation[kept], self.radii[kept]
         )
+
+
+def field_image(
+    camera: Camera,
+    flesh: PosedEllipsoids,
+    levels: Floats[E, D2] | None = None,
+    depth_scaled: bool = False,
+) -> Floats[H, W]:
+    """Return the lowest field, 0 where there is none; eqs. 18–19 of the 2007 paper, without distortion.
+
+    Plain NumPy, pixel by pixel: independent of the terms' run sums. levels: t and s of each ellipsoid, for s (q − t) in place of q. depth_scaled: the paper's scale [m⁻²].
+    """
+    width, height = camera.size
+    image = np.zeros((height, width))
+    shape = shape_matrix(flesh.rotation, flesh.radii)
+    dual = dual_conic(camera.projection, flesh.centre, shape)
+    seen = is_ellipse(camera.projection, flesh.centre, shape)
+    centre, spread = ellipse(np.where(seen[:, None, None], dual, np.diag([-1.0, -1.0, 1.0])))
+    seen &= (spread[:, 0, 0] > 0) & (spread[:, 1, 1] > 0)
+    for e in np.flatnonzero(seen):
+        outer, factor = (0.0, 1.0) if levels is None else levels[e]
+        factor = -1.0 / dual[e, 2, 2] if depth_scaled else factor
+        reach = np.sqrt((1 + outer) * np.diag(spread[e]))
+        low = np.clip(np.ceil(centre[e] - reach), 0, camera.size).astype(int)
+        high = np.clip(np.floor(centre[e] + reach) + 1, 0, camera.size).astype(int)
+        determinant = np.linalg.det(spread[e])
+        if (low >= high).any() or determinant <= 0:
+            continue
+        x = np.arange(low[0], high[0]) - centre[e, 0]
+        y = (np.arange(low[1], high[1]) - centre[e, 1])[:, None]
+        (s11, s12), (_, s22) = spread[e]
+        value = (s22 * x * x - 2 * s12 * x * y + s11 * y * y) / determinant - 1 - outer
+        part = image[low[1] : high[1], low[0] : high[0]]
+        np.minimum(part, factor * value, out=part)
+    return image
+
+
+def model_mask(camera: Camera, flesh: PosedEllipsoids) -> Array[H, W]:
+    """Return True where the undistorted camera sees the model."""
+    return field_image(camera, flesh) < 0

@@ -12,14 +12,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, Floats, H, W, pixel_grid
+from handtrack.arrays import Array, Bytes, H, W, pixel_grid
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_outline
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text, replacing
-from handtrack.geometry.camera import Camera
-from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_matrix
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import model_mask
 from handtrack.observation.agreement import outlines_off
 from handtrack.observation.observation import Silhouette
 from handtrack.observation.undistortion import undistort_silhouette
@@ -31,7 +29,6 @@ from handtrack.tracking.frame.tables.track_model import model_of
 
 _FLESH_OFF_M = 0.004
 """how far a person's outline is from the model's in the right pose: one and a half of `outline_sigma_mm`, and clothes of skin"""
-_SUBPIXEL_BITS = 4
 _MARK = "made_by_handtrack.json"
 _KNUCKLES = ("index_mcp", "middle_mcp", "ring_mcp", "little_mcp")
 
@@ -106,7 +103,9 @@ class MaskRefinement:
     def outline(self, view: View, row: int) -> Bytes[H, W]:
         """Return 255 where the camera, with its lens, sees the model in a row of the track."""
         bones = self._model.bones(self._model.transform.solver_params(self._track.parameters[row]))
-        drawn = _drawn(view.camera, self._model.flesh["fine"].posed(bones))
+        drawn = 255 * model_mask(view.camera, self._model.flesh["fine"].posed(bones)).astype(
+            np.uint8
+        )
         maps = self._maps(view)
         return drawn if maps is None else cv2.remap(drawn, *maps, cv2.INTER_NEAREST)  # type: ignore[return-value]
 
@@ -192,28 +191,6 @@ class MaskRefinement:
             straight = np.nan_to_num(pixels, nan=-1e4).astype(np.float32)
             known[view.name] = tuple(np.ascontiguousarray(straight[..., i]) for i in range(2))
         return known[view.name]
-
-
-def _drawn(camera: Camera, flesh: PosedEllipsoids) -> Bytes[H, W]:
-    """Return 255 where the camera without its lens sees the ellipsoids."""
-    width, height = camera.size
-    image = np.zeros((height, width), np.uint8)
-    shape = shape_matrix(flesh.rotation, flesh.radii)
-    seen = is_ellipse(camera.projection, flesh.centre, shape)
-    centres, spreads = ellipse(dual_conic(camera.projection, flesh.centre[seen], shape[seen]))
-    for centre, spread in zip(centres, spreads, strict=True):
-        lengths, axes = np.linalg.eigh(spread)
-        angle = np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1]))
-        half = np.sqrt(np.maximum(lengths[::-1], 0.0))
-        if np.abs(centre).max() + half.max() < 4 * max(camera.size):
-            at, size = (_fixed(values) for values in (centre, half))
-            cv2.ellipse(image, at, size, float(angle), 0, 360, 255, -1, cv2.LINE_8, _SUBPIXEL_BITS)
-    return image
-
-
-def _fixed(values: Floats) -> tuple[int, int]:
-    rounded = np.rint(values * 2**_SUBPIXEL_BITS)
-    return int(rounded[0]), int(rounded[1])
 
 
 def _check_folder(folder: Path) -> None:

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from handtrack import Camera, Session, load_model
-from handtrack.diagnostics.residual_image import model_mask
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import PosedEllipsoids, model_mask
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.motion import MOTIONS, motion

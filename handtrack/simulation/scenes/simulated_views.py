@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from handtrack.arrays import D2, Array, Floats, H, P
-from handtrack.diagnostics.residual_image import model_mask
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.flesh import model_mask
 from handtrack.observation.observation import Observation, Silhouette
 
 

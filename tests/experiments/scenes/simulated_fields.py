@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack import ArticulatedModel, Camera, Silhouette
 from handtrack.arrays import Floats, P
-from handtrack.diagnostics.residual_image import field_image
+from handtrack.model.flesh import field_image
 from handtrack.simulation.scenes.simulated_views import everything
 from handtrack.terms.silhouettes.prepared_silhouette import PreparedSilhouette, prepare
 

@@ -11,9 +11,8 @@ from scipy.stats import norm
 from handtrack import ArticulatedModel, Camera, HandScale, Observation, Silhouette, load_model
 from handtrack.arrays import D3, D21, Floats
 from handtrack.capture.clouds.depth import depth_cloud
-from handtrack.diagnostics.residual_image import model_mask
 from handtrack.model.articulated import FINGERS
-from handtrack.model.flesh import PosedEllipsoids
+from handtrack.model.flesh import PosedEllipsoids, model_mask
 from handtrack.model.pose_library import alphabet, named_pose
 from handtrack.simulation.render import pixel_rays, render
 from handtrack.simulation.scenes.simulated_views import everything

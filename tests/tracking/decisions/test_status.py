@@ -15,7 +15,7 @@ from handtrack import (
     TrackerSettings,
     load_model,
 )
-from handtrack.diagnostics.residual_image import model_mask
+from handtrack.model.flesh import model_mask
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
