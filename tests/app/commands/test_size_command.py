@@ -15,7 +15,7 @@ from handtrack.model.model_file import read_scale, scale_from, scale_table
 from handtrack.model.size import FOREARM_END, hand_length_mm, without_forearm_end
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands import track as track_command
-from tests.app.command_line import refused
+from tests.app.command_line import QUICK, refused
 from tests.session.small_session import edit
 
 LARGER = 1.06
@@ -30,6 +30,8 @@ def made(tmp_path_factory):
     )
     folder = simulate(tmp_path_factory.mktemp("larger") / "session", what)
     edit(folder / "session.toml", f"scale = {LARGER}", "scale = 1.0")
+    with (folder / "session.toml").open("a") as file:
+        file.write(QUICK)
     return folder
 
 
