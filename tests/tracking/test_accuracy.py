@@ -18,6 +18,8 @@ def errors_mm(track, truth):
 
 
 LIVE = {"tracker.estimate": "forward"}
+QUICK = {"tracker.escape": False, "tracker.recovery": False}
+"""no searches: here they change the errors by hundredths of a millimetre"""
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +52,7 @@ def test_refined_together_no_joint_is_worse_by_a_tenth_of_a_millimetre(bundled, 
 
 def test_an_independent_hand_mesh_is_followed():
     """Another model's surface and joints (linear skinning), ragged masks; its joints lie elsewhere by definition."""
-    run = TrackingRun.open(Session.open(bundled_session()))
+    run = TrackingRun.open(Session.open(bundled_session()), QUICK)
     track = run.result(run.track(range(12), *run.initial()))
     assert errors_mm(track, run.session.truth).mean() < 4.5  # measured 3.5 mm
     chain = np.diff(run.session.truth.keypoints21[0][[0, 9, 10, 11, 12]], axis=0)
@@ -62,7 +64,7 @@ def test_an_independent_hand_mesh_is_followed():
 def test_a_real_hand_on_a_desk_is_near_marks_set_by_eye(data_dir):
     """Two cameras, forearm in view, size by keypoints alone (fitting it to masks: 5.7 px, slower)."""
     session = Session.open(data_dir / "sessions" / "desk_two_view")
-    run = TrackingRun.open(session, {"model.fit_size": False})
+    run = TrackingRun.open(session, {"model.fit_size": False, **QUICK})
     track = run.result(run.track(range(18, 30), *run.initial()))
     figures: Any = compare(track, session)
     assert run.forearm
