@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from handtrack.files.atomic import remove_abandoned, replace_text, replacing
+from tests.killing import copy_of_a_fresh_process, forked
 
 
 def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
@@ -33,17 +34,18 @@ def test_a_full_disk_leaves_what_was_there_and_names_the_file(tmp_path):
 def killed_while_writing(path: Path) -> Path:
     """Return what a program leaves that is killed in the middle of `replacing`."""
     before = set(path.parent.iterdir())
-    child = os.fork()
-    if child == 0:
-        with replacing(path) as part:
-            part.write_text("half")
-            os._exit(9)
-    os.waitpid(child, 0)
+    copy_of_a_fresh_process(_write_half, path).join()
     (left,) = set(path.parent.iterdir()) - before
     return left
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot copy a process")
+def _write_half(path: Path) -> None:
+    with replacing(path) as part:
+        part.write_text("half")
+        os._exit(9)
+
+
+@forked
 def test_a23_what_a_killed_program_left_is_removed_later(tmp_path):
     kept = [tmp_path / name for name in (".mine.part", ".poses.npz.ab.part.npz", "poses.npz")]
     for path in kept:

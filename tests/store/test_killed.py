@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from handtrack import HandtrackError
 from handtrack.store.spans import Span
@@ -93,7 +92,6 @@ def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
 
 
 @forked
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a1_a6_a7_killed_at_any_moment_nothing_acknowledged_is_lost(tmp_path):
     rng, known = random.Random(5), Known()
     for number in range(KILLS):

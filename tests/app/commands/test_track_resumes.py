@@ -3,8 +3,7 @@
 import os
 import random
 import signal
-import warnings
-from collections.abc import Callable
+import stat
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from handtrack_app.cli import main
 from handtrack_app.commands import track
 from tests.app.command_line import FRAMES
 from tests.app.commands.test_cli_interrupts import Interrupter
+from tests.killing import copy_of_a_fresh_process, forked
 
 POSES = "tracks/poses.npz"
 
@@ -42,48 +42,33 @@ def frames_of(session: Path, take: int = 1) -> tuple[int, ...]:
     return Store(session / "tracks").take(take).frames
 
 
-def in_child(work: Callable[[], object]) -> int:
-    """Run something in a copy of this process; return how that ended: minus the number of the signal that killed it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", DeprecationWarning
-        )  # other tests' threads are not in the copy
-        child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            signal.alarm(120)
-            work()
-            code = 0
-        finally:
-            os._exit(code)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+def killed_at_write(number: int, session: Path) -> int | None:
+    """Track in a process of its own; its n-th write to a file of the store is cut in half, and it is killed there."""
+    child = copy_of_a_fresh_process(_track_until_write, number, session)
+    child.join()
+    return child.exitcode
 
 
-def killed_at_write(number: int, session: Path) -> int:
-    """Track in a child; its n-th write to a file of the store is cut in half, and the child killed there."""
+def _track_until_write(number: int, session: Path) -> None:
+    left, really = number, os.write
 
-    def work() -> None:
-        left, really = [number], os.write
+    def write(handle: int, data) -> int:
+        nonlocal left
+        of_file = stat.S_ISREG(os.fstat(handle).st_mode)
+        left -= of_file
+        if left == 0 and of_file:
+            really(handle, bytes(data)[: len(data) // 2])
+            os.kill(os.getpid(), signal.SIGKILL)
+        return really(handle, data)
 
-        def write(handle: int, data) -> int:
-            left[0] -= handle > 2
-            if left[0] == 0 and handle > 2:
-                really(handle, bytes(data)[: len(data) // 2])
-                os.kill(os.getpid(), signal.SIGKILL)
-            return really(handle, data)
-
-        os.write = write
-        main(["track", str(session)])
-
-    return in_child(work)
+    os.write = write
+    main(["track", str(session)])
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are copied where they can be")
+@forked
 def test_a1_killed_at_random_moments_the_same_command_ends_with_the_same_bytes(
-    handtrack, session, whole, monkeypatch
+    handtrack, session, whole
 ):
-    monkeypatch.setenv("HANDTRACK_THREADS", "1")  # a copy of a process has none of its threads
     moments = random.Random(11)
     for _ in range(6):
         before = frames_of(session) if (session / "tracks/takes").exists() else ()

@@ -12,8 +12,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from handtrack import HandtrackError
 from handtrack.session.session_state import SessionState, name_of, written
 from handtrack.store.history import History
@@ -159,7 +157,6 @@ def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
 
 
 @forked
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a1_a3_a4_a5_a6_a7_killed_at_any_moment_no_acknowledged_action_is_lost(
     tmp_path,
 ):
