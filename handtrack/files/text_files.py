@@ -6,8 +6,10 @@ import csv
 import io
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from handtrack.errors import HandtrackError
 
@@ -71,6 +73,19 @@ def read_json(path: Path, what: str, most_bytes: int = MOST_BYTES) -> Any:
         ) from None
     except (ValueError, RecursionError) as error:
         raise HandtrackError(f"{path}: cannot be read as JSON: {error}.") from None
+
+
+def read_xml(path: Path, what: str) -> ElementTree.Element:
+    """Return an XML file's root; one that declares a document type or entities is refused. Raises HandtrackError."""
+    text = read_text(path, what)
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise HandtrackError(
+            f"{path}: XML with declarations of its own (DOCTYPE) is not read; {what} needs none."
+        )
+    try:
+        return ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))
+    except ElementTree.ParseError as error:
+        raise HandtrackError(f"{path}: not valid XML: {error}.") from None
 
 
 def read_rows(text: str, where: str, separator: str = "") -> list[list[str]]:

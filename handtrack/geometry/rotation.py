@@ -163,6 +163,21 @@ def closest_equivalent(rotvec: Floats[D3], to: Floats[D3]) -> Floats[D3]:
     return axis * (angle + 2 * np.pi * turns)
 
 
+def axes_along(along: Floats[D3], up: Floats[D3]) -> Floats[D3, D3]:
+    """Return a bone's axes, as columns: y along a direction, z as near to `up` as can be."""
+    y = along / np.linalg.norm(along)
+    z = up - y * (up @ y)
+    z /= np.linalg.norm(z)
+    return np.stack([np.cross(y, z), y, z], axis=1)
+
+
+def looking_along(axis: Floats[D3], down: Floats[D3]) -> Floats[D3, D3]:
+    """Return R_camera_world of a camera that looks along a unit vector, its columns as near to `down` as can be."""
+    right = np.cross(down, axis)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(axis, right), axis])
+
+
 _PHI = np.sqrt(2.0)
 _PSI = 1.533751168755204288118041
 

@@ -14,7 +14,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, Axes, Floats, H, K, W, array_dataclass, pixel_grid
 from handtrack.errors import HandtrackError
 from handtrack.geometry.lens import COEFFICIENT_COUNTS, distort, undistort
-from handtrack.geometry.rotation import rotation_matrix
+from handtrack.geometry.rotation import looking_along, rotation_matrix
 
 FISHEYE_COUNT = 4
 WIDEST_RAD = math.radians(100.0)
@@ -145,7 +145,7 @@ def pinhole_views(
         [[x, middle[1]], [x + width - 1, middle[1]], [middle[0], y], [middle[0], y + height - 1]]
     )
     axis = lens.rays(middle if region else lens.matrix[:2, 2])
-    base = _looking_along(axis)
+    base = looking_along(axis, np.array([0.0, 1.0, 0.0]))
     sides = lens.rays(ends) @ base.T
     left, right = (math.atan2(ray[0], ray[2]) for ray in sides[:2])
     top, bottom = (math.atan2(ray[1], ray[2]) for ray in sides[2:])
@@ -212,10 +212,3 @@ def _view(
     size = (max(int(w * focal), 1), max(int(h * focal), 1))
     matrix = np.array([[focal, 0, -edges[0] * focal], [0, focal, -edges[2] * focal], [0, 0, 1.0]])
     return PinholeView(size, matrix, rotation)
-
-
-def _looking_along(axis: Floats[D3]) -> Floats[D3, D3]:
-    """Return R_view_lens of a view along an axis whose rows stay as level as the lens's."""
-    right = np.cross([0.0, 1.0, 0.0], axis)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(axis, right), axis])

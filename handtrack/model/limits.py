@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, Ints, N, S
+from handtrack.arrays import D2, Axes, Floats, Ints, N, S
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,14 @@ class Limits:
     narrow_to: Floats[N]
     """share of the interval's width that is left."""
 
-    def bounds(self, joint_params: Floats[S]) -> Floats[S, D2]:
-        """Return the intervals that hold at joint parameters."""
-        bounds = self.interval.copy()
+    def bounds(self, joint_params: Floats[*Axes]) -> Floats[*Axes]:
+        """Return the intervals (…, S, 2) that hold at joint parameters (…, S)."""
+        bounds = np.tile(self.interval, (*joint_params.shape[:-1], 1, 1))
         if len(self.narrowed):
             which, by = self.narrowed.T
-            bend = np.clip(joint_params[by] / self.narrow_at, 0.0, 1.0)
+            bend = np.clip(joint_params[..., by] / self.narrow_at, 0.0, 1.0)
             share = 1.0 - (1.0 - self.narrow_to) * bend
-            middle = np.clip(0.0, *self.interval[which].T)
-            bounds[which] = middle[:, None] + share[:, None] * (bounds[which] - middle[:, None])
+            middle = np.clip(0.0, *self.interval[which].T)[:, None]
+            wide = bounds[..., which, :] - middle
+            bounds[..., which, :] = middle + share[..., None] * wide
         return bounds

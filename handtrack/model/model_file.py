@@ -21,7 +21,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replace_text
 from handtrack.files.text_files import read_json
 from handtrack.files.toml_text import read_toml
-from handtrack.geometry.rotation import rotation_matrix
+from handtrack.geometry.rotation import axes_along, rotation_matrix
 from handtrack.model.articulated import (
     BODY_PARTS,
     HAND_PARTS,
@@ -406,14 +406,6 @@ def _mirror(points: Any, side: str) -> Floats:
     return points * (-1.0, 1.0, 1.0) if side == "left" else points
 
 
-def _frame(head: Floats, tail: Floats, up: Floats) -> Floats:
-    """Return the bone → hand rotation: +y along the bone, +z to its dorsal side."""
-    y = (tail - head) / np.linalg.norm(tail - head)
-    z = up - y * (up @ y)
-    z /= np.linalg.norm(z)
-    return np.stack([np.cross(y, z), y, z], axis=1)
-
-
 def _build(
     table: dict[str, Any],
     side: str,
@@ -424,10 +416,11 @@ def _build(
 ) -> ArticulatedModel:
     rows = [b for b in table["bone"] if forearm or b.get("only_with") != "forearm"]
     names = tuple(b["name"] for b in rows)
-    frames = np.stack(
-        [_frame(*(_mirror(b[key], side) for key in ("head", "tail", "up"))) for b in rows]
+    heads, tails, ups = (
+        np.stack([_mirror(b[key], side) for b in rows]) for key in ("head", "tail", "up")
     )
-    heads = np.stack([_mirror(b["head"], side) for b in rows]) * _MM
+    frames = np.stack([axes_along(*one) for one in zip(tails - heads, ups, strict=True)])
+    heads *= _MM
     factor = {b["name"]: size.factor(b["group"]) for b in rows}
     parent = np.array([names.index(b["parent"]) if "parent" in b else -1 for b in rows])
     if not np.allclose(frames[0], np.eye(3)):

@@ -16,7 +16,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Floats, S
 from handtrack.errors import unknown_name
-from handtrack.geometry.rotation import rotation_vector
+from handtrack.geometry.rotation import axes_along, rotation_vector
 from handtrack.model.articulated import ArticulatedModel
 
 _FILES = {"hand": ("hand.toml", "lsf.toml"), "body": ("body.toml",)}
@@ -81,10 +81,7 @@ def pose_turn(name: str, side: str = "right") -> Floats[D3]:
     pose = _pose(name)
     along = np.array(pose.get("fingers", _FINGERS), dtype=float)
     palm = np.array(pose.get("palm", _PALM), dtype=float)
-    y = along / np.linalg.norm(along)
-    z = -(palm - palm @ y * y)
-    z /= np.linalg.norm(z)
-    turn = np.stack([np.cross(y, z), y, z], axis=1)
+    turn = axes_along(along, -palm)
     if side == "left":
         mirror = np.diag([-1.0, 1.0, 1.0])
         turn = mirror @ turn @ mirror

@@ -26,7 +26,6 @@ from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses, bone_poses
-from handtrack.model.limits import Limits
 from handtrack.model.transform import ParameterTransform
 from handtrack.sampling.chains import Chain, PreparedChain, chains_of, prepare
 from handtrack.sampling.limb_ik_kernels import grow, pierce
@@ -100,18 +99,6 @@ def extended(
     choice = np.concatenate([branches.choice[parent], which[:, None]], axis=1)
     exact = branches.exact[parent] & (miss <= tolerance)
     return Branches(rotation, end, angles, branches.source[parent], choice, exact)
-
-
-def bounds_of_many(limits: Limits, joint_params: Floats[N, S]) -> Floats[N, S, D2]:
-    """Return the limits that hold at joint parameters; row by row `Limits.bounds`."""
-    bounds = np.tile(limits.interval, (len(joint_params), 1, 1))
-    for (which, by), at, to in zip(
-        limits.narrowed, limits.narrow_at, limits.narrow_to, strict=True
-    ):
-        share = 1.0 - (1.0 - to) * np.clip(joint_params[:, by] / at, 0.0, 1.0)
-        middle = np.clip(0.0, *limits.interval[which])
-        bounds[:, which] = middle + share[:, None] * (limits.interval[which] - middle)
-    return bounds
 
 
 def _turn(axis: Floats, angle: float) -> Floats:
@@ -255,7 +242,7 @@ def _inside(
         return branches
     joint = given[branches.source]
     joint[:, chain.columns] = branches.angles
-    low, high = np.moveaxis(bounds_of_many(model.limits, joint)[:, chain.columns], -1, 0)
+    low, high = np.moveaxis(model.limits.bounds(joint)[:, chain.columns], -1, 0)
     moved = np.clip(branches.angles, low, high)
     inside = np.all(np.abs(moved - branches.angles) < REACHED_M, axis=1)
     if not take_nearest:

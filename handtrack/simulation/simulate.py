@@ -16,6 +16,7 @@ from handtrack.capture.clouds.depth import depth_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera, CameraRig
+from handtrack.geometry.rotation import looking_along
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.model_file import load_model, write_scale
 from handtrack.session import layout
@@ -98,7 +99,7 @@ def simulated_rig(
             around, height = 2 * np.pi * i / count, 0.35 * (-1) ** i
         out = np.array([np.sin(around), 0.0, np.cos(around)]) * np.cos(height)
         out[1] = np.sin(height)
-        rotation = _looking(-out, down=np.array([0.0, -1.0, 0.0]))
+        rotation = looking_along(-out, np.array([0.0, -1.0, 0.0]))
         cameras.append(
             Camera(f"cam{i}", size, matrix, lens, rotation, -rotation @ (out * distance_m))
         )
@@ -169,13 +170,6 @@ def simulate(
     file = SessionFile(recording, hand, entries, clouds, tracking)
     write_session_file(folder / layout.SESSION_FILE, file)
     return folder
-
-
-def _looking(forward: Floats, down: Floats) -> Floats:
-    """Return R_camera_world of a camera that looks along `forward`, image down nearest to `down`."""
-    x = np.cross(down, forward)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(forward, x), forward])
 
 
 def _render_all(

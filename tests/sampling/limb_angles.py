@@ -6,7 +6,7 @@ from handtrack import ArticulatedModel
 from handtrack.arrays import Array, Floats, Ints, check_shape
 from handtrack.model.limits import Limits
 from handtrack.sampling.chains import Chain, PreparedChain, prepare
-from handtrack.sampling.interpretation_tree import bounds_of_many, extended, rooted
+from handtrack.sampling.interpretation_tree import extended, rooted
 
 
 def limb_angles(
@@ -46,6 +46,6 @@ def limb_angles(
 
 def within_limits(limits: Limits, joint_params: Floats, slack: float = 1e-9) -> Array:
     """Return (N,) whether joint parameters (N, S) are within limits, also those that narrow with another."""
-    bounds = bounds_of_many(limits, joint_params)
+    bounds = limits.bounds(joint_params)
     inside = (joint_params >= bounds[..., 0] - slack) & (joint_params <= bounds[..., 1] + slack)
     return np.asarray(inside.all(axis=1))

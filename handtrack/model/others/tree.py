@@ -12,8 +12,8 @@ import numpy as np
 
 from handtrack.arrays import D3, Axes, Floats
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import read_text
-from handtrack.geometry.rotation import rotation_vector
+from handtrack.files.text_files import read_xml
+from handtrack.geometry.rotation import axes_along, rotation_vector
 
 _SHORTEST_M = 1e-4
 """between two joints, for the line between them to be a bone's direction"""
@@ -86,7 +86,7 @@ def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any
         centres = [place[one.name] + turn[one.name] @ shape.centre for one, shape in shapes]
         tail = _tail(link, here, turn[link.name], ahead, centres)
         up = _across(tail - here, turn[link.name])
-        frame = np.eye(3) if link.parent is None else _frame(tail - here, up)
+        frame = np.eye(3) if link.parent is None else axes_along(tail - here, up)
         frames[link.name] = frame
         bones.append(_bone(link, carrier, here, tail, up, frame.T @ turn[link.name]))
         for (one, shape), centre in zip(shapes, centres, strict=True):
@@ -171,14 +171,6 @@ def _across(direction: Floats[D3], turn: Floats[D3, D3]) -> Floats[D3]:
     return turn[:, best]
 
 
-def _frame(along: Floats[D3], up: Floats[D3]) -> Floats[D3, D3]:
-    """Return the bone → root rotation that a definition's head, tail and up mean: +y along, +z on the side of up."""
-    y = along / np.linalg.norm(along)
-    z = up - y * (up @ y)
-    z /= np.linalg.norm(z)
-    return np.stack([np.cross(y, z), y, z], axis=1)
-
-
 def _bone(
     link: Link, carrier: Mapping[str, str], here: Floats, tail: Floats, up: Floats, own: Floats
 ) -> dict[str, Any]:
@@ -207,15 +199,7 @@ def _rounded(values: Any) -> list[float]:
 
 def read_root(path: Path, tag: str, what: str) -> ElementTree.Element:
     """Return a file's root element, which has this tag. Raises HandtrackError for no XML, another root, or entities."""
-    text = read_text(path, f"a robot's {what}")
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise HandtrackError(
-            f"{path}: it declares a document type or entities; expected plain {what}."
-        )
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise HandtrackError(f"{path}: not valid XML: {error}.") from None
+    root = read_xml(path, f"a robot's {what}")
     if root.tag != tag:
         raise HandtrackError(f"{path}: its root is <{root.tag}>; expected <{tag}>, as {what} has it.")  # fmt: skip
     return root

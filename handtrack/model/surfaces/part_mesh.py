@@ -76,33 +76,19 @@ def _icosphere(divisions: int) -> tuple[Floats, Ints]:
     points += [(a, b, 0.0) for a in long for b in short]
     points += [(b, 0.0, a) for a in long for b in short]
     ball = np.array(points) / np.hypot(1.0, golden)
-    faces = _hull(ball)
     for _ in range(divisions):
-        ball, faces = _divided(ball, faces)
-    return ball, faces
+        sides = _hull(ball)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        middle = ball[np.unique(np.sort(sides), axis=0)].sum(axis=1)
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        ball = np.concatenate([ball, middle])
+    return ball, _hull(ball)
 
 
-def _hull(ball: Floats) -> Ints:
-    """Return the faces of the icosahedron: all threes of neighbours."""
-    near = np.linalg.norm(ball[:, None] - ball[None], axis=2)
-    edge = near[near > 1e-9].min() * 1.01
-    found = []
-    for i in range(len(ball)):
-        for j in range(i + 1, len(ball)):
-            for k in range(j + 1, len(ball)):
-                if max(near[i, j], near[j, k], near[i, k]) < edge:
-                    inward = np.linalg.det(ball[[i, j, k]]) < 0
-                    found.append((i, k, j) if inward else (i, j, k))
-    return np.array(found)
+def _hull(ball: Floats[V, D3]) -> Ints[T, D3]:
+    """Return the triangles between points of a ball, counter-clockwise seen from outside."""
+    from scipy.spatial import ConvexHull
 
-
-def _divided(ball: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return each face cut into four."""
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    unique, at = np.unique(edges, axis=0, return_inverse=True)
-    middle = ball[unique].sum(axis=1)
-    middle /= np.linalg.norm(middle, axis=1, keepdims=True)
-    a, b, c = faces.T
-    ab, bc, ca = (len(ball) + at.reshape(-1, 3)).T
-    parts = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
-    return np.concatenate([ball, middle]), np.concatenate([np.stack(p, axis=1) for p in parts])
+    faces = np.array(ConvexHull(ball).simplices, int)
+    inward = np.linalg.det(ball[faces]) < 0
+    faces[inward] = faces[inward, ::-1]
+    return faces

@@ -9,7 +9,8 @@ import numpy as np
 
 from handtrack.arrays import Floats
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.simulation.motion_files.clip import MotionClip
+from handtrack.files.text_files import read_text
+from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
 INCH_M = 0.0254
 FPS = 120.0
@@ -60,20 +61,13 @@ def _turn(angles_deg: Floats) -> Floats:
     return Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
 
 
-def _read(path: Path, what: str) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise HandtrackError(f"{path}: cannot be read as {what}: {error}.") from None
-
-
 def _skeleton(path: Path) -> tuple[dict[str, _Bone], float]:
     """Return the bones, parents first, and the metres in a unit."""
     bones = {"root": _Bone("root")}
     order: list[str] = ["root"]
     unit, section = INCH_M, ""
     current: _Bone | None = None
-    for number, line in enumerate(_read(path, "a skeleton (.asf)"), 1):
+    for number, line in enumerate(read_text(path, "a skeleton (.asf)").splitlines(), 1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
@@ -130,7 +124,7 @@ def _bone_line(words: list[str], current: _Bone | None, bones: dict[str, _Bone])
 def _frames(path: Path, bones: dict[str, _Bone], skeleton: Path) -> list[dict[str, list[float]]]:
     """Return each frame's numbers by bone."""
     frames: list[dict[str, list[float]]] = []
-    for number, line in enumerate(_read(path, "a motion (.amc)"), 1):
+    for number, line in enumerate(read_text(path, "a motion (.amc)", LARGEST).splitlines(), 1):
         words = line.split()
         if not words or words[0][0] in "#:":
             continue

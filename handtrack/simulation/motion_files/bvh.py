@@ -9,7 +9,8 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, J
 from handtrack.errors import HandtrackError
 from handtrack.files.bvh_hierarchy import BvhJoint, numbers_of, read_hierarchy
-from handtrack.simulation.motion_files.clip import MotionClip
+from handtrack.files.text_files import read_text
+from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
 POSITIONS = ("add", "replace")
 _LASTING = 0.02  # share of their length by which bones of captured people change at most
@@ -29,10 +30,7 @@ def read_bvh(path: Path, positions: str | None = None, unit_m: float = 0.01) -> 
         raise HandtrackError(
             f"read_bvh: positions '{positions}'; expected one of {', '.join(POSITIONS)}."
         )
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise HandtrackError(f"{path}: cannot be read as a BVH file: {error}.") from None
+    lines = read_text(path, "a BVH file", LARGEST).splitlines()
     joints, after = read_hierarchy(lines, path)
     width = sum(len(joint.channels) for joint in joints)
     frames, step = _motion(lines, after, width, path)

@@ -10,6 +10,8 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, J, indices
 from handtrack.errors import unknown_name
 
+LARGEST = 1 << 29  # bytes of a motion file: an hour
+
 
 @dataclass(frozen=True)
 class MotionClip:

@@ -15,10 +15,9 @@ from handtrack.files.text_files import check_given, first_bytes
 from handtrack.session.formats.given_truth import read_markers
 from handtrack.simulation.motion_files.asf_amc import FPS, INCH_M, read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
-from handtrack.simulation.motion_files.clip import MotionClip
+from handtrack.simulation.motion_files.clip import LARGEST, MotionClip
 
 ACCEPTED = "BVH, AMC with its ASF, TRC, C3D, or a CSV with the columns frame and <joint>_x, _y, _z"
-_LARGEST = 1 << 29
 _UNITS = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": INCH_M}
 _ALIKE = 1.55  # ratio to an adult's length: less than √2.54, half of what is between centimetres and inches
 _AXES = ("x", "y", "z")
@@ -43,7 +42,7 @@ def read_motion(
     skeleton: the .asf of an .amc; without it, the only one beside it. fps: frames a second, where the file says none.
     positions: of a BVH, see `read_bvh`. Raises HandtrackError.
     """
-    check_given(path, "a motion", _LARGEST)
+    check_given(path, "a motion", LARGEST)
     suffix, start = path.suffix.lower(), first_bytes(path)
     if start.lstrip()[:9].upper() == b"HIERARCHY":
         return RawMotion("BVH", _at(read_bvh(path, positions, 1.0), fps), None)

@@ -26,7 +26,14 @@ from handtrack.capture.calibration.formats.programs import (
 from handtrack.errors import HandtrackError
 from handtrack.files.mat_files import read_mat, read_mat_objects
 from handtrack.files.npz_files import read_arrays
-from handtrack.files.text_files import MOST_BYTES, check_given, first_bytes, read_json, read_text
+from handtrack.files.text_files import (
+    MOST_BYTES,
+    check_given,
+    first_bytes,
+    read_json,
+    read_text,
+    read_xml,
+)
 from handtrack.files.toml_text import read_toml
 from handtrack.files.yaml_text import parse_yaml
 
@@ -254,15 +261,7 @@ def _yaml(path: Path) -> tuple[str, Any]:
 
 
 def _xml(path: Path) -> tuple[str, Any]:
-    text = read_text(path, _WHAT)
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise HandtrackError(
-            f"{path}: XML with declarations of its own (DOCTYPE) is not read; a calibration needs none."
-        )
-    try:
-        root = ElementTree.fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))
-    except ElementTree.ParseError as error:
-        raise HandtrackError(f"{path}: not valid XML: {error}.") from None
+    root = read_xml(path, _WHAT)
     return "xml", _storage(root, 0, path) if root.tag == _STORAGE else root
 
 
