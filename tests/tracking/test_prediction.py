@@ -1,4 +1,4 @@
-"""Constant velocity from the last two frames."""
+"""Constant velocity from the last two frames with a pose, if they are neither too far apart nor too long ago."""
 
 from types import SimpleNamespace
 
@@ -7,7 +7,9 @@ import pytest
 
 from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.tracking.frame.prediction import predict
+from handtrack.solver.problem import Problem
+from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.tracking.frame.prediction import inheriting_doubt, predict
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.sequence import track_frames
 
@@ -37,7 +39,7 @@ def test_a_prediction_stays_within_limits():
 
 def test_more_smoothing_pulls_more_and_a_longer_gap_less():
     """A displacement costs in proportion to `tracker.smoothing`, and inversely to the frames since the last one."""
-    expected = load_model().rest_params()
+    expected = MODEL.rest_params()
     moved, settings = expected + 0.01, TrackerSettings().prior
 
     def cost(smoothing: float, ahead: int) -> float:
@@ -65,3 +67,65 @@ def test_the_longer_a_finger_is_hidden_the_less_is_known_of_it():
     assert std[7, 0] > 1.3 * std[1, 0]
     assert std[8, 0] < 1.01 * std[0, 0]  # seen again
     assert std[:, 1].max() < 1.01 * std[0, 1]  # the wrist was never hidden
+
+
+STEP = 0.012
+
+
+def place(*frames, at):
+    """Return where the wrist is expected (x, in steps), having moved by one step between each two of these frames."""
+    previous = []
+    for n, (number, status) in enumerate(frames):
+        params = np.zeros(26)
+        params[0] = n * STEP
+        previous.append(frame(number, params, status))
+    return predict(MODEL, previous, at)[0] / STEP
+
+
+def seen(*numbers):
+    return [(number, Status.TRACKED) for number in numbers]
+
+
+@pytest.mark.parametrize(
+    ("before", "last", "at", "expected"),
+    [
+        (0, 1, 2, 2.0),
+        (0, 4, 8, 2.0),  # both spans at their longest
+        (0, 4, 5, 1.25),
+        (0, 1, 5, 5.0),
+        (0, 5, 6, 1.0),  # too far apart: the hand stays where it was
+        (0, 1, 6, 1.0),  # too long ago
+        (8, 4, 0, 2.0),  # backward in time
+        (9, 4, 3, 1.0),
+        (6, 5, 0, 1.0),
+        (0, 2, 1, 1.0),  # between both: they were not tracked in this direction
+        (0, 2, 2, 1.0),
+        (3, 3, 4, 1.0),
+    ],
+)
+def test_a_motion_goes_on_for_four_frames_and_no_longer(before, last, at, expected):
+    assert place(*seen(before, last), at=at) == pytest.approx(expected)
+
+
+def test_the_last_two_frames_with_a_pose_count():
+    frames = [*seen(0, 1, 2), (3, Status.LOST)]
+    assert place(*frames, at=4) == pytest.approx(2.0 + 2.0)  # from frame 2 on, by a step a frame
+    assert place((0, Status.LOST), *seen(1), at=2) == pytest.approx(1.0)
+    doubtful = [(0, Status.DOUBTFUL), (1, Status.DOUBTFUL)]
+    assert place(*doubtful, at=2) == pytest.approx(2.0)
+
+
+def test_the_prediction_alone_is_as_unsure_as_the_pose_before():
+    """The pull to the relaxed hand is no prediction: it stays as sure as it is. (M⁻¹ + C)⁻¹, written out."""
+    rest = GaussianPrior(MODEL.rest, np.full(26, 0.7), "rest")
+    motion = GaussianPrior(MODEL.rest, np.linspace(0.1, 0.3, 26), "motion")
+    params, belief = MODEL.rest_params(), np.diag(np.linspace(0.01, 0.2, 26) ** 2)
+
+    def known(*priors):
+        return Problem(MODEL, (), priors).linearize(params).hessian
+
+    found = inheriting_doubt(
+        Problem(MODEL, (), (rest, motion)), params, known(rest, motion), belief
+    )
+    unsure = np.linalg.inv(np.linalg.inv(known(motion)) + belief)
+    np.testing.assert_allclose(found, known(rest) + unsure, rtol=1e-9)

@@ -1,7 +1,6 @@
 """Random mutation: python -m tests.experiments.mutation [--module PART] [--draw N] [--max N] [--seed S] prints each mutant and the score.
 
-Without --draw, up to --max mutants of each module in targets.py; with it, one mutant of each of N modules drawn from the whole
-library and application. Every mutant is tried in a process of its own, forked from one that has imported the libraries already;
+--draw: so many modules are drawn from library and application; --max: mutants of each (1). Every mutant is tried in a process of its own, forked from one that has imported the libraries already;
 the changed source is handed to the import, so that no file is touched.
 """
 
@@ -24,7 +23,7 @@ import scipy.ndimage
 import scipy.spatial  # noqa: F401
 
 from tests.experiments.mutation.mutants import mutants
-from tests.experiments.mutation.targets import TARGETS, modules, near_tests
+from tests.experiments.mutation.targets import modules, near_tests
 
 ROOT = Path(__file__).parents[3]
 _PATIENCE, _LEAST_S = 8.0, 30.0
@@ -101,16 +100,15 @@ def main() -> None:
         prog="python -m tests.experiments.mutation", description=__doc__
     )
     parser.add_argument("--module", default="", help="only modules whose name contains this")
-    parser.add_argument("--draw", type=int, default=0, help="number of modules, one mutant each")
-    parser.add_argument("--max", type=int, default=30, help="mutants per module (30)")
+    parser.add_argument("--draw", type=int, default=0, help="number of modules (all)")
+    parser.add_argument("--max", type=int, default=1, help="mutants per module (1)")
     parser.add_argument("--seed", type=int, default=0)
     chosen = parser.parse_args()
     os.chdir(ROOT)
-    most, known = (1, list(modules(ROOT))) if chosen.draw else (chosen.max, list(TARGETS))
-    known = [module for module in known if chosen.module in module]
+    known = [module for module in modules(ROOT) if chosen.module in module]
     if chosen.draw:
         known = random.Random(chosen.seed).sample(known, min(chosen.draw, len(known)))
-    scores = [killed(module, most, chosen.seed) for module in known]
+    scores = [killed(module, chosen.max, chosen.seed) for module in known]
     print(f"{sum(n for n, _ in scores)} of {sum(m for _, m in scores)} mutants noticed")
 
 

@@ -6,46 +6,10 @@ import ast
 from functools import cache
 from pathlib import Path
 
+from docs.generate import public_names
+
 _ROOT = Path(__file__).parents[3]
 _FILES = 3  # of tests that a drawn mutant is tried on
-
-TARGETS: dict[str, tuple[str, ...]] = {
-    "handtrack.sampling.chains": ("tests/sampling/test_limbs.py",),
-    "handtrack.sampling.suppression": ("tests/sampling/test_minima.py",),
-    "handtrack.tracking.hypotheses.mixture": ("tests/tracking/decisions/test_mixture_weights.py",),
-    "handtrack.tracking.hypotheses.mixture_search": (
-        "tests/tracking/decisions/test_hypothesis_rounds.py",
-        "tests/tracking/decisions/test_mixture_weights.py",
-    ),
-    "handtrack.tracking.frame.prediction": (
-        "tests/tracking/decisions/test_prediction_span.py",
-        "tests/tracking/test_prediction.py",
-    ),
-    "handtrack.tracking.frame.assessment": (
-        "tests/tracking/decisions/test_status.py",
-        "tests/tracking/test_assessment.py",
-    ),
-    "handtrack.tracking.frame.terms.cloud_terms": (
-        "tests/tracking/decisions/test_cloud_balance.py",
-        "tests/tracking/test_cloud_weight.py",
-        "tests/tracking/test_methods.py",
-    ),
-    "handtrack.tracking.search.lost_finger": ("tests/tracking/decisions/test_finger_shift.py",),
-    "handtrack.tracking.search.policy": (
-        "tests/tracking/decisions/test_restart_choice.py",
-        "tests/tracking/test_search_policy.py",
-        "tests/tracking/decisions/test_status.py",
-        "tests/test_docs.py::test_generated_parts_are_current",
-    ),
-    "handtrack.tracking.search.engine": (
-        "tests/tracking/test_search_policy.py",
-        "tests/tracking/decisions/test_hypothesis_rounds.py",
-    ),
-    "handtrack.tracking.search.frame_solve": (
-        "tests/tracking/decisions/test_poor_cloud.py",
-        "tests/tracking/test_fallback.py",
-    ),
-}
 
 
 @cache
@@ -63,11 +27,9 @@ def modules(root: Path = _ROOT) -> dict[str, Path]:
 
 
 def near_tests(module: str) -> tuple[str, ...]:
-    """Return the tests that are to notice a change of a module: those chosen above, else the files that import it, or what
-    imports it, by as few steps as any; of several those that import least else.
+    """Return the tests that are to notice a change of a module: the files that import it, or what imports it, by as few steps as any; of
+    several those that import least else.
     """
-    if module in TARGETS:
-        return TARGETS[module]
     every, reached = modules(), {module}
     tests = {path: _imports(path) for path in sorted((_ROOT / "tests").rglob("test_*.py"))}
     while True:
@@ -99,4 +61,6 @@ def _imports(path: Path) -> frozenset[str]:
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    public = public_names().items()
+    found |= {at.rpartition(".")[0] for name, at in public if f"handtrack.{name}" in found}
     return frozenset(found)
