@@ -7,10 +7,12 @@ import pytest
 
 from handtrack import HandScale, Status, Tracker, TrackerSettings, TrackerState, load_model
 from handtrack.simulation.motion import motion
-from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
+from handtrack.tracking.frame.control import Control
+from handtrack.tracking.frame.terms.cloud_terms import agreement, cloud_terms, see_cloud
+from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.sequence import track_frames
-from tests.experiments.scenes.simulated_clouds import DIGICLOPS, FINE, depth_views
+from tests.experiments.scenes.simulated_clouds import DIGICLOPS, FINE, Sensor, depth_views
 
 MODEL = load_model()
 FRAMES = 8
@@ -129,3 +131,40 @@ def test_what_no_line_of_sight_meets_may_be_a_hole(poor, good):
     np.testing.assert_allclose(beside[2:], patches * np.log(2.0), rtol=1e-6)
     for along in (-0.02, 0.02):
         assert cost(place(along * sight)) < 0.1 * patches
+
+
+POSE = MODEL.rest_params()
+POSE[1] = -0.09
+WHOLE, FAIR, POOR = 0.0, 0.2, 0.4
+"""how much of the hand is missing, in zones"""
+
+
+def cloud(missing, frame=0):
+    sensor = Sensor((160, 120), noise_m=5e-4, missing=missing, blob_m=0.04)
+    joint = MODEL.joint_params(POSE)[None]
+    seen = next(depth_views(MODEL, joint, sensor, np.random.default_rng(4)))
+    return replace(seen, frame=frame, time_s=frame / 25.0)
+
+
+def agreed(missing):
+    bones = MODEL.bones(POSE)
+    seen = see_cloud(cloud(missing), MODEL, bones, TrackerSettings())
+    assert seen is not None
+    found = agreement(seen, MODEL, bones)
+    return found.share
+
+
+def test_a_doubt_begins_below_one_bound_and_ends_above_a_higher_one():
+    assert agreed(WHOLE) > 0.95
+    assert 0.82 < agreed(FAIR) < 0.86
+    assert agreed(POOR) < 0.78
+    clouds = [WHOLE, FAIR, POOR, FAIR, WHOLE, FAIR]
+    seen = [cloud(missing, frame) for frame, missing in enumerate(clouds)]
+    quick = {"tracker.escape": False, "tracker.recovery": False, "solver.iterations": 6}
+    tracker = Tracker(MODEL, TrackerSettings().with_values(quick))
+    told: list[SearchReport] = []
+    control = Control(on_search=told.append)
+    path = track_frames(tracker, lambda f, *_: seen[f], 0, POSE, range(len(seen)), control)
+    results = list(path)
+    assert [r.poor_cloud for r in results] == [False, False, True, True, False, False]
+    assert [(r.frame, r.winner is not None) for r in told] == [(2, True), (3, True), (4, False)]
