@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D2, Axes, Floats, K
+from handtrack.arrays import D2, Axes, Floats, H, K, W
 
 COEFFICIENT_COUNTS = (4, 5, 8, 12, 14)
 _NEWTON_STEPS = 30
@@ -47,6 +47,11 @@ def undistort(bent: Floats[*Axes, D2], coefficients: Floats[K]) -> Floats[*Axes,
     error = np.linalg.norm(target - _bend(straight, full), axis=-1)
     good = (error < _CONVERGED) & (np.linalg.norm(straight, axis=-1) <= limit)
     return np.where(good[..., None], straight, np.nan)
+
+
+def remap_source(places: Floats[H, W, D2]) -> Floats[H, W, D2]:
+    """Return places in an image [px] as `cv2.remap` takes them, float32; outside of it where they are NaN."""
+    return np.nan_to_num(places, nan=-1e4).astype(np.float32)
 
 
 def field_radius(coefficients: Floats[K]) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D2, Array, Axes, Floats, H, Ints, W, pixel_grid
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.lens import remap_source
 
 Roi = tuple[int, int, int, int]
 """x, y, width, height [px] in the real, distorted image."""
@@ -20,17 +21,17 @@ class LensMaps(NamedTuple):
 
     camera: Camera
     """without distortion"""
-    x: Floats[H, W] | None
-    """float32: the column in the real image of each undistorted pixel; None without distortion."""
-    y: Floats[H, W] | None
+    source: Floats[H, W, D2] | None
+    """float32: the place in the real image of each undistorted pixel; None without distortion."""
     valid: Ints[H, D2]
     """int32: per row the largest run of pixels that come from inside the image and the region of interest"""
 
     def straightened(self, pixels: Array[H, W, *Axes]) -> Array[H, W, *Axes]:
         """Return an image (H, W, …) without distortion, bilinearly interpolated; itself where the lens has none."""
-        if self.x is None or self.y is None:
+        if self.source is None:
             return pixels
-        return cv2.remap(pixels, self.x, self.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        border = cv2.BORDER_REPLICATE
+        return cv2.remap(pixels, self.source, None, cv2.INTER_LINEAR, borderMode=border)  # type: ignore[call-overload]
 
 
 def lens_maps(camera: Camera, roi: Roi | None = None) -> LensMaps:
@@ -47,13 +48,8 @@ def _lens_maps(camera: Camera, roi: Roi | None) -> LensMaps:
     inside = _inside(source, (0, 0, width, height)) & _inside(source, roi or (0, 0, width, height))
     valid = longest_runs(inside)
     valid.flags.writeable = False
-    if not camera.is_distorted:
-        return LensMaps(straight, None, None, valid)
     # beyond the lens's field the source is NaN; any place will do, since those pixels are not valid
-    maps = np.nan_to_num(source, nan=-1e4).astype(np.float32)
-    return LensMaps(
-        straight, np.ascontiguousarray(maps[..., 0]), np.ascontiguousarray(maps[..., 1]), valid
-    )
+    return LensMaps(straight, remap_source(source) if camera.is_distorted else None, valid)
 
 
 def _inside(source: Array, box: Roi) -> Array:

@@ -6,17 +6,19 @@ import glob
 import json
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Bytes, H, W, pixel_grid
+from handtrack.arrays import D2, Bytes, Floats, H, W, pixel_grid
 from handtrack.capture.masks.hand_seeds import HandSeeds, seeds_of_outline
 from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.errors import HandtrackError
 from handtrack.files.atomic import replace_text, replacing
+from handtrack.geometry.camera import Camera
+from handtrack.geometry.lens import remap_source
 from handtrack.model.flesh import model_mask
 from handtrack.observation.agreement import outlines_off
 from handtrack.observation.observation import Silhouette
@@ -103,11 +105,11 @@ class MaskRefinement:
     def outline(self, view: View, row: int) -> Bytes[H, W]:
         """Return 255 where the camera, with its lens, sees the model in a row of the track."""
         bones = self._model.bones(self._model.transform.solver_params(self._track.parameters[row]))
-        drawn = 255 * model_mask(view.camera, self._model.flesh["fine"].posed(bones)).astype(
-            np.uint8
-        )
-        maps = self._maps(view)
-        return drawn if maps is None else cv2.remap(drawn, *maps, cv2.INTER_NEAREST)  # type: ignore[return-value]
+        camera, flesh = view.camera, self._model.flesh["fine"].posed(bones)
+        drawn = 255 * model_mask(camera, flesh).astype(np.uint8)
+        if not camera.is_distorted:
+            return drawn
+        return cv2.remap(drawn, _source(camera), None, cv2.INTER_NEAREST)  # type: ignore[return-value, call-overload]
 
     def write(self, view: View, masks: SeededMasks, frame: int) -> tuple[float, float] | None:
         """Write a frame's mask; return the share known and the overlap with the model where it is. None without image or pose."""
@@ -181,16 +183,11 @@ class MaskRefinement:
     def _folder(self, view: View) -> Path:
         return inside(self.session.folder, f"{MASKS_FOLDER}/{view.name}", str(self.session.folder))
 
-    def _maps(self, view: View) -> tuple[Array, Array] | None:
-        camera = view.camera
-        if not camera.is_distorted:
-            return None
-        known = self.__dict__.setdefault("_known_maps", {})
-        if view.name not in known:
-            pixels = camera.undistort_points(pixel_grid(camera.size))
-            straight = np.nan_to_num(pixels, nan=-1e4).astype(np.float32)
-            known[view.name] = tuple(np.ascontiguousarray(straight[..., i]) for i in range(2))
-        return known[view.name]
+
+@lru_cache(maxsize=16)
+def _source(camera: Camera) -> Floats[H, W, D2]:
+    """Return the place in the undistorted image that each pixel shows."""
+    return remap_source(camera.undistort_points(pixel_grid(camera.size)))
 
 
 def _check_folder(folder: Path) -> None:

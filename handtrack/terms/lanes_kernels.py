@@ -136,6 +136,11 @@ class Memory:
         start = self.code.times(number, self.width)
         return Memory(self.code, self.code.builder.gep(self.data, [start]), self.width)
 
+    @property
+    def eight(self):
+        """Eight of its numbers."""
+        return ir.VectorType(self.data.type.pointee, LANES)
+
     def _pointer(self, at, row, kind):
         builder = self.code.builder
         place = self.code.plus(at, self.code.times(self.width, row)) if row else at

@@ -9,10 +9,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from handtrack.arrays import D3, Array, Axes, Floats, H, K, L, N, W, array_dataclass, pixel_grid
+from handtrack.arrays import D2, D3, Array, Axes, Floats, H, K, L, N, W, array_dataclass, pixel_grid
 from handtrack.capture.images.raw_frames import level_line_at
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.lens import remap_source
 
 _BORDER_STEPS = 25  # points along each side of an image when its rectified place is looked for
 _MOST_GROWTH = 1.5  # of a rectified image over the real one
@@ -31,9 +32,9 @@ class RectifiedPair:
     right_real: Camera
     swapped: bool
     """whether the first of the two given cameras is `right`."""
-    left_maps: tuple[Array[H, W], Array[H, W]]
-    """float32 x and y in the real image of each rectified pixel."""
-    right_maps: tuple[Array[H, W], Array[H, W]]
+    left_source: Floats[H, W, D2]
+    """float32: the place in the real image of each rectified pixel."""
+    right_source: Floats[H, W, D2]
 
     @property
     def baseline_m(self) -> float:
@@ -82,12 +83,12 @@ class RectifiedPair:
         linear: interpolate, and repeat the border outside, which makes no edges; false for masks,
         0 outside. along_level_lines: interpolate by the 2004 paper's rule (§2.2) instead of bilinearly.
         """
-        x, y = self.right_maps if right else self.left_maps
+        source = self.right_source if right else self.left_source
         if linear and along_level_lines:
-            return np.round(level_line_at(image, x, y)).astype(image.dtype)
+            return np.round(level_line_at(image, *np.moveaxis(source, -1, 0))).astype(image.dtype)
         how = cv2.INTER_LINEAR if linear else cv2.INTER_NEAREST
         border = cv2.BORDER_REPLICATE if linear else cv2.BORDER_CONSTANT
-        return np.asarray(cv2.remap(image, x, y, how, borderMode=border))
+        return np.asarray(cv2.remap(image, source, None, how, borderMode=border))  # type: ignore[call-overload]
 
 
 def rectified(first: Camera, second: Camera) -> RectifiedPair:
@@ -154,7 +155,7 @@ def rectified(first: Camera, second: Camera) -> RectifiedPair:
                 np.asarray(-rotation @ camera.centre, dtype=float),
             )
         )
-    maps = [_maps(real, flat) for real, flat in zip((left, right), virtual)]
+    maps = [_source(real, flat) for real, flat in zip((left, right), virtual)]
     return RectifiedPair(virtual[0], virtual[1], left, right, swapped, maps[0], maps[1])
 
 
@@ -183,7 +184,6 @@ def _limited(low: float, high: float, real: int) -> tuple[float, float]:
     return float(np.floor(middle - most / 2)), float(np.ceil(middle + most / 2))
 
 
-def _maps(real: Camera, flat: Camera) -> tuple[Array, Array]:
+def _source(real: Camera, flat: Camera) -> Floats[H, W, D2]:
     rays = flat.rays(pixel_grid(flat.size))
-    pixels = np.nan_to_num(real.project(real.centre + rays), nan=-1e4).astype(np.float32)
-    return np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1])
+    return remap_source(real.project(real.centre + rays))

@@ -182,7 +182,8 @@ class StereoMatcher:
 
 def _wanted(mask: Array | None, pair: RectifiedPair, right: bool) -> Array:
     """Return where a rectified image (H, W) may be matched: in the mask, and in the real image."""
-    x, y = pair.right_maps if right else pair.left_maps
+    source = pair.right_source if right else pair.left_source
+    x, y = np.moveaxis(source, -1, 0)
     width, height = (pair.right_real if right else pair.left_real).size
     inside = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1)
     return inside if mask is None else inside & (mask > 0)

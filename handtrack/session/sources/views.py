@@ -29,6 +29,7 @@ from handtrack.capture.masks.seeded import UNKNOWN_LEVEL, Seeded, SeededMasks
 from handtrack.capture.masks.segmentation import MaskMethod, Segmenter, segmenter
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.geometry.camera import Camera, scaled_by
+from handtrack.geometry.lens import remap_source
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.geometry.source_lens import PinholeView, SourceLens
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
@@ -388,14 +389,13 @@ def _straightened(taken: FrameSource, lens: SourceLens, view: PinholeView) -> De
     """Return images as a pinhole view of their lens shows them. taken: as the lens took them."""
 
     @cache
-    def maps() -> tuple[Array[H, W], Array[H, W]]:
-        """float32: column and row of the taken image that each of the view's pixels shows."""
-        places = np.nan_to_num(view.source(lens), nan=-1e4).astype(np.float32)
-        return np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+    def source() -> Floats[H, W, D2]:
+        """The place in the taken image that each of the view's pixels shows."""
+        return remap_source(view.source(lens))
 
     def read(frame: int) -> Array[H, W, *Axes] | None:
         image = taken.read(frame)
-        return None if image is None else cv2.remap(image, *maps(), cv2.INTER_LINEAR)
+        return None if image is None else cv2.remap(image, source(), None, cv2.INTER_LINEAR)  # type: ignore[call-overload]
 
     return DerivedFrames(taken, read, view.size)
 

@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
 
 from handtrack.compiled import compiled
+from handtrack.terms.lanes_kernels import BYTE, LONG, written
 from handtrack.terms.silhouettes.row_kernels import BLOCK
 
 
-@intrinsic
-def _differing(typing, image, at):
+@written(types.int64)
+def _differing(code, image, at):
     """Return a bit for each of 8 pixels of the flat image: whether it differs from the pixel before."""
-    signature = types.int64(image, at)
-
-    def generate(context, builder, signature, values):
-        kind = signature.args[0]
-        number = context.get_value_type(kind.dtype)
-        data = context.make_array(kind)(context, builder, values[0]).data
-        eight = ir.VectorType(number, BLOCK).as_pointer()
-        before = builder.sub(values[1], ir.Constant(ir.IntType(64), 1))
-        here, left = (
-            builder.load(builder.bitcast(builder.gep(data, [place]), eight), align=1)
-            for place in (values[1], before)
-        )
-        flags = builder.bitcast(builder.fcmp_unordered("!=", here, left), ir.IntType(BLOCK))
-        return builder.zext(flags, ir.IntType(64))
-
-    return signature, generate
+    builder, before = code.builder, code.plus(at, -1)
+    here, left = (image.load(place, kind=image.eight).value for place in (at, before))
+    flags = builder.bitcast(builder.fcmp_unordered("!=", here, left), BYTE)
+    return builder.zext(flags, LONG)
 
 
 @compiled
