@@ -37,21 +37,8 @@ def pose_table(frames, ellipsoids, table):  # pragma: no cover - compiled
 
 
 @inlined
-def ellipsoid_distance(table, e, turning, x, y, z):  # pragma: no cover - compiled
-    """Return the distance of a point to ellipsoid e: (k − 1) r_min where k < turning, else ρ (1 − 1/k)."""
-    x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
-    u = table[e, 3] * x + table[e, 4] * y + table[e, 5] * z
-    v = table[e, 6] * x + table[e, 7] * y + table[e, 8] * z
-    w = table[e, 9] * x + table[e, 10] * y + table[e, 11] * z
-    k = max(np.sqrt(u * u + v * v + w * w), TINY)
-    if k < turning or k <= TINY:
-        return (k - 1.0) * table[e, LEAST]
-    return np.sqrt(x * x + y * y + z * z) * (1.0 - 1.0 / k)
-
-
-@compiled_as_numpy
 def ellipsoid_gradient(table, e, turning, x, y, z):  # pragma: no cover - compiled
-    """Return (d, nx, ny, nz)."""
+    """Return the distance d of a point to ellipsoid e, (k − 1) r_min where k < turning, else ρ (1 − 1/k), and its gradient."""
     x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
     u = table[e, 3] * x + table[e, 4] * y + table[e, 5] * z
     v = table[e, 6] * x + table[e, 7] * y + table[e, 8] * z
@@ -66,6 +53,12 @@ def ellipsoid_gradient(table, e, turning, x, y, z):  # pragma: no cover - compil
     rho = np.sqrt(x * x + y * y + z * z)
     a, b = rho / (k * k * k), (1.0 - 1.0 / k) / rho
     return rho * (1.0 - 1.0 / k), a * gx + b * x, a * gy + b * y, a * gz + b * z
+
+
+@inlined
+def ellipsoid_distance(table, e, turning, x, y, z):  # pragma: no cover - compiled
+    """Return d alone: what only the gradient needs is not compiled."""
+    return ellipsoid_gradient(table, e, turning, x, y, z)[0]
 
 
 @compiled_as_numpy
