@@ -71,15 +71,16 @@ class CloudEvidence:
         enough: float = 1.0,
     ) -> Floats[R, M]:
         """Return the share of area on which shape and cloud disagree, by rotation and place."""
-        sights, start = self._sights
         hand = ~shape.is_arm  # asked for nowhere; where the forearm is seen, `field` explains it
-        out = np.empty((len(rotations), len(places)))
-        cloud_scores(
-            self.points, self.area, self.distances.values, self.distances.low, self.distances.spacing, sights, start,
-            np.ascontiguousarray(rotations), np.ascontiguousarray(places), shape.middle, shape.reach, shape.field,
-            shape.low, shape.spacing, shape.points[hand], shape.normals[hand], shape.area, out,
-        )  # fmt: skip
-        return out
+        known = self.distances
+        return cloud_scores(
+            (self.points, self.area),
+            (known.values, known.low, known.spacing),
+            self._sights,
+            (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
+            (shape.points[hand], shape.normals[hand], shape.area, shape.middle, shape.reach),
+            (shape.field, shape.low, shape.spacing),
+        )
 
     def terms(
         self,

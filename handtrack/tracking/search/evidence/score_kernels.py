@@ -71,16 +71,21 @@ def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no co
 
 
 @compiled_as_numpy
-def cloud_scores(
-    cloud, cloud_area, distances, map_low, map_spacing, sights, sight_start, rotations, places, middle, reach, field,
-    field_low, field_spacing, points, normals, point_area, out,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Fill out (R, M) with the share of area on which a shape and a cloud (N, 3) disagree, 0 to 1.
+def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cover - compiled
+    """Return (R, M) the share of area on which a shape and a cloud disagree, 0 to 1.
+
+    cloud: points (N, 3) and the area of each. distances, field: to cloud and shape, values on a grid, where it begins and its
+    spacing. laid: rotations (R, 3, 3) and places (M, 3). shape: points, normals, the area of each point, the palm's middle, reach.
 
     Disagreement is the cloud's area within reach of the palm's middle that is not on the shape, and the shape's visible area
-    that has no cloud. sights: (K, 3) directions to the eyes, one view being sights[sight_start[i]:sight_start[i + 1]]:
-    all of its eyes must see a point, one view is enough; without views everything is visible.
+    that has no cloud. eyes: (K, 3) directions to them, and where those of each view begin: all of its eyes must see a point, one
+    view is enough; without views everything is visible.
     """
+    (cloud, cloud_area), (distances, map_low, map_spacing) = cloud, distances
+    (sights, sight_start), (rotations, places) = eyes, laid
+    points, normals, point_area, middle, reach = shape
+    field, field_low, field_spacing = field
+    out = np.empty((rotations.shape[0], places.shape[0]))
     views = sight_start.shape[0] - 1
     count = points.shape[0]
     picture = np.empty((_CELLS, _CELLS))
@@ -132,6 +137,7 @@ def cloud_scores(
                     turned[n, 2] + pz - map_low[2],
                 )
             out[r, m] = total / max(whole, 1e-12)
+    return out
 
 
 @inlined
@@ -157,17 +163,20 @@ def _off_disc(across, down, count, u, v, radius, least):  # pragma: no cover - c
 
 @compiled_as_numpy
 def silhouette_scores(
-    projections, focal, outside, sizes, step, samples, sample_start, sample_area, rotations, places, middle, reach,
-    spheres, points, normals, point_area, enough, out,
-):  # fmt: skip  # pragma: no cover - compiled
-    """Fill out (R, M) with the share of area on which a shape's outlines and silhouettes disagree, 0 to 1.
+    views, pictures, samples, laid, shape, spheres, enough
+):  # pragma: no cover - compiled
+    """Return (R, M) the share of area on which a shape's outlines and silhouettes disagree, 0 to 1.
 
     Disagreement is the mask's area within reach of the palm's middle that the shape does not cover, and the shape's area
-    outside the mask, both summed over cameras at the hand's distance. outside: (C, H, W) distance to the mask [px] on every
-    `step`-th pixel; sizes: (C, 2) its columns and rows that count; samples: mask pixels of camera i are
-    samples[sample_start[i]:sample_start[i + 1]], each standing for sample_area[i] [px²]. Once the share is sure to be
-    larger than `enough`, what it is at least is filled in.
+    outside the mask, both summed over cameras at the hand's distance. views: projections (C, 3, 4) and focal lengths. pictures:
+    (C, H, W) distance to the mask [px] on every `step`-th pixel, (C, 2) their columns and rows that count, and the step. samples:
+    mask pixels, where those of each camera begin, and the area for which each stands [px²]. laid and shape: as `cloud_scores`.
+    Once the share is sure to be larger than `enough`, what it is at least is returned.
     """
+    (projections, focal), (outside, sizes, step) = views, pictures
+    samples, sample_start, sample_area = samples
+    (rotations, places), (points, normals, point_area, middle, reach) = laid, shape
+    out = np.empty((rotations.shape[0], places.shape[0]))
     cameras, balls, count = projections.shape[0], spheres.shape[0], points.shape[0]
     turned, facing = np.empty((count, 3)), np.empty((count, 3))
     ball = np.empty((balls, 3))
@@ -253,3 +262,4 @@ def silhouette_scores(
                     whole += area
             whole += max(most, 0.0)
             out[r, m] = total / whole if whole > 0.0 else 1.0
+    return out

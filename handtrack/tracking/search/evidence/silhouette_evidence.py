@@ -102,16 +102,16 @@ class SilhouetteEvidence:
         enough: float = 1.0,
     ) -> Floats[R, M]:
         """Return the share of area on which shape and masks disagree, by rotation and place."""
-        outside, sizes = self._pictures
-        samples, start, area = self._samples
         cameras = [s.camera for s in self._scored]
-        out = np.empty((len(rotations), len(places)))
-        silhouette_scores(
-            np.stack([c.projection for c in cameras]), np.array([c.focal_px for c in cameras]), outside, sizes, _STEP_PX,
-            samples, start, area, np.ascontiguousarray(rotations), np.ascontiguousarray(places), shape.middle,
-            shape.reach, shape.spheres, shape.points, shape.normals, shape.area, enough, out,
-        )  # fmt: skip
-        return out
+        return silhouette_scores(
+            (np.stack([c.projection for c in cameras]), np.array([c.focal_px for c in cameras])),
+            (*self._pictures, _STEP_PX),
+            self._samples,
+            (np.ascontiguousarray(rotations), np.ascontiguousarray(places)),
+            (shape.points, shape.normals, shape.area, shape.middle, shape.reach),
+            shape.spheres,
+            enough,
+        )
 
     def terms(
         self,
