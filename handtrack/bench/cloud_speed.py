@@ -170,10 +170,17 @@ def measure_solve(rounds: int = 5) -> dict[str, Any]:
         begin = time.perf_counter()
         try:
             least_squares(
-                residual, scene.start, dense.jacobian, method=method,  # type: ignore[arg-type]
-                x_scale="jac", max_nfev=300,
-                ftol=1e-12, xtol=1e-12, gtol=1e-12, **limits,
-            )  # fmt: skip
+                residual,
+                scene.start,
+                dense.jacobian,
+                method=method,  # type: ignore[arg-type]
+                x_scale="jac",
+                max_nfev=300,
+                ftol=1e-12,
+                xtol=1e-12,
+                gtol=1e-12,
+                **limits,
+            )
             reached = False
         except _ReachedError:
             reached = True

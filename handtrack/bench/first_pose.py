@@ -51,7 +51,7 @@ def _first_frame(cache: str) -> float:
             "--out",
             str(Path(folder) / "poses.npz"),
         ]
-        return _seconds([sys.executable, "-c", _TRACK, *words], cache)  # fmt: skip
+        return _seconds([sys.executable, "-c", _TRACK, *words], cache)
 
 
 def _seconds(command: list[str], cache: str) -> float:

@@ -68,9 +68,12 @@ def _child(what: str, environment: dict[str, str]) -> str:
     """Return what a fresh process says; BLAS has one thread there, we may have more."""
     single = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
     done = subprocess.run(
-        [sys.executable, "-m", _MODULE, what], env=os.environ | single | environment,
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        [sys.executable, "-m", _MODULE, what],
+        env=os.environ | single | environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return done.stdout.splitlines()[-1]
 
 
@@ -142,7 +145,7 @@ def measure(what: str) -> dict[str, Any]:
         "ours_least_ms": min(own),
         "frames": len(own),
         "reference": words + "; one thread works, searches included",
-    }  # fmt: skip
+    }
 
 
 def _slowest() -> dict[str, Any]:

@@ -46,8 +46,11 @@ def alone(module: str, *words: str, all_cores: bool = False) -> dict[str, Any]:
     threads = _BLAS_ALONE if all_cores else _BLAS_ALONE | _ONE_THREAD
     done = subprocess.run(
         [sys.executable, "-m", module, *words],
-        env=os.environ | threads | {"PYTHONPATH": str(REPOSITORY)}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        env=os.environ | threads | {"PYTHONPATH": str(REPOSITORY)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return json.loads(done.stdout.splitlines()[-1])
 
 

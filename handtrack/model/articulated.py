@@ -40,8 +40,16 @@ from handtrack.model.transform import ParameterTransform
 FINGERS: tuple[str, ...] = ("thumb", "index", "middle", "ring", "little")
 HAND_PARTS: tuple[str, ...] = (*FINGERS, "forearm")
 BODY_PARTS: tuple[str, ...] = (
-    "trunk", "head", "clavicles", "upper_arms", "forearms", "hands", "thighs", "shins", "feet"
-)  # fmt: skip
+    "trunk",
+    "head",
+    "clavicles",
+    "upper_arms",
+    "forearms",
+    "hands",
+    "thighs",
+    "shins",
+    "feet",
+)
 
 
 JOINT_CENTRES = "joints"

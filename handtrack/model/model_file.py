@@ -248,9 +248,15 @@ def scale_from(data: Any, path: Path | str) -> HandScale:
             raise ValueError("its standard deviations are not all numbers from 0")
         definition = str(data.get("landmark_definition", UNNAMED_LANDMARKS))
         size = HandScale(
-            float(data["overall"]), parts, proportions, offsets, std, definition,
-            _covariance(data.get("covariance")), str(data.get("source", "")),
-        )  # fmt: skip
+            float(data["overall"]),
+            parts,
+            proportions,
+            offsets,
+            std,
+            definition,
+            _covariance(data.get("covariance")),
+            str(data.get("source", "")),
+        )
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise HandtrackError(
             f"{path}: a saved hand is a TOML or JSON file with a number `overall` and tables like `parts`; {error}."

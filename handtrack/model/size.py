@@ -41,9 +41,12 @@ FOREARM_END = "forearm_end"
 """the proportion that is a recording's, and no person's: where the arm ends that its masks show"""
 _WITHIN = (-4.0, 4.0)  # standard deviations that anybody may be from the mean, as in fits
 _GROUPS = {
-    "flesh": ("flesh",), "forearm": ("forearm",), "palm": ("palm", "knuckle"), "thumb": ("thumb", "thenar"),
+    "flesh": ("flesh",),
+    "forearm": ("forearm",),
+    "palm": ("palm", "knuckle"),
+    "thumb": ("thumb", "thenar"),
     "fingers": ("girth", "depth"),
-}  # fmt: skip
+}
 """what a proportion's name has in it, the first that fits; a length is of no other"""
 
 
@@ -120,9 +123,12 @@ class SizeParameters:
         logs += [np.log(scale.parts.get(name, 1.0)) / sigma for name, sigma in self._sigmas.items()]
         logs += [scale.proportions.get(n, 0.0) for n in self.model.proportion_names]
         offsets = [
-            np.mean([m * scale.offsets_mm.get(joint, (0.0, 0.0, 0.0)) for joint, m in same.items()], axis=0)
+            np.mean(
+                [m * scale.offsets_mm.get(joint, (0.0, 0.0, 0.0)) for joint, m in same.items()],
+                axis=0,
+            )
             for same in self._offset_of.values()
-        ]  # fmt: skip
+        ]
         return np.concatenate([logs, np.ravel(offsets) * 1e-3 / self._offset_sigma_m])
 
     def scale(self, deviations: Floats[N]) -> HandScale:
@@ -139,9 +145,12 @@ class SizeParameters:
                 x, y, z = (mirror * place).tolist()
                 seen[joint] = (x, y, z)
         return HandScale(
-            factors[0], dict(zip(self._sigmas, factors[1:], strict=True)), moved, seen,
+            factors[0],
+            dict(zip(self._sigmas, factors[1:], strict=True)),
+            moved,
+            seen,
             landmark_definition=self.model.scale.landmark_definition,
-        )  # fmt: skip
+        )
 
     def rescaled(self, deviations: Floats[N]) -> ArticulatedModel:
         """Return the model with its bones as large as a person's is who deviates so; what is fixed to them grows with them."""

@@ -69,7 +69,11 @@ def coverage_of(mask: Array[H, W], size: tuple[int, int], who: str) -> Array[H, 
                 f"{who}: its highest value is {high:g}; expected booleans, 0 to 1, or 0 to 255. Labels are no mask: give "
                 "`labels == hand`."
             )
-        values = np.where(values < 0, values, values / np.float32(_BYTE)) if low < 0 else values / np.float32(_BYTE)  # fmt: skip
+        values = (
+            np.where(values < 0, values, values / np.float32(_BYTE))
+            if low < 0
+            else values / np.float32(_BYTE)
+        )
     if low < 0 and not (np.isclose(values[values < 0], UNKNOWN).all()):
         raise HandtrackError(
             f"{who}: its lowest value is {low:g}; expected 0 for background, or −1 (or NaN) where nobody can tell."

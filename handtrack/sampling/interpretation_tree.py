@@ -93,9 +93,14 @@ def extended(
     hinges = chain.hinges(link)
     first = int(hinges[0]) if len(hinges) else 0
     rotation, end, angles, parent, which, miss = grow(
-        chain.turns, (first, first + len(hinges)), chain.reach[link],
-        (branches.rotation, branches.end, branches.angles, spare), (targets, missed), take_nearest, tolerance,
-    )  # fmt: skip
+        chain.turns,
+        (first, first + len(hinges)),
+        chain.reach[link],
+        (branches.rotation, branches.end, branches.angles, spare),
+        (targets, missed),
+        take_nearest,
+        tolerance,
+    )
     choice = np.concatenate([branches.choice[parent], which[:, None]], axis=1)
     exact = branches.exact[parent] & (miss <= tolerance)
     return Branches(rotation, end, angles, branches.source[parent], choice, exact)
@@ -223,9 +228,15 @@ def _chain_leaves(
         missed = np.empty((count, 2), dtype=np.int8)
         pierce(branches.end, centre, rays[end], length, points, missed, take_nearest)
         branches = extended(
-            chain, branches, link, points, missed, np.ascontiguousarray(spare[branches.source]), take_nearest,
+            chain,
+            branches,
+            link,
+            points,
+            missed,
+            np.ascontiguousarray(spare[branches.source]),
+            take_nearest,
             max(REACHED_M, 1e-7 * length),
-        )  # fmt: skip
+        )
     branches = _inside(model, chain, branches, given, take_nearest)
     return branches.taken(_closest(branches, given[branches.source][:, chain.columns]))
 
@@ -248,8 +259,13 @@ def _inside(
     if not take_nearest:
         return branches.taken(inside)
     return Branches(
-        branches.rotation, branches.end, moved, branches.source, branches.choice, branches.exact & inside
-    )  # fmt: skip
+        branches.rotation,
+        branches.end,
+        moved,
+        branches.source,
+        branches.choice,
+        branches.exact & inside,
+    )
 
 
 def _closest(branches: Branches, given: Floats) -> Ints:

@@ -93,12 +93,23 @@ def workspace(problem):  # pragma: no cover - compiled
     count = 6 + hinges
     parts = bones if collides(problem.overlaps) else 0
     return Workspace(
-        np.zeros(count), np.zeros((bones, 3, 3)), np.zeros((bones, 3)), np.zeros((hinges, 3)),
-        np.zeros((5, 3, 3)), np.zeros((count, 6)), np.zeros((bones, 6)), np.zeros((bones, 6, 6)),
-        np.zeros((bones, 6, 6)), np.zeros(count), np.zeros((count, count)), np.zeros((count, count)),
-        np.zeros(1, np.int64), np.zeros(6 * parts), np.zeros((6 * parts, 6 * parts)),
+        np.zeros(count),
+        np.zeros((bones, 3, 3)),
+        np.zeros((bones, 3)),
+        np.zeros((hinges, 3)),
+        np.zeros((5, 3, 3)),
+        np.zeros((count, 6)),
+        np.zeros((bones, 6)),
+        np.zeros((bones, 6, 6)),
+        np.zeros((bones, 6, 6)),
+        np.zeros(count),
+        np.zeros((count, count)),
+        np.zeros((count, count)),
+        np.zeros(1, np.int64),
+        np.zeros(6 * parts),
+        np.zeros((6 * parts, 6 * parts)),
         np.zeros((parts, 6, count)),
-    )  # fmt: skip
+    )
 
 
 @compiled

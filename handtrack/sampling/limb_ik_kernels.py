@@ -218,8 +218,13 @@ def grow(turns, own, reach, leaves, aims, take_nearest, tolerance):  # pragma: n
                         new_rotation[count, i, j] = frame[s, i, j]
                 count += 1
     return (
-        new_rotation[:count], new_end[:count], new_angles[:count], parent[:count], which[:count], miss[:count],
-    )  # fmt: skip
+        new_rotation[:count],
+        new_end[:count],
+        new_angles[:count],
+        parent[:count],
+        which[:count],
+        miss[:count],
+    )
 
 
 @compiled

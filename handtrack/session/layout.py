@@ -30,10 +30,21 @@ MASKS_FOLDER = "masks_refined"
 CORRECTED_FOLDER = "masks_corrected"
 """what was painted over masks by hand: a folder for each camera"""
 _WRITTEN = (
-    SESSION_FILE, INIT_FILE, HAND_FILE, TRACKS_FOLDER, POSES_FILE, VIDEOS_FILE, "versions",
-    "tracks/takes", "tracks/actions", "tracks/versions", KEYPOINTS_FOLDER, MASKS_FOLDER,
-    CORRECTED_FOLDER, PINS_FILE,
-)  # fmt: skip
+    SESSION_FILE,
+    INIT_FILE,
+    HAND_FILE,
+    TRACKS_FOLDER,
+    POSES_FILE,
+    VIDEOS_FILE,
+    "versions",
+    "tracks/takes",
+    "tracks/actions",
+    "tracks/versions",
+    KEYPOINTS_FOLDER,
+    MASKS_FOLDER,
+    CORRECTED_FOLDER,
+    PINS_FILE,
+)
 
 _WILD = "*?["
 _LONGEST = 1000  # characters of a path

@@ -166,8 +166,13 @@ class TrackingRun:
                 replace(r, parameters=run.joint_params_from(self, r.parameters)) for r in tracked
             ]
         scale = size_of_frames(
-            run, tracked, most or usual, should_stop, lambda done, words: say(share + (1 - share) * done, words), sizes
-        )  # fmt: skip
+            run,
+            tracked,
+            most or usual,
+            should_stop,
+            lambda done, words: say(share + (1 - share) * done, words),
+            sizes,
+        )
         return run if scale is None else run.with_scale(scale)
 
     def with_arm_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
@@ -234,7 +239,10 @@ class TrackingRun:
         """Return the run whose joints have the limits that they have in another run."""
         names, limits = other.model.parameter_names, self.model.limits
         known = dict(zip(names, other.model.limits.interval, strict=True))
-        found = [known.get(n, own) for n, own in zip(self.model.parameter_names, limits.interval, strict=True)]  # fmt: skip
+        found = [
+            known.get(n, own)
+            for n, own in zip(self.model.parameter_names, limits.interval, strict=True)
+        ]
         if np.array_equal(found, limits.interval):
             return self
         limits = replace(limits, interval=np.array(found))
@@ -639,9 +647,14 @@ def size_of_frames(
         poses = [run.model.transform.solver_params(result.parameters) for result in chosen]
         words = f"{len(chosen)} frames fitted together"
         found = fit_person(
-            who, run.model, run.settings, seen, poses, stop,
+            who,
+            run.model,
+            run.settings,
+            seen,
+            poses,
+            stop,
             lambda share, step=step, words=words: tell((step + share) / _ROUNDS, words),
-        )  # fmt: skip
+        )
         if found is None:
             break
         scale, run = found, run.with_scale(found)

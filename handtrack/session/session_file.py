@@ -111,9 +111,12 @@ class LensSettings:
         """Return the settings of a view made by `pinholes`."""
         lens = seen.lens
         return cls(
-            "fisheye" if lens.fisheye else "plain", lens.size, lens.matrix.tolist(), lens.coefficients.tolist(),
+            "fisheye" if lens.fisheye else "plain",
+            lens.size,
+            lens.matrix.tolist(),
+            lens.coefficients.tolist(),
             rotation_vector(seen.view.rotation).tolist(),
-        )  # fmt: skip
+        )
 
     @property
     def source(self) -> SourceLens:

@@ -95,9 +95,18 @@ def result_of(motion: Captured, name: str) -> TrackResult:
     """Return the motion as a tracked sequence: uncertainties as of joints known to 1 cm, doubtful where a joint is far off."""
     model, clip = motion.model, motion.clip
     labels = TrackLabels(
-        model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names), model.name, model.side,
-        json.dumps(scale_table(model.scale)), name, version=VERSION, definition=model.definition, fps=clip.fps, cameras=rig_json(_rig(clip)),
-    )  # fmt: skip
+        model.parameter_names,
+        tuple(model.skeleton.bone_names),
+        tuple(model.joint_names),
+        model.name,
+        model.side,
+        json.dumps(scale_table(model.scale)),
+        name,
+        version=VERSION,
+        definition=model.definition,
+        fps=clip.fps,
+        cameras=rig_json(_rig(clip)),
+    )
     errors = motion.errors_m
     return labels.track(
         [_frame(motion, frame, errors[frame]) for frame in range(len(clip.positions))]

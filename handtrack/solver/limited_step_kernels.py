@@ -32,9 +32,13 @@ class Box(NamedTuple):
 def new_box(size):  # pragma: no cover - compiled
     """Return a Box without limits, to be filled."""
     return Box(
-        np.full(size, -np.inf), np.full(size, np.inf), np.full(size, -1, np.int64),
-        np.full(size, -1, np.int64), np.zeros(size), np.zeros(size),
-    )  # fmt: skip
+        np.full(size, -np.inf),
+        np.full(size, np.inf),
+        np.full(size, -1, np.int64),
+        np.full(size, -1, np.int64),
+        np.zeros(size),
+        np.zeros(size),
+    )
 
 
 @compiled

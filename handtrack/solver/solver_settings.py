@@ -13,14 +13,19 @@ class SolverSettings:
     """Iterations, limits and damping. Fields that are no `setting` are the same in all of tracking."""
 
     iterations: int = setting(
-        30, "Most linearisations per frame, over all bands.", label="Iterations", level="user", low=1,
+        30,
+        "Most linearisations per frame, over all bands.",
+        label="Iterations",
+        level="user",
+        low=1,
         slider=(1, 100, 1),
-    )  # fmt: skip
+    )
     limits: Literal["bounds", "projection", "none"] = setting(
-        "bounds", "Joint limits. `bounds`: each step is solved within them, also those that depend on another angle. `projection`: an "
+        "bounds",
+        "Joint limits. `bounds`: each step is solved within them, also those that depend on another angle. `projection`: an "
         "unconstrained step is projected on them afterwards (the 2004 paper), which can stick where joints are coupled. "
         "`none`: no limits (the 2007 paper).",
-    )  # fmt: skip
+    )
     damping: float = 1e-2
     """first λ, as a share of the Hessian's diagonal; kept above `least_damping`, for two or three
     binary cameras leave weak directions"""

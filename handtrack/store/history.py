@@ -63,9 +63,13 @@ class Action:
         if content["kind"] not in KINDS:
             raise ValueError(f"no kind of action: {content['kind']}")
         return cls(
-            int(content["id"]), str(content["kind"]), str(content["words"]), changes,
-            bool(content.get("joins", False)), _said(content.get("said")),
-        )  # fmt: skip
+            int(content["id"]),
+            str(content["kind"]),
+            str(content["words"]),
+            changes,
+            bool(content.get("joins", False)),
+            _said(content.get("said")),
+        )
 
     @property
     def after(self) -> dict[str, Value]:

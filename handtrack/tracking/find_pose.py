@@ -60,7 +60,10 @@ def find_pose(
         )
     if model.kind == "hand" and (observation.silhouettes or observation.cloud is not None):
         found = auto_start([model], settings, observation, should_stop)
-        return [PoseEstimate(observation.frame, c.params, c.confidence, "silhouettes and cloud") for c in found]  # fmt: skip
+        return [
+            PoseEstimate(observation.frame, c.params, c.confidence, "silhouettes and cloud")
+            for c in found
+        ]
     joints = observation.image_keypoints
     if not joints and model.kind == "body" and not observation.is_empty:
         raise HandtrackError(
@@ -70,7 +73,10 @@ def find_pose(
     if not joints:
         return []
     modes = clustered_modes(hands_from_images(model, joints))
-    return [PoseEstimate(observation.frame, c.params, c.confidence, "joints of one image") for c in modes]  # fmt: skip
+    return [
+        PoseEstimate(observation.frame, c.params, c.confidence, "joints of one image")
+        for c in modes
+    ]
 
 
 def find_first_pose(

@@ -15,9 +15,17 @@ from handtrack.tracking.search.keypoint_start import IMAGE_JOINTS
 from handtrack.tracking.search.lost_finger import LOST_FINGER, SHIFTED_FINGERS
 
 SEARCHES = (
-    FIRST_POSE, GIVEN_JOINTS, IMAGE_JOINTS, FIRST_HYPOTHESES, NEXT_HYPOTHESES, LOST_FINGER, SHIFTED_FINGERS,
-    POOR_CLOUD, LOST_HAND, OTHER_SIDE,
-)  # fmt: skip
+    FIRST_POSE,
+    GIVEN_JOINTS,
+    IMAGE_JOINTS,
+    FIRST_HYPOTHESES,
+    NEXT_HYPOTHESES,
+    LOST_FINGER,
+    SHIFTED_FINGERS,
+    POOR_CLOUD,
+    LOST_HAND,
+    OTHER_SIDE,
+)
 """in the order in which a frame asks for them"""
 
 

@@ -72,7 +72,12 @@ def track(
     results = track_recording(tracker, observe, first, model.clipped(params), frames, control)
     latest = {result.frame: result for result in results}
     labels = TrackLabels(
-        model.parameter_names, tuple(model.skeleton.bone_names), tuple(model.joint_names), model.name,
-        model.side, settings=json.dumps(settings.flat(), sort_keys=True), version=VERSION,
-    )  # fmt: skip
+        model.parameter_names,
+        tuple(model.skeleton.bone_names),
+        tuple(model.joint_names),
+        model.name,
+        model.side,
+        settings=json.dumps(settings.flat(), sort_keys=True),
+        version=VERSION,
+    )
     return labels.track([latest[frame] for frame in sorted(latest)])

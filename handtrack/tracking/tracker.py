@@ -142,9 +142,16 @@ class Tracker:
             expected[3:6] = closest_equivalent(expected[3:6], self.model.joint_params(start)[3:6])
         texture = state.texture if self.settings.looks_at_images else None
         return FrameTask(
-            self.model, self.settings, observation, start, state.results, expected, state.belief,
-            texture, control,
-        )  # fmt: skip
+            self.model,
+            self.settings,
+            observation,
+            start,
+            state.results,
+            expected,
+            state.belief,
+            texture,
+            control,
+        )
 
     def _expected(self, state: TrackerState, frame: int) -> Floats | None:
         """Return joint parameters (S,) where the hand is expected; None in a first frame."""

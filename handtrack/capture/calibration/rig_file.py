@@ -97,7 +97,9 @@ def _camera(table: dict[str, Any], where: str, world_unit_m: float) -> Camera:
         )
     if not isinstance(table["name"], str) or not table["name"]:
         raise HandtrackError(f"{where}: name = {table['name']!r}; expected a text.")
-    turn = numbers(table["rotation"], f"{where}, rotation", (3,), expected="3, a rotation vector (Rodrigues)")  # fmt: skip
+    turn = numbers(
+        table["rotation"], f"{where}, rotation", (3,), expected="3, a rotation vector (Rodrigues)"
+    )
     values = {
         "size": whole_size(table["size"], f"{where}, size"),
         "matrix": numbers_at(table, "matrix", where, (3, 3)),

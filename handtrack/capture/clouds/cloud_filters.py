@@ -48,45 +48,80 @@ class CloudFilters:
     """The filters' settings, by their names in [clouds] of session.toml; None switches one off."""
 
     near_m: float | None = setting(
-        0.1, "Points nearer to every camera are dropped.", label="Nearest cm", unit="m", above=0.0,
-        slider=(0, 100, 1), page_unit=0.01,
-    )  # fmt: skip
+        0.1,
+        "Points nearer to every camera are dropped.",
+        label="Nearest cm",
+        unit="m",
+        above=0.0,
+        slider=(0, 100, 1),
+        page_unit=0.01,
+    )
     far_m: float | None = setting(
-        1.5, "Points farther from every camera are dropped.", label="Farthest cm", unit="m", above=0.0,
-        slider=(0, 400, 5), page_unit=0.01,
-    )  # fmt: skip
+        1.5,
+        "Points farther from every camera are dropped.",
+        label="Farthest cm",
+        unit="m",
+        above=0.0,
+        slider=(0, 400, 5),
+        page_unit=0.01,
+    )
     crop_m: float | None = setting(
-        0.1, "Largest distance to the hand of the frame before; without such a hand nothing is cropped.",
-        label="To hand mm", unit="m", above=0.0, slider=(0, 300, 5), page_unit=0.001,
-    )  # fmt: skip
+        0.1,
+        "Largest distance to the hand of the frame before; without such a hand nothing is cropped.",
+        label="To hand mm",
+        unit="m",
+        above=0.0,
+        slider=(0, 300, 5),
+        page_unit=0.001,
+    )
     skin: SkinEllipse | None = setting(
-        None, "Colours that count as skin, `mean`, `covariance` and `size` of an ellipse; clouds without colours pass.",
+        None,
+        "Colours that count as skin, `mean`, `covariance` and `size` of an ellipse; clouds without colours pass.",
         label="Skin",
-    )  # fmt: skip
+    )
     component: Literal["all", "nearest", "largest"] = setting(
-        "all", "Of the parts that hang together, which one is the hand: all, the nearest to the cameras, or the largest. "
-        "From depth images it is the nearest unless this says otherwise.", label="Piece kept",
+        "all",
+        "Of the parts that hang together, which one is the hand: all, the nearest to the cameras, or the largest. "
+        "From depth images it is the nearest unless this says otherwise.",
+        label="Piece kept",
         words={"all": "all", "nearest": "nearest to a camera", "largest": "largest"},
-    )  # fmt: skip
+    )
     front_m: float | None = setting(
-        None, "How much farther than its nearest end the nearest part may reach; cuts a hand held out from the body it "
-        "hangs on.", label="Depth of it mm", unit="m", above=0.0, slider=(0, 500, 5), page_unit=0.001,
-    )  # fmt: skip
+        None,
+        "How much farther than its nearest end the nearest part may reach; cuts a hand held out from the body it "
+        "hangs on.",
+        label="Depth of it mm",
+        unit="m",
+        above=0.0,
+        slider=(0, 500, 5),
+        page_unit=0.001,
+    )
     voxel_m: float | None = setting(
-        0.0025, "Side of the cells in which points are thinned.", label="Cell mm", unit="m", above=0.0,
-        slider=(0, 15, 0.25), page_unit=0.001,
-    )  # fmt: skip
+        0.0025,
+        "Side of the cells in which points are thinned.",
+        label="Cell mm",
+        unit="m",
+        above=0.0,
+        slider=(0, 15, 0.25),
+        page_unit=0.001,
+    )
     per_voxel: int = setting(
         1, "Points that stay in each cell.", label="Points a cell", low=1, slider=(1, 20, 1)
     )
     outlier_neighbours: int | None = setting(
-        8, "Neighbours whose mean distance is looked at, to drop points that lie alone.", label="Neighbours", low=1,
+        8,
+        "Neighbours whose mean distance is looked at, to drop points that lie alone.",
+        label="Neighbours",
+        low=1,
         slider=(0, 40, 1),
-    )  # fmt: skip
+    )
     outlier_ratio: float = setting(
-        2.5, "Mean distance, in units of the cloud's median one, from which a point is an outlier.", label="Outlier ×",
-        above=0.0, slider=(1.0, 8.0, 0.1),
-    )  # fmt: skip
+        2.5,
+        "Mean distance, in units of the cloud's median one, from which a point is an outlier.",
+        label="Outlier ×",
+        above=0.0,
+        slider=(1.0, 8.0, 0.1),
+    )
     max_points: int | None = setting(
         4000,
         "A random part of this many points stays.",

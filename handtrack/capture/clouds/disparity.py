@@ -100,25 +100,44 @@ class StereoSettings:
     """How a pair of images is matched."""
 
     method: Literal["sgbm", "correlation"] = setting(
-        "sgbm", "How pairs are matched: OpenCV's semi-global matching, or windows alone, as in the 2004 paper.",
-        label="Method", words={"sgbm": "semi-global (SGBM)", "correlation": "correlation (2004)"},
-    )  # fmt: skip
+        "sgbm",
+        "How pairs are matched: OpenCV's semi-global matching, or windows alone, as in the 2004 paper.",
+        label="Method",
+        words={"sgbm": "semi-global (SGBM)", "correlation": "correlation (2004)"},
+    )
     window_px: int | None = setting(
-        None, "Side of the squares that are compared, odd; larger is denser and rounder. Unless set, 5 for sgbm and 11 for "
-        "correlation.", label="Window px", unit="px", low=1, slider=(3, 31, 2),
-    )  # fmt: skip
+        None,
+        "Side of the squares that are compared, odd; larger is denser and rounder. Unless set, 5 for sgbm and 11 for "
+        "correlation.",
+        label="Window px",
+        unit="px",
+        low=1,
+        slider=(3, 31, 2),
+    )
     left_right_px: float = setting(
-        1.0, "How far the matches from left to right and back may differ.", label="Left-right px", unit="px", above=0.0,
+        1.0,
+        "How far the matches from left to right and back may differ.",
+        label="Left-right px",
+        unit="px",
+        above=0.0,
         slider=(0.25, 6, 0.25),
-    )  # fmt: skip
+    )
     contrast: float = setting(
-        1.0, "Standard deviation around a pixel below which nothing is matched: what is found there is made up.",
-        label="Contrast", unit="grey levels", above=0.0, slider=(0.1, 12, 0.1),
-    )  # fmt: skip
+        1.0,
+        "Standard deviation around a pixel below which nothing is matched: what is found there is made up.",
+        label="Contrast",
+        unit="grey levels",
+        above=0.0,
+        slider=(0.1, 12, 0.1),
+    )
     speckle_px: int = setting(
-        80, "A patch of fewer pixels that stands off from its surroundings is taken for wrong.", label="Speckle px",
-        unit="px", low=1, slider=(1, 600, 1),
-    )  # fmt: skip
+        80,
+        "A patch of fewer pixels that stands off from its surroundings is taken for wrong.",
+        label="Speckle px",
+        unit="px",
+        low=1,
+        slider=(1, 600, 1),
+    )
     near_m: float | None = None
     """nearest depth searched for; unless given, see `stereo.StereoMatcher.near_m`."""
     far_m: float = 1.5

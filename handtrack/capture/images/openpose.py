@@ -54,7 +54,9 @@ _JOINTS = (
 _HAND = {joint: row for row, joint in enumerate(_JOINTS)}
 _COCO = (5, 7, 9, 11, 13, 15), (6, 8, 10, 12, 14, 16)
 LAYOUTS: dict[str, Layout] = {
-    "body_25": _body(25, (5, 6, 7, 12, 13, 14, 19), (2, 3, 4, 9, 10, 11, 22), nose=0, neck=1, pelvis=8),
+    "body_25": _body(
+        25, (5, 6, 7, 12, 13, 14, 19), (2, 3, 4, 9, 10, 11, 22), nose=0, neck=1, pelvis=8
+    ),
     "body_25b": _body(25, (*_COCO[0], 19), (*_COCO[1], 22), nose=0, neck=17, head_top=18),
     "coco18": _body(18, (5, 6, 7, 11, 12, 13), (2, 3, 4, 8, 9, 10), nose=0, neck=1),
     "coco17": _body(17, *_COCO, nose=0),
@@ -67,7 +69,7 @@ LAYOUTS: dict[str, Layout] = {
     "hand_left": Layout((_LEFT,), 21, _HAND),
     "hand_right": Layout((_RIGHT,), 21, _HAND),
     "mediapipe21": Layout((_RIGHT, _LEFT), 21, _HAND),
-}  # fmt: skip
+}
 
 
 def landmark_definition(layout: str) -> str:

@@ -154,9 +154,12 @@ def time_offsets(motions: Sequence[tuple[Motion, Motion]]) -> dict[int, TimeOffs
         there = np.flatnonzero(score > -1)
         at = int(best[k]) + len(score) // 2
         found[k] = TimeOffset(
-            float(best[k] / _TENTHS), max(float(abs(apart)) / 2, _LEAST_STD), float(score[at]), float(score[len(score) // 2]),
+            float(best[k] / _TENTHS),
+            max(float(abs(apart)) / 2, _LEAST_STD),
+            float(score[at]),
+            float(score[len(score) // 2]),
             bool(at in (there[0], there[-1])),
-        )  # fmt: skip
+        )
     return found
 
 

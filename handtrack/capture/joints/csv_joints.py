@@ -84,9 +84,13 @@ def renamed(names: Sequence[str], known: Names, where: str) -> list[str]:
 
 
 def table_joints(
-    family: str, names: Sequence[str], columns: Floats[F, N, D3],
-    frames: Sequence[int], where: str, layout: str | None = None,
-) -> GivenJoints:  # fmt: skip
+    family: str,
+    names: Sequence[str],
+    columns: Floats[F, N, D3],
+    frames: Sequence[int],
+    where: str,
+    layout: str | None = None,
+) -> GivenJoints:
     """Return joints from points by name: a hand's, a body's, or both. columns: (F, N, 3), column, row [px], confidence.
 
     Raises HandtrackError where they are neither's.
@@ -186,9 +190,14 @@ def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) 
     count = next((n for n in _CALISCOPE_COUNTS if n >= count), count)
     missing = (math.nan, math.nan)
     tree = {
-        frame: [{"keypoints": [points.get(i, missing) for i in range(count)], "keypoint_scores": [float(i in points) for i in range(count)]}]
+        frame: [
+            {
+                "keypoints": [points.get(i, missing) for i in range(count)],
+                "keypoint_scores": [float(i in points) for i in range(count)],
+            }
+        ]
         for frame, points in found.items()
-    }  # fmt: skip
+    }
     given = read_json_joints(tree, where)
     if given is None or (count == len(JOINTS) and not given.has_hand):
         names = [str(i) for i in range(count)]

@@ -45,7 +45,17 @@ def read_h5_joints(path: Path, names: Names) -> GivenJoints | None:
             return None if table is None else _deeplabcut(table, path, names)
     except HandtrackError:
         raise
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, AttributeError, EOFError, pickle.UnpicklingError) as error:  # fmt: skip
+    except (
+        OSError,
+        KeyError,
+        ValueError,
+        TypeError,
+        RuntimeError,
+        IndexError,
+        AttributeError,
+        EOFError,
+        pickle.UnpicklingError,
+    ) as error:
         raise HandtrackError(
             f"{path}: not readable as DeepLabCut or SLEAP write it ({str(error)[:120]})."
         ) from None

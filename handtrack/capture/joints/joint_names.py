@@ -10,14 +10,34 @@ from handtrack.capture.images.openpose import LAYOUTS, is_body
 JOINTS: tuple[str, ...] = tuple(LAYOUTS["mediapipe21"].points)
 """our names, in the order of OpenPose, MediaPipe and COCO-WholeBody"""
 _FINGERS = {
-    "thumb": "thumb", "index": "index", "forefinger": "index", "pointer": "index", "middle": "middle", "mid": "middle",
-    "ring": "ring", "little": "little", "pinky": "little", "pinkie": "little", "small": "little",
-}  # fmt: skip
+    "thumb": "thumb",
+    "index": "index",
+    "forefinger": "index",
+    "pointer": "index",
+    "middle": "middle",
+    "mid": "middle",
+    "ring": "ring",
+    "little": "little",
+    "pinky": "little",
+    "pinkie": "little",
+    "small": "little",
+}
 _WRIST = {"wrist", "root", "palmbase", "carpus"}
 _PARTS = {
-    "cmc": "cmc", "tmc": "cmc", "tm": "cmc", "mcp": "mcp", "mp": "mcp", "knuckle": "mcp", "knuckles": "mcp", "pip": "pip",
-    "dip": "dip", "ip": "ip", "tip": "tip", "end": "tip", "fingertip": "tip",
-}  # fmt: skip
+    "cmc": "cmc",
+    "tmc": "cmc",
+    "tm": "cmc",
+    "mcp": "mcp",
+    "mp": "mcp",
+    "knuckle": "mcp",
+    "knuckles": "mcp",
+    "pip": "pip",
+    "dip": "dip",
+    "ip": "ip",
+    "tip": "tip",
+    "end": "tip",
+    "fingertip": "tip",
+}
 _BY_NUMBER = {"thumb": ("cmc", "mcp", "ip", "tip")}
 _USUAL = ("mcp", "pip", "dip", "tip")
 _SIDES = {"right": "right", "r": "right", "rh": "right", "left": "left", "l": "left", "lh": "left"}
@@ -77,13 +97,30 @@ def _without_finger(word: str) -> Sequence[str]:
 # ---- bodies
 
 _MIDDLE = {
-    "nose": "nose", "neck": "neck", "head top": "head_top", "top head": "head_top", "top of head": "head_top",
-    "headtop": "head_top", "vertex": "head_top", "pelvis": "pelvis", "hip": "pelvis", "hips": "pelvis", "mid hip": "pelvis",
-    "midhip": "pelvis", "middle hip": "pelvis", "hip center": "pelvis", "chest": "chest",
-}  # fmt: skip
+    "nose": "nose",
+    "neck": "neck",
+    "head top": "head_top",
+    "top head": "head_top",
+    "top of head": "head_top",
+    "headtop": "head_top",
+    "vertex": "head_top",
+    "pelvis": "pelvis",
+    "hip": "pelvis",
+    "hips": "pelvis",
+    "mid hip": "pelvis",
+    "midhip": "pelvis",
+    "middle hip": "pelvis",
+    "hip center": "pelvis",
+    "chest": "chest",
+}
 _PAIRED = {
-    **{name: name for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")}, "toes": "toe", "big toe": "toe", "bigtoe": "toe", "toe base": "toe", "foot index": "toe",
-}  # fmt: skip
+    **{name: name for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")},
+    "toes": "toe",
+    "big toe": "toe",
+    "bigtoe": "toe",
+    "toe base": "toe",
+    "foot index": "toe",
+}
 _BODY_FILLING = {"joint", "keypoint", "kp", "point", "marker", "landmark", "pose", "body"}
 BODY_LAYOUTS = {name: layout for name, layout in LAYOUTS.items() if is_body(layout)}
 NAMED = "body22"

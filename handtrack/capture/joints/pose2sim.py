@@ -27,9 +27,17 @@ _SYNCHRONISED = "posesync"
 _ASSOCIATED = ("poseassociated", "pose2dtracked")
 _IMAGES = ("videos", "video", "raw2d")
 _LAYOUTS = {
-    "body25": "body_25", "body25b": "body_25b", "coco": "coco18", "coco17": "coco17", "body": "coco17", "halpe26": "halpe26",
-    "bodywithfeet": "halpe26", "coco133": "coco133", "wholebody": "coco133", "blazepose": "mediapipe33",
-}  # fmt: skip
+    "body25": "body_25",
+    "body25b": "body_25b",
+    "coco": "coco18",
+    "coco17": "coco17",
+    "body": "coco17",
+    "halpe26": "halpe26",
+    "bodywithfeet": "halpe26",
+    "coco133": "coco133",
+    "wholebody": "coco133",
+    "blazepose": "mediapipe33",
+}
 
 
 @dataclass(frozen=True)

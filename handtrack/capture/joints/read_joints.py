@@ -75,8 +75,11 @@ def _folder(text: str, where: str) -> GivenJoints:
     first = read_json(next(iter(files.values())), _WHAT)
     if _is_openpose(first):
         return read_openpose_files(files)
-    trees = [{"frame": frame, "instances": tree} if isinstance(tree, list) else {"frame": frame, **tree}
-             for frame, path in files.items() if isinstance(tree := read_json(path, _WHAT), list | dict)]  # fmt: skip
+    trees = [
+        {"frame": frame, "instances": tree} if isinstance(tree, list) else {"frame": frame, **tree}
+        for frame, path in files.items()
+        if isinstance(tree := read_json(path, _WHAT), list | dict)
+    ]
     return _known(read_json_joints(trees, text), where)
 
 

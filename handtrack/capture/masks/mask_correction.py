@@ -91,7 +91,11 @@ def carried(layer: Bytes[H, W], image: Bytes[H, W, D3], other: Bytes[H, W, D3]) 
     step = step * np.array([width / size[0], height / size[1]], np.float32)
     source = pixel_grid((width, height)).astype(np.float32) + step
     moved = cv2.remap(
-        layer, source[..., 0], source[..., 1], cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT,
+        layer,
+        source[..., 0],
+        source[..., 1],
+        cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT,
         borderValue=AS_IT_IS,
-    )  # fmt: skip
+    )
     return np.where(lost & (moved != AS_IT_IS), UNKNOWN_LEVEL, moved).astype(np.uint8)

@@ -120,7 +120,9 @@ def _joint(joints: Element, model: ArticulatedModel, bone: int) -> None:
     if bone == 0:
         turning, moving = list(ROOT_TURNS), list(model.parameter_names[:3])
         axes = np.eye(3)
-        limits = np.concatenate([np.tile((-2 * np.pi, 2 * np.pi), (3, 1)), np.tile((-10.0, 10.0), (3, 1))])  # fmt: skip
+        limits = np.concatenate(
+            [np.tile((-2 * np.pi, 2 * np.pi), (3, 1)), np.tile((-10.0, 10.0), (3, 1))]
+        )
     else:
         turning, moving = [model.parameter_names[6 + h] for h in hinges], []
         axes, limits = skeleton.hinge_axis[hinges], model.limits.interval[6 + hinges]

@@ -86,7 +86,14 @@ def _joints(robot: Element, model: ArticulatedModel, bone: int, above: str) -> N
         own = _joint(robot, model.parameter_names[6 + hinge], "revolute", above, below, place, turn)
         element(own, "axis", xyz=numbers(skeleton.hinge_axis[hinge]))
         low, high = model.limits.interval[6 + hinge]
-        element(own, "limit", lower=f"{low:.9g}", upper=f"{high:.9g}", effort=_EFFORT, velocity=_VELOCITY)  # fmt: skip
+        element(
+            own,
+            "limit",
+            lower=f"{low:.9g}",
+            upper=f"{high:.9g}",
+            effort=_EFFORT,
+            velocity=_VELOCITY,
+        )
         if not last:
             between = element(robot, "link", name=below)
             _weigh(between, LEAST_MASS_KG, np.zeros(3), LEAST_INERTIA * np.eye(3))
@@ -123,7 +130,9 @@ def _link(robot: Element, model: ArticulatedModel, bone: int) -> Element:
         )
         # as long and thick as to have the ellipsoid's volume: 4/3 π abc = π r² · 4/3 a
         length = 4.0 / 3.0 * flesh.radii[k, long]
-        element(element(shape, "geometry"), "cylinder", radius=f"{across:.6g}", length=f"{length:.6g}")  # fmt: skip
+        element(
+            element(shape, "geometry"), "cylinder", radius=f"{across:.6g}", length=f"{length:.6g}"
+        )
     return link
 
 

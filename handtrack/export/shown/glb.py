@@ -59,7 +59,11 @@ def glb_bytes(table: ResultsTable) -> bytes:
         "JOINTS_0": buffer.add(on, _UINT8, target=_VERTICES),
         "WEIGHTS_0": buffer.add(weights, _FLOAT32, target=_VERTICES),
     }
-    surface = {"attributes": attributes, "indices": buffer.add(skin.faces.ravel(), _UINT32, target=_INDICES), "material": 0}  # fmt: skip
+    surface = {
+        "attributes": attributes,
+        "indices": buffer.add(skin.faces.ravel(), _UINT32, target=_INDICES),
+        "material": 0,
+    }
     back = np.swapaxes(np.linalg.inv(rest), 1, 2)  # column by column
     samplers, channels = _animation(buffer, track.time_s, local)
     tree = {
@@ -68,13 +72,28 @@ def glb_bytes(table: ResultsTable) -> bytes:
         "scenes": [{"name": track.session, "nodes": [0, bones]}],
         "nodes": nodes,
         "meshes": [{"name": model.name, "primitives": [surface]}],
-        "materials": [{
-            "name": "skin", "doubleSided": True,
-            "pbrMetallicRoughness": {"baseColorFactor": _SKIN_COLOUR, "metallicFactor": 0.0, "roughnessFactor": 0.8},
-        }],
-        "skins": [{"inverseBindMatrices": buffer.add(back, _FLOAT32), "skeleton": 0, "joints": list(range(bones))}],
-        "animations": [{"name": track.session or "track", "samplers": samplers, "channels": channels}],
-    }  # fmt: skip
+        "materials": [
+            {
+                "name": "skin",
+                "doubleSided": True,
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": _SKIN_COLOUR,
+                    "metallicFactor": 0.0,
+                    "roughnessFactor": 0.8,
+                },
+            }
+        ],
+        "skins": [
+            {
+                "inverseBindMatrices": buffer.add(back, _FLOAT32),
+                "skeleton": 0,
+                "joints": list(range(bones)),
+            }
+        ],
+        "animations": [
+            {"name": track.session or "track", "samplers": samplers, "channels": channels}
+        ],
+    }
     return _packed(tree | buffer.tables, bytes(buffer.data))
 
 

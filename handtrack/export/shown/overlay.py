@@ -23,7 +23,11 @@ _TINT = 0.25
 _MASK = 0.4
 _FAR_PX = 1e5  # OpenCV draws in whole numbers of 32 bits, less its fraction
 # BGR; those of the workbench's lanes
-_COLOURS = {Status.TRACKED: (110, 200, 90), Status.DOUBTFUL: (40, 170, 240), Status.LOST: (60, 60, 230)}  # fmt: skip
+_COLOURS = {
+    Status.TRACKED: (110, 200, 90),
+    Status.DOUBTFUL: (40, 170, 240),
+    Status.LOST: (60, 60, 230),
+}
 _FLESH = (230, 190, 120)
 
 
@@ -125,5 +129,7 @@ def _picture(
                 cv2.line(shown, ends[0], ends[1], (255, 255, 255), 1, cv2.LINE_AA)
     words = f"{name}  {frame}  {status.name.lower()}"
     for thickness, colour in ((3, (0, 0, 0)), (1, ink)):
-        cv2.putText(shown, words, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, thickness, cv2.LINE_AA)  # fmt: skip
+        cv2.putText(
+            shown, words, (10, 24), cv2.FONT_HERSHEY_SIMPLEX, 0.6, colour, thickness, cv2.LINE_AA
+        )
     return shown

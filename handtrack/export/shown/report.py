@@ -41,9 +41,12 @@ def report_page(table: ResultsTable) -> str:
     title = html.escape(track.session or "A tracked sequence")
     parts = [
         f"<h1>{title}</h1><p class=soft>{html.escape(_about(table))}</p>",
-        "<h2>Frames</h2>", _lane(table), _counts(table),
-        "<h2>Doubtful and lost stretches</h2>", _stretches(table),
-    ]  # fmt: skip
+        "<h2>Frames</h2>",
+        _lane(table),
+        _counts(table),
+        "<h2>Doubtful and lost stretches</h2>",
+        _stretches(table),
+    ]
     if track.p_off_25mm is not None:
         parts.append("<h2>Probability that some joint is more than 25 mm off</h2>")
         parts.append(curves(track.time_s, {"P": track.p_off_25mm}, "1"))

@@ -75,9 +75,15 @@ def write(path: Path, table: ResultsTable) -> list[Path]:
                 if "std" in kind
                 else "The model's parameters"
             )
-            module.add(whole.TimeSeries(
-                name=f"{kind}_{unit}", data=data, unit=unit, description=f"{what}, a column each: {names}", **times
-            ))  # fmt: skip
+            module.add(
+                whole.TimeSeries(
+                    name=f"{kind}_{unit}",
+                    data=data,
+                    unit=unit,
+                    description=f"{what}, a column each: {names}",
+                    **times,
+                )
+            )
     with replacing(path) as part, whole.NWBHDF5IO(str(part), "w") as writer:
         writer.write(file)
     return [path]

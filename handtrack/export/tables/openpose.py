@@ -17,10 +17,32 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 
 BODY_25 = (
-    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
-    "pelvis", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye", "left_eye",
-    "right_ear", "left_ear", "left_toe", "left_small_toe", "left_heel", "right_toe", "right_small_toe", "right_heel",
-)  # fmt: skip
+    "nose",
+    "neck",
+    "right_shoulder",
+    "right_elbow",
+    "right_wrist",
+    "left_shoulder",
+    "left_elbow",
+    "left_wrist",
+    "pelvis",
+    "right_hip",
+    "right_knee",
+    "right_ankle",
+    "left_hip",
+    "left_knee",
+    "left_ankle",
+    "right_eye",
+    "left_eye",
+    "right_ear",
+    "left_ear",
+    "left_toe",
+    "left_small_toe",
+    "left_heel",
+    "right_toe",
+    "right_small_toe",
+    "right_heel",
+)
 """OpenPose's points in its order, by our joints' names; those that a model lacks have confidence 0"""
 
 
@@ -105,12 +127,40 @@ def _layout(table: ResultsTable) -> tuple[str, tuple[str, ...]]:
 
 
 POSE_33 = (
-    "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer",
-    "left_ear", "right_ear", "mouth_left", "mouth_right", "left_shoulder", "right_shoulder", "left_elbow",
-    "right_elbow", "left_wrist", "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index",
-    "left_thumb", "right_thumb", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
-    "left_heel", "right_heel", "left_toe", "right_toe",
-)  # fmt: skip
+    "nose",
+    "left_eye_inner",
+    "left_eye",
+    "left_eye_outer",
+    "right_eye_inner",
+    "right_eye",
+    "right_eye_outer",
+    "left_ear",
+    "right_ear",
+    "mouth_left",
+    "mouth_right",
+    "left_shoulder",
+    "right_shoulder",
+    "left_elbow",
+    "right_elbow",
+    "left_wrist",
+    "right_wrist",
+    "left_pinky",
+    "right_pinky",
+    "left_index",
+    "right_index",
+    "left_thumb",
+    "right_thumb",
+    "left_hip",
+    "right_hip",
+    "left_knee",
+    "right_knee",
+    "left_ankle",
+    "right_ankle",
+    "left_heel",
+    "right_heel",
+    "left_toe",
+    "right_toe",
+)
 """MediaPipe's points of a body in its order (`left_toe` is its left_foot_index); those that a model lacks have visibility 0"""
 
 
@@ -146,8 +196,26 @@ def write_mediapipe(path: Path, table: ResultsTable) -> list[Path]:
 
 _MM = 1e3
 _HAND = [(0, 1), *((i, i + 1) for i in range(1, 20) if i % 4), *((0, i) for i in (5, 9, 13, 17))]
-_BODY = [(11, 12), (11, 13), (13, 15), (12, 14), (14, 16), (11, 23), (12, 24), (23, 24), (23, 25), (25, 27), (24, 26), (26, 28)]  # fmt: skip
-_MEDIAPIPE = {"index": "index_finger", "middle": "middle_finger", "ring": "ring_finger", "little": "pinky"}  # fmt: skip
+_BODY = [
+    (11, 12),
+    (11, 13),
+    (13, 15),
+    (12, 14),
+    (14, 16),
+    (11, 23),
+    (12, 24),
+    (23, 24),
+    (23, 25),
+    (25, 27),
+    (24, 26),
+    (26, 28),
+]
+_MEDIAPIPE = {
+    "index": "index_finger",
+    "middle": "middle_finger",
+    "ring": "ring_finger",
+    "little": "pinky",
+}
 
 
 def write_pose(path: Path, table: ResultsTable) -> list[Path]:

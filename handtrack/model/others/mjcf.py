@@ -82,14 +82,18 @@ class _Robot:
                 )
         own = self._anchor(name, [given for _, given in joints])
         turn, place = self._turn(body.attrib), self._vector(body.attrib, "pos")
-        hinges = [self._hinge(given, f"{name}_{k}" if k else name) for k, (_, given) in enumerate(joints)]  # fmt: skip
+        hinges = [
+            self._hinge(given, f"{name}_{k}" if k else name) for k, (_, given) in enumerate(joints)
+        ]
         looks = self._shapes(body, kind, own)
         label = hinges[0].name if hinges else ""
         yield Link(name, parent, place + turn @ own - anchor, turn, hinges, looks, label)
         for site in body.findall("site"):
             given = self._given(site, kind)
             if site.get("name"):
-                yield Link(str(site.get("name")), name, self._vector(given, "pos") - own, self._turn(given))  # fmt: skip
+                yield Link(
+                    str(site.get("name")), name, self._vector(given, "pos") - own, self._turn(given)
+                )
         for child in body.findall("body"):
             yield from self.links(child, name, own, kind)
 
@@ -119,7 +123,9 @@ class _Robot:
             asked = numbers(given, "range", (0.0, 0.0), self.path, 2)
             low, high = self._radians(asked - at_zero)
             if low > high:
-                raise HandtrackError(f"{self.path}: joint '{name}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper.")  # fmt: skip
+                raise HandtrackError(
+                    f"{self.path}: joint '{name}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper."
+                )
             limits = (float(low), float(high))
         return Hinge(name, axis / np.linalg.norm(axis), limits, self.follows.get(name))
 
@@ -148,7 +154,11 @@ class _Robot:
             along = ends[1] - ends[0]
             half = 0.5 * float(np.linalg.norm(along))
             place, turn = ends.mean(axis=0), _towards(along)
-            size = np.array([size[0], half] if kind in ("capsule", "cylinder") else [size[0], size[min(1, len(size) - 1)], half])  # fmt: skip
+            size = np.array(
+                [size[0], half]
+                if kind in ("capsule", "cylinder")
+                else [size[0], size[min(1, len(size) - 1)], half]
+            )
         wanted = {"sphere": 1, "capsule": 2, "cylinder": 2}.get(kind, 3)
         if len(size) < wanted:
             raise HandtrackError(f"{self.path}: a {kind} of {len(size)} sizes; expected {wanted}.")

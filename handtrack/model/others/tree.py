@@ -92,9 +92,13 @@ def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any
         for (one, shape), centre in zip(shapes, centres, strict=True):
             rotation = frame.T @ turn[one.name] @ shape.rotation
             ellipsoids.append(
-                {"bone": link.name, "centre": _mm(frame.T @ (centre - here)), "radii": _mm(shape.radii),
-                 "rotation_deg": _rounded(np.rad2deg(rotation_vector(rotation)))}
-            )  # fmt: skip
+                {
+                    "bone": link.name,
+                    "centre": _mm(frame.T @ (centre - here)),
+                    "radii": _mm(shape.radii),
+                    "rotation_deg": _rounded(np.rad2deg(rotation_vector(rotation))),
+                }
+            )
         joints[link.label or link.name] = [link.name, "head"]
         for one in own:
             if one is not link and not one.shapes:
@@ -108,13 +112,20 @@ def definition_of(name: str, links: Sequence[Link], where: str) -> dict[str, Any
         )
     follows = [
         {"name": hinge.name, "leader": hinge.follows[0], "ratio": hinge.follows[1]}
-        for link in links for hinge in link.hinges if hinge.follows
-    ]  # fmt: skip
+        for link in links
+        for hinge in link.hinges
+        if hinge.follows
+    ]
     reach = max(float(np.linalg.norm(p - place[links[0].name])) for p in place.values())
     table = {
-        "format": 1, "name": name, "kind": "hand", "length_mm": max(round(1e3 * reach, 3), 1.0), "bone": bones,
-        "joints": joints, "ellipsoids": {"fine": ellipsoids, "metaballs": ellipsoids},
-    }  # fmt: skip
+        "format": 1,
+        "name": name,
+        "kind": "hand",
+        "length_mm": max(round(1e3 * reach, 3), 1.0),
+        "bone": bones,
+        "joints": joints,
+        "ellipsoids": {"fine": ellipsoids, "metaballs": ellipsoids},
+    }
     return table | ({"couplings": {"21": follows}} if follows else {})
 
 
@@ -125,7 +136,9 @@ def _check(links: Sequence[Link], where: str) -> None:
     for kind, names in (("links", [link.name for link in links]), ("joints", hinges)):
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise HandtrackError(f"{where}: two {kind} are called '{twice}'; expected names that differ.")  # fmt: skip
+            raise HandtrackError(
+                f"{where}: two {kind} are called '{twice}'; expected names that differ."
+            )
 
 
 def _zero_pose(
@@ -177,14 +190,20 @@ def _bone(
     """Return a bone's table. own: link → bone."""
     if link.parent is None:
         up = np.array([0.0, 0.0, 1.0])
-    row: dict[str, Any] = {"name": link.name} | ({"parent": carrier[link.parent]} if link.parent else {})  # fmt: skip
+    row: dict[str, Any] = {"name": link.name} | (
+        {"parent": carrier[link.parent]} if link.parent else {}
+    )
     row |= {"group": "palm", "head": _mm(here), "tail": _mm(tail), "up": _rounded(up)}
     if link.hinges:
         row["freedoms"] = [
-            {"name": hinge.name, "axis": _rounded(own @ hinge.axis), "limits_deg": _rounded(np.rad2deg(hinge.limits)),
-             "rest_deg": float(np.round(np.rad2deg(np.clip(0.0, *hinge.limits)), 9))}
+            {
+                "name": hinge.name,
+                "axis": _rounded(own @ hinge.axis),
+                "limits_deg": _rounded(np.rad2deg(hinge.limits)),
+                "rest_deg": float(np.round(np.rad2deg(np.clip(0.0, *hinge.limits)), 9)),
+            }
             for hinge in link.hinges
-        ]  # fmt: skip
+        ]
     return row
 
 
@@ -201,7 +220,9 @@ def read_root(path: Path, tag: str, what: str) -> ElementTree.Element:
     """Return a file's root element, which has this tag. Raises HandtrackError for no XML, another root, or entities."""
     root = read_xml(path, f"a robot's {what}")
     if root.tag != tag:
-        raise HandtrackError(f"{path}: its root is <{root.tag}>; expected <{tag}>, as {what} has it.")  # fmt: skip
+        raise HandtrackError(
+            f"{path}: its root is <{root.tag}>; expected <{tag}>, as {what} has it."
+        )
     return root
 
 

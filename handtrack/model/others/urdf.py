@@ -76,15 +76,24 @@ def _hinge(joint: _Element, label: str, kind: str, path: Path) -> Hinge:
     low, high = -np.pi, np.pi
     if kind == "revolute":
         if limit is None:
-            raise HandtrackError(f"{path}: joint '{label}' is revolute and has no <limit>; URDF asks for lower and upper [rad].")  # fmt: skip
+            raise HandtrackError(
+                f"{path}: joint '{label}' is revolute and has no <limit>; URDF asks for lower and upper [rad]."
+            )
         low, high = (float(numbers(limit.attrib, k, (0.0,), path)[0]) for k in ("lower", "upper"))
     if low > high:
-        raise HandtrackError(f"{path}: joint '{label}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper.")  # fmt: skip
+        raise HandtrackError(
+            f"{path}: joint '{label}': its limits are {low:g} to {high:g} rad; expected lower ≤ upper."
+        )
     follows = None
     if mimic is not None:
-        ratio, offset = (float(numbers(mimic.attrib, k, (d,), path)[0]) for k, d in (("multiplier", 1.0), ("offset", 0.0)))  # fmt: skip
+        ratio, offset = (
+            float(numbers(mimic.attrib, k, (d,), path)[0])
+            for k, d in (("multiplier", 1.0), ("offset", 0.0))
+        )
         if offset:
-            raise HandtrackError(f"{path}: joint '{label}' follows another with an offset of {offset:g} rad; expected 0: move its origin instead.")  # fmt: skip
+            raise HandtrackError(
+                f"{path}: joint '{label}' follows another with an offset of {offset:g} rad; expected 0: move its origin instead."
+            )
         follows = (mimic.get("joint", ""), ratio)
     return Hinge(label, about / np.linalg.norm(about), (low, high), follows)
 
@@ -105,7 +114,11 @@ def _shapes(visual: _Element, path: Path) -> list[Shape]:
     elif kind.tag == "mesh":
         file = path.parent / kind.get("filename", "").split("://")[-1]
         found = shapes.mesh(file, numbers(kind.attrib, "scale", (1.0, 1.0, 1.0), path, 3))
-        return [] if found is None else [Shape(place + turn @ found.centre, turn @ found.rotation, found.radii)]  # fmt: skip
+        return (
+            []
+            if found is None
+            else [Shape(place + turn @ found.centre, turn @ found.rotation, found.radii)]
+        )
     else:
         return []
     return [Shape(place, turn, radii)]

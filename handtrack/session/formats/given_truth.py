@@ -167,8 +167,14 @@ def _trc(rows: list[list[str]], path: Path) -> Markers:
     names = tuple(name.strip() for name in rows[3][2:] if name.strip())
     body = [row for row in rows[5:] if any(cell.strip() for cell in row)]
     places = [[2 + 3 * i + k for k in range(3)] for i in range(len(names))]
-    return _markers(names, [row[0] for row in body], [row[1] if len(row) > 1 else "" for row in body],
-                    _numbers(body, places, path), _UNITS_M[unit], path)  # fmt: skip
+    return _markers(
+        names,
+        [row[0] for row in body],
+        [row[1] if len(row) > 1 else "" for row in body],
+        _numbers(body, places, path),
+        _UNITS_M[unit],
+        path,
+    )
 
 
 def _wide(rows: list[list[str]], head: list[str], path: Path) -> Markers:
@@ -251,9 +257,14 @@ def _c3d(path: Path) -> Markers:
 
 
 def _markers(
-    names: tuple[str, ...], frames: list[str], times: list[str], positions: Floats[F, N, D3],
-    unit_m: float | None, path: Path, counted: bool = False,
-) -> Markers:  # fmt: skip
+    names: tuple[str, ...],
+    frames: list[str],
+    times: list[str],
+    positions: Floats[F, N, D3],
+    unit_m: float | None,
+    path: Path,
+    counted: bool = False,
+) -> Markers:
     """counted: frames are counted from 0; else from 1, unless there is a 0."""
     numbers = [number_in(text, str(path)) for text in frames]
     if (

@@ -176,9 +176,16 @@ def _as_live(camera: CameraSettings, folder: Path) -> CameraSettings:
         )
     masks = SkinYCrCb() if _has_other_masks(camera) else camera.masks
     return replace(
-        camera, masks=masks, mask_unknown=None, depth=None, depth_scale_m=None, keypoints=None, keypoint_layout=None,
-        fps=None, lag_s=None,
-    )  # fmt: skip
+        camera,
+        masks=masks,
+        mask_unknown=None,
+        depth=None,
+        depth_scale_m=None,
+        keypoints=None,
+        keypoint_layout=None,
+        fps=None,
+        lag_s=None,
+    )
 
 
 def _has_other_masks(camera: CameraSettings) -> bool:

@@ -114,9 +114,12 @@ def foreign_takes(
             if changed:
                 by_change.setdefault(changed, []).append(number)
     return [
-        _foreign_words(f"take{'' if len(n) == 1 else 's'} {_listed([*map(str, n)])} of the current track", changed)
+        _foreign_words(
+            f"take{'' if len(n) == 1 else 's'} {_listed([*map(str, n)])} of the current track",
+            changed,
+        )
         for changed, n in by_change.items()
-    ]  # fmt: skip
+    ]
 
 
 def foreign_result(track: TrackResult, what: str, session: Session) -> list[str]:

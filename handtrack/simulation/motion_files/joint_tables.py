@@ -49,11 +49,17 @@ TABLES: dict[str, dict[str, str]] = {
     "mixamo": {"neck": "Neck", "head": "Head", "head_top": "HeadTop_End"}
     | _sided("{s}{j}", _WORDS, "Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot", "ToeBase"),
     "xsens": {"neck": "Neck", "head": "Head"}
-    | _sided("{s}{j}", _WORDS, "UpperArm", "ForeArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toe"),
+    | _sided(
+        "{s}{j}", _WORDS, "UpperArm", "ForeArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toe"
+    ),
     "vrm": {"neck": "Neck", "head": "Head"}
-    | _sided("{s}{j}", _WORDS, "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toes"),
+    | _sided(
+        "{s}{j}", _WORDS, "UpperArm", "LowerArm", "Hand", "UpperLeg", "LowerLeg", "Foot", "Toes"
+    ),
     "unreal": {"neck": "neck_01", "head": "head"}
-    | _sided("{j}_{s}", ("l", "r"), "upperarm", "lowerarm", "hand", "thigh", "calf", "foot", "ball"),
+    | _sided(
+        "{j}_{s}", ("l", "r"), "upperarm", "lowerarm", "hand", "thigh", "calf", "foot", "ball"
+    ),
     "blender": {"neck": "neck", "head": "head"}
     | _sided("{j}.{s}", ("L", "R"), "upper_arm", "forearm", "hand", "thigh", "shin", "foot", "toe"),
     "biped": {"neck": "Neck", "head": "Head"}
@@ -61,7 +67,7 @@ TABLES: dict[str, dict[str, str]] = {
     "vicon": _sided("{s}{j}JC", ("L", "R"), "S", "E", "W", "H", "K", "A"),
     "bandai": BANDAI_JOINTS,
     "cmu": CMU_JOINTS,
-}  # fmt: skip
+}
 """by who writes them: joints of body34 → names in files. A BVH joint lies where its bone begins: Mixamo's `LeftArm` is the shoulder.
 `vicon` are joint centres of plug-in gait; markers on the skin are no joints."""
 

@@ -130,9 +130,11 @@ def frontal_pose(
             return params
 
 
-_NEAR_REST = {f"{part}_{way}": 0.1 for part in ("spine", "neck") for way in ("flex", "lean", "twist")} | {
+_NEAR_REST = {
+    f"{part}_{way}": 0.1 for part in ("spine", "neck") for way in ("flex", "lean", "twist")
+} | {
     f"{side}_clavicle_{way}": 0.05 for side in ("left", "right") for way in ("elevate", "protract")
-}  # fmt: skip
+}
 """standard deviations [rad]"""
 
 

@@ -111,5 +111,11 @@ class CloudDistanceTerm(SurfaceTerm):
 
     def add_to(self, bones: BonePoses, sums: Sums) -> float:
         return cloud_sums(
-            self.cloud.arrays, self.surface.posed(bones), self.sigma_m, self.loss, self.weight, bones.reference, sums
-        )  # fmt: skip
+            self.cloud.arrays,
+            self.surface.posed(bones),
+            self.sigma_m,
+            self.loss,
+            self.weight,
+            bones.reference,
+            sums,
+        )

@@ -78,9 +78,15 @@ class PreparedSilhouette:
     def arrays(self) -> MaskArrays:
         """The same for compiled sums."""
         return MaskArrays(
-            np.ascontiguousarray(self.camera.projection), self.valid, self.begins, self.ends, self.values, self.edges, self.powers,
+            np.ascontiguousarray(self.camera.projection),
+            self.valid,
+            self.begins,
+            self.ends,
+            self.values,
+            self.edges,
+            self.powers,
             self.heights,
-        )  # fmt: skip
+        )
 
     @property
     def outline_px(self) -> float:

@@ -111,11 +111,14 @@ class FieldTerm(ObservationTerm):
         weights, shape = per_camera(self.weight, len(self.silhouettes), "weight"), self.shape
         return [
             self._with(
-                silhouettes=(seen,), weight=weights[i],
-                shape=replace(shape, levels=shape.levels[i : i + 1], row_steps=shape.row_steps[i : i + 1]),
+                silhouettes=(seen,),
+                weight=weights[i],
+                shape=replace(
+                    shape, levels=shape.levels[i : i + 1], row_steps=shape.row_steps[i : i + 1]
+                ),
             )
             for i, seen in enumerate(self.silhouettes)
-        ]  # fmt: skip
+        ]
 
     def wider(self, by_m: float) -> Self:
         """Return the term of masks in which the outline of a hand is so much farther out than the hand's own."""

@@ -109,9 +109,15 @@ def silhouette_sums(
             cost += c[i] * (0.5 * mc[i] - z[i])
         if sums.width == 6:
             conic_by_twist(
-                mask.projection, centre_world[e], shape_world[e], frames.reference, ellipses[e], levels[e, 0],
-                field.depth_scaled, work,
-            )  # fmt: skip
+                mask.projection,
+                centre_world[e],
+                shape_world[e],
+                frames.reference,
+                ellipses[e],
+                levels[e, 0],
+                field.depth_scaled,
+                work,
+            )
             _add_block(work, m, mc, z, weight, 6 * bone[e], sums)
         elif sums.width == FIELD:
             _fill_shapes(
@@ -123,9 +129,14 @@ def silhouette_sums(
                 wide,
             )
             by = conic_by_field(
-                mask.projection, centre_world[e], (shape_world[e], own, wide), frames.reference, ellipses[e],
-                c, field.depth_scaled,
-            )  # fmt: skip
+                mask.projection,
+                centre_world[e],
+                (shape_world[e], own, wide),
+                frames.reference,
+                ellipses[e],
+                c,
+                field.depth_scaled,
+            )
             _add_field(by, m, mc, z, weight, bone[e], sums)
     return weight * cost
 
@@ -137,8 +148,15 @@ def camera_moments(
     """Fill ellipses (E + 2, ELLIPSE) and moments (E + 2, MOMENTS), zeros at first, of ellipsoids in one camera."""
     height, width = mask.valid.shape[0], (mask.powers.shape[0] - 1) // 2
     project(
-        mask.projection, width, height, centre_world, shape_world, field.levels, field.depth_scaled, ellipses
-    )  # fmt: skip
+        mask.projection,
+        width,
+        height,
+        centre_world,
+        shape_world,
+        field.levels,
+        field.depth_scaled,
+        ellipses,
+    )
     _sum_rows(ellipses, mask, field, moments)
 
 
@@ -315,9 +333,13 @@ def _add_block(work, m, mc, z, weight, at, sums):  # pragma: no cover - compiled
         m3, m4, m5 = weight * m[i, 3], weight * m[i, 4], weight * m[i, 5]
         for t in range(8):
             work[120 + 8 * i + t] = (
-                m0 * work[72 + t] + m1 * work[80 + t] + m2 * work[88 + t]
-                + m3 * work[96 + t] + m4 * work[104 + t] + m5 * work[112 + t]
-            )  # fmt: skip
+                m0 * work[72 + t]
+                + m1 * work[80 + t]
+                + m2 * work[88 + t]
+                + m3 * work[96 + t]
+                + m4 * work[104 + t]
+                + m5 * work[112 + t]
+            )
     for i in range(6):
         r = weight * (mc[i] - z[i])
         for t in range(6):
@@ -327,9 +349,13 @@ def _add_block(work, m, mc, z, weight, at, sums):  # pragma: no cover - compiled
         a3, a4, a5 = work[96 + s], work[104 + s], work[112 + s]
         for t in range(8):
             work[168 + t] = (
-                a0 * work[120 + t] + a1 * work[128 + t] + a2 * work[136 + t]
-                + a3 * work[144 + t] + a4 * work[152 + t] + a5 * work[160 + t]
-            )  # fmt: skip
+                a0 * work[120 + t]
+                + a1 * work[128 + t]
+                + a2 * work[136 + t]
+                + a3 * work[144 + t]
+                + a4 * work[152 + t]
+                + a5 * work[160 + t]
+            )
         for t in range(6):
             sums.hessian[at + s, at + t] += work[168 + t]
 

@@ -82,6 +82,15 @@ def _covered(silhouette: PreparedSilhouette, flesh: PosedEllipsoids) -> Array[H,
         at, half = ((1 << _FRACTION) * np.array([middle, np.sqrt(squares[::-1])])).round()
         if np.abs([at, half]).max() < 1 << 28:
             cv2.ellipse(
-                image, at.astype(int).tolist(), half.astype(int).tolist(), turn, 0, 360, 1, -1, cv2.LINE_8, _FRACTION
-            )  # fmt: skip
+                image,
+                at.astype(int).tolist(),
+                half.astype(int).tolist(),
+                turn,
+                0,
+                360,
+                1,
+                -1,
+                cv2.LINE_8,
+                _FRACTION,
+            )
     return image > 0

@@ -45,8 +45,14 @@ class FrameTask:
         """Return what the frame costs, seen from solver parameters."""
         bones = self.model.bones(params)
         terms = frame_terms(
-            self.model, self.settings, self.observation, bones, self.expected, self.ahead, self.texture
-        )  # fmt: skip
+            self.model,
+            self.settings,
+            self.observation,
+            bones,
+            self.expected,
+            self.ahead,
+            self.texture,
+        )
         if not self.previous or self.expected is None:
             return terms
         last = self.previous[-1]

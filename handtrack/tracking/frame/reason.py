@@ -91,9 +91,7 @@ KINDS: dict[str, Callable[[Reason], str]] = {
     "given": lambda r: "input pose; its texture is carried from here on",
     "given keypoints": lambda r: "no observation; only the input keypoints constrain the pose",
     "out of view": lambda r: "model and silhouette are outside all views",
-    "overlap": lambda r: (
-        f"model and silhouette overlap by {_percent(r.number)} in {r.camera}"
-    ),
+    "overlap": lambda r: f"model and silhouette overlap by {_percent(r.number)} in {r.camera}",
     "filled mask": lambda r: (
         f"the mask covers more than half of the image in {r.camera}: is it inverted or all white?"
     ),
@@ -114,9 +112,7 @@ KINDS: dict[str, Callable[[Reason], str]] = {
         f"{_percent(r.number)} of the cloud's points lie within {1e3 * NEAR_M:g} mm of the model"
     ),
     "poor cloud": _poor_cloud,
-    "energy": lambda r: (
-        f"the residual is {r.number:.1f} times the usual one; a finger may be lost"
-    ),
+    "energy": lambda r: f"the residual is {r.number:.1f} times the usual one; a finger may be lost",
     "size": _odd_size,
     "off": lambda r: (
         f"the {r.part} may be wrong, ± {r.number:.0f} mm (P = {r.other:.2f} that a joint's error exceeds 25 mm): "
@@ -130,7 +126,7 @@ KINDS: dict[str, Callable[[Reason], str]] = {
         f"an alternative trajectory ({_percent(r.number)} probable) has the {r.part} {r.other:.0f} mm away"
     ),
     "open": lambda r: f"the observations do not constrain the {r.part}: ± {r.number:.0f} mm",
-}  # fmt: skip
+}
 """what each kind says; the only place where low confidence is worded"""
 
 BRIEF: dict[str, Callable[[Reason], str]] = {

@@ -84,8 +84,13 @@ def _gone(array: Array[F], turn: Floats[D3, D3]) -> None:
 def _carried(name: str, *axes: str, kind: type = float, missing: object = np.nan) -> Column:
     """Return how a field of Alternative is kept: (F, H, …), `missing` beyond a frame's last pose."""
     return Column(
-        kind, ("H", *axes), missing, gaps="dropped", turned=_gone, read=lambda poses: [getattr(p, name) for p in poses]
-    )  # fmt: skip
+        kind,
+        ("H", *axes),
+        missing,
+        gaps="dropped",
+        turned=_gone,
+        read=lambda poses: [getattr(p, name) for p in poses],
+    )
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -370,8 +375,10 @@ class TrackResult(TrackLabels):
         Angles in degrees, places in metres, as their names say. Raises HandtrackError where pandas is not installed.
         """
         columns: dict[str, Any] = {
-            "time_s": self.time_s, "status": self.status, "energy": self.energy,
-        }  # fmt: skip
+            "time_s": self.time_s,
+            "status": self.status,
+            "energy": self.energy,
+        }
         for row, name in enumerate(self.parameter_names):
             unit, factor = ("m", 1.0) if name in _LENGTHS else ("deg", 180.0 / np.pi)
             columns[f"{name}_{unit}"] = factor * self.parameters[:, row]

@@ -15,8 +15,14 @@ from handtrack.arrays import D3, Array, Axes, Floats
 
 _TYPE = re.compile(r"(\w+)(?:\[(.*)\])?(?: \| None)?")
 _KINDS = {
-    "int": int, "Ints": int, "Status": int, "float": float, "Floats": float, "str": str, "tuple": str
-}  # fmt: skip
+    "int": int,
+    "Ints": int,
+    "Status": int,
+    "float": float,
+    "Floats": float,
+    "str": str,
+    "tuple": str,
+}
 
 
 @dataclass(frozen=True)

@@ -29,24 +29,38 @@ class ModelSettings:
     """Which hand."""
 
     name: str = setting(
-        "", "A model other than that of [hand], or a definition's path. `glove9`: thumb and one mitten; `ball6`: the palm alone, "
-        "for poor clouds.", label="Model", level="user", about="hand",
+        "",
+        "A model other than that of [hand], or a definition's path. `glove9`: thumb and one mitten; `ball6`: the palm alone, "
+        "for poor clouds.",
+        label="Model",
+        level="user",
+        about="hand",
         words={"": "as session.toml", "hand26": "hand26", "glove9": "glove9", "ball6": "ball6"},
-    )  # fmt: skip
+    )
     coupling: Literal["26", "21", "18"] = setting(
-        "26", "Degrees of freedom. 26: all free; 21: DIP = 2/3 PIP; 18: abduction coupled as "
-        "well.", label="Degrees of freedom", level="user", about="hand",
+        "26",
+        "Degrees of freedom. 26: all free; 21: DIP = 2/3 PIP; 18: abduction coupled as well.",
+        label="Degrees of freedom",
+        level="user",
+        about="hand",
         words={"26": "26, all free", "21": "21, DIP coupled to PIP", "18": "18, abduction coupled"},
-    )  # fmt: skip
+    )
     forearm: Literal["auto", "true", "false"] = setting(
-        "auto", "Whether the model has a forearm. Automatic: if the silhouettes of most frames extend 2 cm beyond the wrist, as long "
-        "as they show it.", label="Forearm", level="user", about="hand",
+        "auto",
+        "Whether the model has a forearm. Automatic: if the silhouettes of most frames extend 2 cm beyond the wrist, as long "
+        "as they show it.",
+        label="Forearm",
+        level="user",
+        about="hand",
         words={"auto": "automatic", "true": "with", "false": "without"},
-    )  # fmt: skip
+    )
     spread_index: float = setting(
-        1.0, "The person's factor c of coupling 18: abduction of the index = c · spread. `handtrack spread` measures all "
-        "four.", label="Index ×", **_SPREAD,
-    )  # fmt: skip
+        1.0,
+        "The person's factor c of coupling 18: abduction of the index = c · spread. `handtrack spread` measures all "
+        "four.",
+        label="Index ×",
+        **_SPREAD,
+    )
     spread_middle: float = setting(
         0.1,
         "The same for the middle finger; positive: towards the thumb.",
@@ -58,15 +72,25 @@ class ModelSettings:
         1.2, "The same for the little finger.", label="Little ×", **_SPREAD
     )
     fallback: Literal["auto", "glove9", "ball6", "none"] = setting(
-        "auto", "What replaces the hand while its only observation is a poor cloud: `auto`, viewing rays instead of points; `glove9` or "
-        "`ball6`, the palm of these models as well; `none`, nothing.", label="If cloud is poor",
-        level="user", about="hand",
-        words={"auto": "use viewing rays", "glove9": "palm of glove9", "ball6": "palm of ball6", "none": "do nothing"},
-    )  # fmt: skip
+        "auto",
+        "What replaces the hand while its only observation is a poor cloud: `auto`, viewing rays instead of points; `glove9` or "
+        "`ball6`, the palm of these models as well; `none`, nothing.",
+        label="If cloud is poor",
+        level="user",
+        about="hand",
+        words={
+            "auto": "use viewing rays",
+            "glove9": "palm of glove9",
+            "ball6": "palm of ball6",
+            "none": "do nothing",
+        },
+    )
     fit_size: Literal["true", "later", "false"] = setting(
-        "true", 'With scale = "fit" in session.toml: `true`, fit the shape to silhouettes and keypoints; `false`, to keypoints alone; '
-        "`later`, track, fit it to the tracked frames, and track again.", about="hand",
-    )  # fmt: skip
+        "true",
+        'With scale = "fit" in session.toml: `true`, fit the shape to silhouettes and keypoints; `false`, to keypoints alone; '
+        "`later`, track, fit it to the tracked frames, and track again.",
+        about="hand",
+    )
 
     @property
     def spread(self) -> dict[str, float]:
@@ -81,20 +105,34 @@ class SilhouetteSettings:
     """The silhouette term."""
 
     term: Literal["coverage", "conic_field"] = setting(
-        "coverage", "`coverage`: unbiased, with a wide basin of convergence. `conic_field`: the 2007 paper's.", label="Outlines by", level="user",
+        "coverage",
+        "`coverage`: unbiased, with a wide basin of convergence. `conic_field`: the 2007 paper's.",
+        label="Outlines by",
+        level="user",
         words={"coverage": "coverage", "conic_field": "conic field (2007)"},
-    )  # fmt: skip
+    )
     weight: float = setting(
-        1.0, "Factor on the silhouettes' cost. 1: as `outline_sigma_mm` implies; 0: silhouettes are not used.", label="Silhouettes", **_WEIGHT,
-    )  # fmt: skip
+        1.0,
+        "Factor on the silhouettes' cost. 1: as `outline_sigma_mm` implies; 0: silhouettes are not used.",
+        label="Silhouettes",
+        **_WEIGHT,
+    )
     bands_mm: tuple[float, ...] = setting(
-        (8.0, 4.0, 1.2), "Half-widths of the band around the contour, widest first, at the hand's distance; `coverage` "
-        "only.", above=0.0, unit="mm",
-    )  # fmt: skip
+        (8.0, 4.0, 1.2),
+        "Half-widths of the band around the contour, widest first, at the hand's distance; `coverage` "
+        "only.",
+        above=0.0,
+        unit="mm",
+    )
     outline_sigma_mm: float = setting(
-        1.5, "Standard deviation of the distance between the model's contour and the silhouette's.", label="Outline error mm", level="user", unit="mm",
-        above=0.0, slider=(0.2, 6.0, 0.1),
-    )  # fmt: skip
+        1.5,
+        "Standard deviation of the distance between the model's contour and the silhouette's.",
+        label="Outline error mm",
+        level="user",
+        unit="mm",
+        above=0.0,
+        slider=(0.2, 6.0, 0.1),
+    )
     outline_correlation_mm: float = setting(
         10.0, "Correlation length of that error along the contour.", unit="mm", above=0.0
     )
@@ -105,31 +143,52 @@ class CloudTermSettings:
     """The point cloud's term; [clouds] says where the cloud comes from."""
 
     weight: float = setting(
-        1.0, "Factor on the cloud's cost. 1: as `sigma_mm` implies; 0: clouds are not used.",
-        label="Cloud", **_WEIGHT,
-    )  # fmt: skip
+        1.0,
+        "Factor on the cloud's cost. 1: as `sigma_mm` implies; 0: clouds are not used.",
+        label="Cloud",
+        **_WEIGHT,
+    )
     balance: float = setting(
-        0.5, "K of F = K·E1 + (1 − K)·E2: 1: only that points lie on the model; 0: only that no visible part of the "
-        "model is without points. With viewing rays, E1 is the distance to the rays.", label="Balance K",
-        level="user", low=0.0, high=1.0, slider=(0.0, 1.0, 0.01),
-    )  # fmt: skip
+        0.5,
+        "K of F = K·E1 + (1 − K)·E2: 1: only that points lie on the model; 0: only that no visible part of the "
+        "model is without points. With viewing rays, E1 is the distance to the rays.",
+        label="Balance K",
+        level="user",
+        low=0.0,
+        high=1.0,
+        slider=(0.0, 1.0, 0.01),
+    )
     sigma_mm: float = setting(
-        2.0, "Standard deviation of a point's distance from the model's surface: sensor noise and the ellipsoids' error. A smaller "
-        "value measured from the recording replaces it.", label="Point error mm", level="user", unit="mm",
-        above=0.0, slider=(0.2, 10.0, 0.1),
-    )  # fmt: skip
+        2.0,
+        "Standard deviation of a point's distance from the model's surface: sensor noise and the ellipsoids' error. A smaller "
+        "value measured from the recording replaces it.",
+        label="Point error mm",
+        level="user",
+        unit="mm",
+        above=0.0,
+        slider=(0.2, 10.0, 0.1),
+    )
     distance: Literal["d1", "d2", "d3"] = setting(
-        "d3", "The approximate distance of a point to one ellipsoid, from which the metaball surface is made.", label="Distance",
-        words={"d1": "d1, by the level", "d2": "d2, along the radius", "d3": "d3, both"}, told=_DISTANCES,
-    )  # fmt: skip
+        "d3",
+        "The approximate distance of a point to one ellipsoid, from which the metaball surface is made.",
+        label="Distance",
+        words={"d1": "d1, by the level", "d2": "d2, along the radius", "d3": "d3, both"},
+        told=_DISTANCES,
+    )
     sharpness_per_mm: float = setting(
-        1.0, "β of the metaball surface at the mean hand's size. Less rounds and thickens the skin between ellipsoids, by log(n)/β "
-        "where n are equally close; more shows creases.", label="β 1/mm", unit="1/mm", above=0.0, slider=(0.2, 4.0, 0.1),
-    )  # fmt: skip
+        1.0,
+        "β of the metaball surface at the mean hand's size. Less rounds and thickens the skin between ellipsoids, by log(n)/β "
+        "where n are equally close; more shows creases.",
+        label="β 1/mm",
+        unit="1/mm",
+        above=0.0,
+        slider=(0.2, 4.0, 0.1),
+    )
     doubt_depth: bool = setting(
-        False, "Use each point's viewing ray, and its depth only as a mixture with outliers: for stereo mismatches. For clouds of "
+        False,
+        "Use each point's viewing ray, and its depth only as a mixture with outliers: for stereo mismatches. For clouds of "
         "one depth camera or one pair.",
-    )  # fmt: skip
+    )
     crop_mm: float = setting(
         40.0,
         "Points further than this from the predicted hand are ignored.",
@@ -143,9 +202,11 @@ class EdgeSettings:
     """The term of image edges; it needs no masks."""
 
     weight: float = setting(
-        0.0, "Factor on the cost of image edges; 0: not used. `--use edges` sets 1.",
-        label="Edges", **_WEIGHT,
-    )  # fmt: skip
+        0.0,
+        "Factor on the cost of image edges; 0: not used. `--use edges` sets 1.",
+        label="Edges",
+        **_WEIGHT,
+    )
     sigma_px: float = setting(
         1.5,
         "Standard deviation of the distance between the model's contour and an edge.",
@@ -159,9 +220,11 @@ class IntensitySettings:
     """The term of the texture carried from earlier frames."""
 
     weight: float = setting(
-        0.0, "Factor on the cost of the carried texture; 0: none is carried. `--use intensity` sets 1.",
-        label="Intensity", **_WEIGHT,
-    )  # fmt: skip
+        0.0,
+        "Factor on the cost of the carried texture; 0: none is carried. `--use intensity` sets 1.",
+        label="Intensity",
+        **_WEIGHT,
+    )
     sigma: float = setting(
         10.0,
         "Standard deviation of a point's change of intensity, 0 … 255.",
@@ -169,9 +232,11 @@ class IntensitySettings:
         above=0.0,
     )
     memory: float = setting(
-        0.5, "Share of the texture that comes from the first frame; the rest comes from the previous one.",
-        low=0.0, high=1.0,
-    )  # fmt: skip
+        0.5,
+        "Share of the texture that comes from the first frame; the rest comes from the previous one.",
+        low=0.0,
+        high=1.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -179,16 +244,30 @@ class KeypointSettings:
     """The term of keypoints."""
 
     weight: float = setting(
-        1.0, "Factor on the keypoints' cost. 1: as their standard deviation implies; 0: keypoints are not used.", label="Keypoints", **_WEIGHT,
-    )  # fmt: skip
+        1.0,
+        "Factor on the keypoints' cost. 1: as their standard deviation implies; 0: keypoints are not used.",
+        label="Keypoints",
+        **_WEIGHT,
+    )
     sigma_mm: float = setting(
-        8.0, "Standard deviation of 3D keypoints: noise, and joints placed differently on different hands.",
-        label="Point error mm", level="user", unit="mm", above=0.0, slider=(1.0, 30.0, 0.5),
-    )  # fmt: skip
+        8.0,
+        "Standard deviation of 3D keypoints: noise, and joints placed differently on different hands.",
+        label="Point error mm",
+        level="user",
+        unit="mm",
+        above=0.0,
+        slider=(1.0, 30.0, 0.5),
+    )
     sigma_px: float = setting(
-        0.0, "Standard deviation of a detector's 2D joints. 0: measured from the disagreement of the cameras, or 5 px where that is not "
-        "possible.", label="Joint error px", level="user", unit="px", low=0.0, slider=(0.0, 40.0, 0.5),
-    )  # fmt: skip
+        0.0,
+        "Standard deviation of a detector's 2D joints. 0: measured from the disagreement of the cameras, or 5 px where that is not "
+        "possible.",
+        label="Joint error px",
+        level="user",
+        unit="px",
+        low=0.0,
+        slider=(0.0, 40.0, 0.5),
+    )
 
     @property
     def detected_px(self) -> float:
@@ -201,20 +280,32 @@ class PriorSettings:
     """The priors."""
 
     rest_sigma_deg: float = setting(
-        80.0, "Standard deviation of joint angles about the relaxed hand; 0: no such prior.", label="Towards relaxed °",
-        level="user", unit="°", low=0.0, slider=(0.0, 90.0, 1.0),
-    )  # fmt: skip
-    posture: float = setting(
-        1.0, "Factor on the prior of correlated joints (neighbouring fingers, DIP with PIP); 0: none.",
+        80.0,
+        "Standard deviation of joint angles about the relaxed hand; 0: no such prior.",
+        label="Towards relaxed °",
+        level="user",
+        unit="°",
         low=0.0,
-    )  # fmt: skip
+        slider=(0.0, 90.0, 1.0),
+    )
+    posture: float = setting(
+        1.0,
+        "Factor on the prior of correlated joints (neighbouring fingers, DIP with PIP); 0: none.",
+        low=0.0,
+    )
     collision: bool = setting(
-        True, "Penalise fingers that intersect each other or the palm, and a body's limbs.",
-    )  # fmt: skip
+        True,
+        "Penalise fingers that intersect each other or the palm, and a body's limbs.",
+    )
     motion_sigma_deg: float = setting(
-        12.0, "Standard deviation of a joint angle, and of the hand's orientation, about its prediction for the next frame.",
-        label="Turn per frame °", level="user", unit="°", above=0.0, slider=(1.0, 45.0, 0.5),
-    )  # fmt: skip
+        12.0,
+        "Standard deviation of a joint angle, and of the hand's orientation, about its prediction for the next frame.",
+        label="Turn per frame °",
+        level="user",
+        unit="°",
+        above=0.0,
+        slider=(1.0, 45.0, 0.5),
+    )
     motion_sigma_mm: float = setting(
         15.0,
         "Standard deviation of the wrist's position about its prediction for the next frame.",
@@ -232,33 +323,52 @@ class FollowSettings:
         "Where a frame starts: `constant_velocity` predicts; `none` takes the previous pose.",
     )
     smoothing: float = setting(
-        1.0, "Factor on the cost of deviating from the predicted pose; 0: none.", label="Smoothing", level="user",
-        low=0.0, slider=(0.0, 5.0, 0.1),
-    )  # fmt: skip
+        1.0,
+        "Factor on the cost of deviating from the predicted pose; 0: none.",
+        label="Smoothing",
+        level="user",
+        low=0.0,
+        slider=(0.0, 5.0, 0.1),
+    )
     escape: bool = setting(
         True,
         "Search lost fingers, and the forearm, over their whole range when the residual is larger than usual, and at intervals.",
     )
     recovery: bool = setting(
-        True, "Search again for a hand that is lost or of low confidence, near its last position and with fingers flipped. The result is "
-        "used only if it fits clearly better.", label="Recovery", level="user",
-    )  # fmt: skip
+        True,
+        "Search again for a hand that is lost or of low confidence, near its last position and with fingers flipped. The result is "
+        "used only if it fits clearly better.",
+        label="Recovery",
+        level="user",
+    )
     estimate: Literal["forward", "whole"] = setting(
-        "whole", "`forward`: each frame from the frames before it. `whole`: then jointly optimise all tracked frames, along the most "
-        "probable trajectory if several hypotheses are carried. Texture needs `forward`.", label="Estimate",
-        level="user", words={"forward": "as frames come", "whole": "whole recording"},
-    )  # fmt: skip
+        "whole",
+        "`forward`: each frame from the frames before it. `whole`: then jointly optimise all tracked frames, along the most "
+        "probable trajectory if several hypotheses are carried. Texture needs `forward`.",
+        label="Estimate",
+        level="user",
+        words={"forward": "as frames come", "whole": "whole recording"},
+    )
     hypotheses: int = setting(
-        1, "Poses carried from frame to frame where one view is ambiguous; 1: only the best, without sampling.",
-        label="Hypotheses", level="user", low=1, slider=(1, 16, 1),
-    )  # fmt: skip
+        1,
+        "Poses carried from frame to frame where one view is ambiguous; 1: only the best, without sampling.",
+        label="Hypotheses",
+        level="user",
+        low=1,
+        slider=(1, 16, 1),
+    )
     seed: int = setting(
-        0, "Seed of all random numbers (hypotheses, thinning of clouds). The same seed gives the same result. `--seed` sets it.", low=0,
-    )  # fmt: skip
+        0,
+        "Seed of all random numbers (hypotheses, thinning of clouds). The same seed gives the same result. `--seed` sets it.",
+        low=0,
+    )
     doubtful_mm: float = setting(
-        15.0, "A frame with a larger uncertainty than this (root mean square of the joints' standard deviations) has low "
-        "confidence; 0: no such limit.", unit="mm", low=0.0,
-    )  # fmt: skip
+        15.0,
+        "A frame with a larger uncertainty than this (root mean square of the joints' standard deviations) has low "
+        "confidence; 0: no such limit.",
+        unit="mm",
+        low=0.0,
+    )
 
 
 @dataclass(frozen=True)
@@ -272,13 +382,16 @@ class MixtureSettings:
         above=0.0,
     )
     carried: int = setting(
-        20, "Hypotheses carried in all: `tracker.hypotheses` distinct ones, and the most probable of the others. With keypoints alone "
-        "only.", low=0,
-    )  # fmt: skip
+        20,
+        "Hypotheses carried in all: `tracker.hypotheses` distinct ones, and the most probable of the others. With keypoints alone "
+        "only.",
+        low=0,
+    )
     chains: tuple[str, ...] = setting(
-        ("all",), "Chains along which samples may be flipped: `thumb`, `index`, … of a hand; `neck`, `left_arm`, "
+        ("all",),
+        "Chains along which samples may be flipped: `thumb`, `index`, … of a hand; `neck`, `left_arm`, "
         "`right_leg`, … of a body.",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -286,10 +399,18 @@ class TrackerSettings:
     """All settings; immutable. `with_values` gives a changed copy."""
 
     method: Literal["default", "paper2007", "paper2004", "paper2003"] = setting(
-        "default", "handtrack's method, or that of one of the three papers with its settings (`docs/explanation/papers.md`). Other settings "
-        "override it.", label="Method", told={name: method.words for name, method in METHODS.items()},
-        words={"default": "handtrack", "paper2007": "2007, conic fields", "paper2004": "2004, metaballs", "paper2003": "2003, jumps"},
-    )  # fmt: skip
+        "default",
+        "handtrack's method, or that of one of the three papers with its settings (`docs/explanation/papers.md`). Other settings "
+        "override it.",
+        label="Method",
+        told={name: method.words for name, method in METHODS.items()},
+        words={
+            "default": "handtrack",
+            "paper2007": "2007, conic fields",
+            "paper2004": "2004, metaballs",
+            "paper2003": "2003, jumps",
+        },
+    )
     model: ModelSettings = field(default_factory=ModelSettings)
     silhouettes: SilhouetteSettings = field(default_factory=SilhouetteSettings)
     cloud: CloudTermSettings = field(default_factory=CloudTermSettings)

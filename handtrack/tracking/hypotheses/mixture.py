@@ -83,7 +83,13 @@ class MixtureStep:
 
     def _seen(
         self, observation: Observation
-    ) -> tuple[ArticulatedModel, TrackerSettings, Sequence[PreparedChain], ReferenceCamera | None, np.random.Generator]:  # fmt: skip
+    ) -> tuple[
+        ArticulatedModel,
+        TrackerSettings,
+        Sequence[PreparedChain],
+        ReferenceCamera | None,
+        np.random.Generator,
+    ]:
         rng = np.random.default_rng([self.settings.tracker.seed, observation.frame])
         return (
             self.model,

@@ -116,9 +116,14 @@ class MixtureObjective:
         """
         source, model, is_first = group[0].source, self.model, group[0].source.belief is None
         found = minima(
-            model, self.settings.solver, source.sought, np.array([c.params for c in group]),
-            source.most, control.should_stop, is_far=is_first,
-        )  # fmt: skip
+            model,
+            self.settings.solver,
+            source.sought,
+            np.array([c.params for c in group]),
+            source.most,
+            control.should_stop,
+            is_far=is_first,
+        )
         return self.weighed(source, found)
 
     def weighed(self, source: Source, found: Minima) -> list[Start]:
@@ -133,9 +138,14 @@ class MixtureObjective:
     def start_at(self, source: Source, found: Minima, n: int, log: float) -> Start:
         """Return one of the minima, with the log of what it weighs."""
         return Start(
-            self.model, found.params[n], -log, source.origin,
-            normal=found.hessian[n], source=source, energy=float(found.cost[n]),
-        )  # fmt: skip
+            self.model,
+            found.params[n],
+            -log,
+            source.origin,
+            normal=found.hessian[n],
+            source=source,
+            energy=float(found.cost[n]),
+        )
 
     def distinct(self, candidates: Sequence[Start], most: int) -> list[Start]:
         params = np.array([c.params for c in candidates])
@@ -247,9 +257,14 @@ class NextHypotheses(MixtureObjective):
         log = np.log1p(-self._jump_share) + np.log(max(component.weight, _WEIGHTLESS))
         log += log_normal(belief.place_covariance)
         source = Source(
-            "followed", component.terms, pulled(self.model, component.terms, belief, ()),
-            max(MIXTURE_DESCENTS // len(self.components), 2), belief, i, float(log),
-        )  # fmt: skip
+            "followed",
+            component.terms,
+            pulled(self.model, component.terms, belief, ()),
+            max(MIXTURE_DESCENTS // len(self.components), 2),
+            belief,
+            i,
+            float(log),
+        )
         # where a limb passes through the image plane, its flips are near enough to need no jump
         nearby = [params for (at, _), params in self._leaves.items() if at == i]
         return self.starts(source, np.concatenate([belief.mean[None], *nearby]))
@@ -271,9 +286,14 @@ class NextHypotheses(MixtureObjective):
         spread = np.zeros(len(names))
         spread[columns] = ranges / np.sqrt(12.0)
         return Source(
-            f"{chain.name} jumped", component.terms, pulled(model, component.terms, belief, columns), 1,
-            belief.released(columns, spread, unknown_speed(len(names))), i, float(log),
-        )  # fmt: skip
+            f"{chain.name} jumped",
+            component.terms,
+            pulled(model, component.terms, belief, columns),
+            1,
+            belief.released(columns, spread, unknown_speed(len(names))),
+            i,
+            float(log),
+        )
 
     def weighed(self, source: Source, found: Minima) -> list[Start]:
         """Return minima with what they weigh: by where they come from, or by the bell that is closest to where they end.
@@ -290,10 +310,12 @@ class NextHypotheses(MixtureObjective):
         return [
             self.start_at(
                 replace(source, parent=int(i), belief=None),
-                found, n, -float(found.cost[n]) + float(heights[i][n]),
+                found,
+                n,
+                -float(found.cost[n]) + float(heights[i][n]),
             )
             for n, i in enumerate(closest)
-        ]  # fmt: skip
+        ]
 
     def _bell(self, component: Component, params: Floats) -> tuple[Floats, Floats]:
         """Return the log of a component's weight and height at params (N, P), and squared distances to it (N,)."""
@@ -353,26 +375,41 @@ FIRST_HYPOTHESES = Search(
     situation="several hypotheses, first frame",
     when="`tracker.hypotheses` above 1",
     rounds=(
-        Round((Propose(FirstHypotheses.headings_at_low_resolution, 4),), fits=(Fit(MixtureObjective.minimum),)),
-        Round((Propose(FirstHypotheses.start_and_candidates),), keep=0, fits=(Fit(MixtureObjective.minimum),)),
-        Round((Propose(FirstHypotheses.interpretation_trees_of_the_best, 6),), adds=True, fits=(Fit(MixtureObjective.minimum),), times=3),
+        Round(
+            (Propose(FirstHypotheses.headings_at_low_resolution, 4),),
+            fits=(Fit(MixtureObjective.minimum),),
+        ),
+        Round(
+            (Propose(FirstHypotheses.start_and_candidates),),
+            keep=0,
+            fits=(Fit(MixtureObjective.minimum),),
+        ),
+        Round(
+            (Propose(FirstHypotheses.interpretation_trees_of_the_best, 6),),
+            adds=True,
+            fits=(Fit(MixtureObjective.minimum),),
+            times=3,
+        ),
     ),
     measure="cost",
     margin=1.0,
     taken="distinct minima, the heaviest by exp(−cost)",
-)  # fmt: skip
+)
 NEXT_HYPOTHESES = Search(
     situation="several hypotheses, every other frame",
     when="`tracker.hypotheses` above 1",
     rounds=(
         Round(
-            (Propose(NextHypotheses.each_followed), Propose(NextHypotheses.each_jumped_along_chains)),
+            (
+                Propose(NextHypotheses.each_followed),
+                Propose(NextHypotheses.each_jumped_along_chains),
+            ),
             fits=(Fit(MixtureObjective.minimum),),
         ),
     ),
     measure="−log of the posterior mass: exp(−cost), the prior's share, the minimum's width (Laplace)",
     taken="distinct minima, the heaviest",
-)  # fmt: skip
+)
 
 
 def pulled(

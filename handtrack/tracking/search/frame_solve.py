@@ -148,7 +148,9 @@ def solve_doubted(
         where this descent ends.
     """
     model, kind, last = task.model, task.settings.model.fallback, task.previous[-1:]
-    cautious = replace(task, settings=poor_cloud_settings(task.settings), texture=None, previous=last)  # fmt: skip
+    cautious = replace(
+        task, settings=poor_cloud_settings(task.settings), texture=None, previous=last
+    )
     if last and last[0].status == Status.LOST:
         cautious = replace(cautious, belief=None)
     if kind == "auto":
@@ -170,7 +172,9 @@ def solve_doubted(
     report(POOR_CLOUD, task.control, task.observation.frame, why, tried, winner)
     if poor is None:
         return solved, False
-    reason = Reason("poor cloud", "" if kind == "auto" else kind, number=poor.measured, other=poor.explained)  # fmt: skip
+    reason = Reason(
+        "poor cloud", "" if kind == "auto" else kind, number=poor.measured, other=poor.explained
+    )
     status = max(solved.result.status, Status.DOUBTFUL)
     return replace(solved, result=replace(solved.result, status=status, reason=reason)), True
 

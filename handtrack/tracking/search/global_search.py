@@ -134,10 +134,14 @@ class GlobalObjective:
         """
         ordered = sorted(candidates, key=lambda c: c.cost)
         joints = np.array([c.joints for c in ordered])
-        rows = list(apart(
-            range(len(ordered)),
-            lambda a, rest: np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > BASIN_M,
-        ))  # fmt: skip
+        rows = list(
+            apart(
+                range(len(ordered)),
+                lambda a, rest: (
+                    np.linalg.norm(joints[rest] - joints[a], axis=2).mean(axis=1) > BASIN_M
+                ),
+            )
+        )
         palms = np.array([palm_middle(c.model, c.params) for c in ordered])
         promising = [n for n in rows if ordered[n].cost <= _PROMISING_COST * ordered[0].cost]
         kept = [*spread_over_places(promising, palms, most), *rows[len(promising) :]]
@@ -151,7 +155,9 @@ def rigid_grid(
     objective: GlobalObjective, found: Sequence[Candidate], most: int
 ) -> list[Candidate]:
     """Propose rigid hands at every rotation and position, the best by disagreeing area."""
-    return rigid_hands(objective.sources, objective.shapes, most, objective.control.should_stop, objective.within)  # fmt: skip
+    return rigid_hands(
+        objective.sources, objective.shapes, most, objective.control.should_stop, objective.within
+    )
 
 
 def rigid_grid_nearby(
@@ -188,9 +194,14 @@ def finger_bends(
     for candidate in objective.distinct(found, len(found)):
         problem = objective.problem(candidate, WIDE_M)
         tried = [
-            replace(candidate, params=x, cost=problem.cost(x), origin=f"{candidate.origin}, fingers bent otherwise")
+            replace(
+                candidate,
+                params=x,
+                cost=problem.cost(x),
+                origin=f"{candidate.origin}, fingers bent otherwise",
+            )
             for x in bent_fingers(candidate.model, candidate.params)
-        ]  # fmt: skip
+        ]
         bent += sorted(tried, key=lambda c: c.cost)[:_BENDS]
     return objective.distinct(bent, most)
 
@@ -458,7 +469,12 @@ LOST_HAND = Search(
         "(`tracker.recovery`); masks of more than half of an image do not count"
     ),
     rounds=(
-        Round((Propose(rigid_grid_nearby, 28), Propose(standing_pose), Propose(depth_flips)), keep=0, enter=60, fits=(Fit(wide, 8),)),
+        Round(
+            (Propose(rigid_grid_nearby, 28), Propose(standing_pose), Propose(depth_flips)),
+            keep=0,
+            enter=60,
+            fits=(Fit(wide, 8),),
+        ),
         Round(enter=10, fits=(Fit(wide, 12),)),
         Round(enter=3, fits=(Fit(tracker),)),
     ),
@@ -468,7 +484,7 @@ LOST_HAND = Search(
         "of such frames in a row the first, second, fourth, eighth …; where nothing was seen also every "
         f"{UNSEEN_EVERY}th"
     ),
-)  # fmt: skip
+)
 FINISH = (
     Round(enter=5, fits=(Fit(tracker),)),
     Round((Propose(best_again),), adds=True, fits=(Fit(tracker_with_lost_fingers),)),

@@ -51,7 +51,7 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
         alone = replace(
             task, start=model.clipped(params), previous=(), expected=None, belief=None, texture=None
         )
-        return solve_frame(replace(alone, control=replace(task.control, on_iteration=None)))  # fmt: skip
+        return solve_frame(replace(alone, control=replace(task.control, on_iteration=None)))
 
     here = shape_of(model, result.parameters, "last")
     objective = replace(

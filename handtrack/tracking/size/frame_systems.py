@@ -101,9 +101,13 @@ class FrameSystems:
         """Return room for as many frames as `put` is called for."""
         whole = size + shared
         return cls(
-            size, np.empty(frames), np.empty((frames, whole)), np.ones(frames),
-            np.empty((frames, whole * (whole + 1) // 2)), np.empty((frames, size * (size + 1) // 2)),
-        )  # fmt: skip
+            size,
+            np.empty(frames),
+            np.empty((frames, whole)),
+            np.ones(frames),
+            np.empty((frames, whole * (whole + 1) // 2)),
+            np.empty((frames, size * (size + 1) // 2)),
+        )
 
     def put(self, frame: int, system: FrameSystem) -> None:
         """Keep a frame's system, in place."""

@@ -67,9 +67,11 @@ class Motion:
             own = steps[at : at + _AT_ONCE + 1]
             behind, ahead = _by_ends(own)
             self._add(
-                system.blocks[at:], gradient[at:], own[1:] - kept * own[:-1],
+                system.blocks[at:],
+                gradient[at:],
+                own[1:] - kept * own[:-1],
                 [-kept * behind[:-1], behind[1:] - kept * ahead[:-1], ahead[1:]],
-            )  # fmt: skip
+            )
 
     def estimated(
         self,

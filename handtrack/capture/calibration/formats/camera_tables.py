@@ -40,7 +40,7 @@ _NAMES = {
     "fisheye": "fisheye isfisheye",
     "name": "name cameraname camname",
     "unit": "unit units worldunits worldunit lengthunit translationunit",
-}  # fmt: skip
+}
 MEANS = {name: field for field, names in _NAMES.items() for name in names.split()}
 """our name of each key that people write, in small letters and digits alone"""
 _GIVEN_BY_CENTRE = {"c2w", "cameratoworld", "camtoworld", "tworldcamera", "tworldcam", "twc"}
@@ -49,10 +49,23 @@ _LIMIT = 64  # cameras
 _MIDDLE = 0.05  # of the image: exchanged sides of 10:9 move its middle by as much
 _LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's width
 UNITS_M = {
-    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0, "mm": 1e-3, "millimeter": 1e-3, "millimeters": 1e-3,
-    "millimetre": 1e-3, "millimetres": 1e-3, "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "in": 0.0254,
-    "inch": 0.0254, "inches": 0.0254,
-}  # fmt: skip
+    "m": 1.0,
+    "meter": 1.0,
+    "meters": 1.0,
+    "metre": 1.0,
+    "metres": 1.0,
+    "mm": 1e-3,
+    "millimeter": 1e-3,
+    "millimeters": 1e-3,
+    "millimetre": 1e-3,
+    "millimetres": 1e-3,
+    "cm": 1e-2,
+    "centimeter": 1e-2,
+    "centimeters": 1e-2,
+    "in": 0.0254,
+    "inch": 0.0254,
+    "inches": 0.0254,
+}
 
 
 def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> GivenRig | None:
@@ -81,7 +94,10 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
     placed = [_has_pose(table) or not posed for _, table in tables]
     between = _known(tree) if isinstance(tree, Mapping) else {}
     if len(tables) == 2 and not any(placed) and {"rotation", "translation"} <= between.keys():
-        pair = {"R": np.eye(3), "T": np.zeros(3)}, {"R": between["rotation"], "T": between["translation"]}  # fmt: skip
+        pair = (
+            {"R": np.eye(3), "T": np.zeros(3)},
+            {"R": between["rotation"], "T": between["translation"]},
+        )
         tables = [(name, {**table, **pose}) for (name, table), pose in zip(tables, pair)]
         placed = [True, True]
     if not any(placed):
@@ -233,8 +249,12 @@ def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: boo
     ]
     models = [is_fisheye(word if word != "0" else "", where) for word in said]
     if "distortions" in known:
-        distortions = numbers(known["distortions"] or [] if isinstance(known["distortions"], list) else
-                              known["distortions"], f"{where}, distortion").ravel()  # fmt: skip
+        distortions = numbers(
+            known["distortions"] or []
+            if isinstance(known["distortions"], list)
+            else known["distortions"],
+            f"{where}, distortion",
+        ).ravel()
     else:
         raise HandtrackError(
             f"{where}: no distortion coefficients, only {', '.join(map(str, table))}; expected `dist` (k1 k2 p1 p2 k3), or zeros "

@@ -19,13 +19,39 @@ _SKEW = 1e-9  # of the focal length: what rounding leaves
 _DIGITS = 13  # decimals that are the same whatever the form: 1e-13 rad are 3e-10 px at a focal length of 3000
 _MOST_NUMBERS = 64  # in one value of a camera
 PLAIN_MODELS = {
-    "", "none", "pinhole", "perspective", "standard", "opencv", "radtan", "radialtangential", "plumbbob", "brown", "brownconrady",
-    "pinholeradtan", "rationalpolynomial", "rational", "regular", "linear", "fullopencv", "simplepinhole", "false",
-}  # fmt: skip
+    "",
+    "none",
+    "pinhole",
+    "perspective",
+    "standard",
+    "opencv",
+    "radtan",
+    "radialtangential",
+    "plumbbob",
+    "brown",
+    "brownconrady",
+    "pinholeradtan",
+    "rationalpolynomial",
+    "rational",
+    "regular",
+    "linear",
+    "fullopencv",
+    "simplepinhole",
+    "false",
+}
 """names of lenses that OpenCV's polynomial describes without loss, small and without punctuation"""
 FISHEYE_MODELS = {
-    "fisheye", "opencvfisheye", "equidistant", "equi", "pinholeequi", "kannalabrandt", "kannalabrandt4", "kb", "kb4", "true",
-}  # fmt: skip
+    "fisheye",
+    "opencvfisheye",
+    "equidistant",
+    "equi",
+    "pinholeequi",
+    "kannalabrandt",
+    "kannalabrandt4",
+    "kb",
+    "kb4",
+    "true",
+}
 """the same of `cv2.fisheye`'s polynomial in the angle"""
 
 

@@ -316,7 +316,12 @@ def read_nerf(tree: Any, where: str) -> GivenRig | None:
         size = whole_size([table.get("w"), table.get("h")], f"{place}, w and h [px]")
         angle = numbers(table.get("camera_angle_x", 1.0), f"{place}, camera_angle_x")
         fx = table.get("fl_x", float(0.5 * size[0] / np.tan(0.5 * angle)))
-        values = fx, table.get("fl_y", fx), table.get("cx", size[0] / 2), table.get("cy", size[1] / 2)  # fmt: skip
+        values = (
+            fx,
+            table.get("fl_y", fx),
+            table.get("cx", size[0] / 2),
+            table.get("cy", size[1] / 2),
+        )
         fx, fy, cx, cy = numbers(values, f"{place}, fl_x fl_y cx cy").tolist()
         fisheye = is_fisheye(table.get("camera_model", ""), place)
         keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
@@ -341,11 +346,18 @@ def _check_count(images: list[Any], where: str) -> None:
 
 _LARGEST = 4 << 30  # bytes of images.*, of which the points are passed over
 _MODELS = {
-    "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
-    "OPENCV": "fx fy cx cy k1 k2 p1 p2", "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
-    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6", "FOV": "fx fy cx cy omega", "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
-    "RADIAL_FISHEYE": "f cx cy k1 k2", "THIN_PRISM_FISHEYE": "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
-}  # fmt: skip
+    "SIMPLE_PINHOLE": "f cx cy",
+    "PINHOLE": "fx fy cx cy",
+    "SIMPLE_RADIAL": "f cx cy k1",
+    "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2",
+    "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "FOV": "fx fy cx cy omega",
+    "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
+    "RADIAL_FISHEYE": "f cx cy k1 k2",
+    "THIN_PRISM_FISHEYE": "fx fy cx cy k1 k2 p1 p2 k3 k4 sx1 sy1",
+}
 """parameters, in the order of the models' numbers in binary files"""
 _NOT_READ = ("FOV", "THIN_PRISM_FISHEYE")
 _Lenses = dict[int, tuple[str, tuple[int, int], tuple[float, ...]]]

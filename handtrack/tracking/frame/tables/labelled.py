@@ -61,7 +61,9 @@ def labelled(track: TrackResult) -> LabelledTrack:
     arrays = {
         "position": Labelled(points, shown(track.joint_positions), "m"),
         "position_std": Labelled(points, shown(std), "m"),
-        "position_covariance": Labelled((*points[:2], "space_2", *points[2:]), shown(covariance), "m2"),
+        "position_covariance": Labelled(
+            (*points[:2], "space_2", *points[2:]), shown(covariance), "m2"
+        ),
         "confidence": Labelled(("time", *points[2:]), joint_confidence(track)[..., None], "1"),
         "angle": Labelled(angles, track.parameters, mixed),
         "angle_std": Labelled(angles, track.parameter_std, mixed),
@@ -69,7 +71,7 @@ def labelled(track: TrackResult) -> LabelledTrack:
         "frame": Labelled(time, track.frame, "1"),
         "status": Labelled(time, track.status, "1"),
         "energy": Labelled(time, track.energy, "1"),
-    }  # fmt: skip
+    }
     for name, known in FIELDS.items():
         values = getattr(track, name, None)
         if known.is_optional and values is not None and values.ndim == 1:
@@ -78,10 +80,15 @@ def labelled(track: TrackResult) -> LabelledTrack:
         coordinates["part"] = track.part_names
         arrays["p_off_10mm"] = Labelled(("time", "part"), track.p_off_10mm, "1")
     attributes = {
-        "source_software": "handtrack", "ds_type": "poses", "fps": frame_rate(track), "time_unit": "seconds",
-        "session": track.session, "model": track.model, "side": track.side,
+        "source_software": "handtrack",
+        "ds_type": "poses",
+        "fps": frame_rate(track),
+        "time_unit": "seconds",
+        "session": track.session,
+        "model": track.model,
+        "side": track.side,
         "keypoint_definition": track.keypoint_definition or JOINT_CENTRES,
-    }  # fmt: skip
+    }
     return LabelledTrack(coordinates, arrays, attributes)
 
 

@@ -134,9 +134,14 @@ def see_cloud(
         emptiness = _hand_only(emptiness, model)
     share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))
     return SeenCloud(
-        prepare_cloud(points), share, emptiness, tuple(seen.cloud_views), surface=settings.cloud,
-        traits=traits, objects=before,
-    )  # fmt: skip
+        prepare_cloud(points),
+        share,
+        emptiness,
+        tuple(seen.cloud_views),
+        surface=settings.cloud,
+        traits=traits,
+        objects=before,
+    )
 
 
 def _is_before(mesh: SurfaceMesh, points: Floats, views: Sequence[Floats]) -> Array[N]:

@@ -39,12 +39,16 @@ _TOGETHER = (
 # numbers, not taken from a study; the joints' ranges are two to three times as wide. Enough to say which of two poses that look the
 # same is the usual one. Limbs are left free.
 _UPRIGHT = (
-    ("spine_flex", 25.0), ("spine_lean", 15.0), ("spine_twist", 20.0),
-    ("neck_flex", 25.0), ("neck_lean", 15.0), ("neck_twist", 30.0),
+    ("spine_flex", 25.0),
+    ("spine_lean", 15.0),
+    ("spine_twist", 20.0),
+    ("neck_flex", 25.0),
+    ("neck_lean", 15.0),
+    ("neck_twist", 30.0),
     *((f"{side}_hip_abd", 20.0) for side in ("left", "right")),
     *((f"{side}_hip_twist", 20.0) for side in ("left", "right")),
     *((f"{side}_ankle_flex", 25.0) for side in ("left", "right")),
-)  # fmt: skip
+)
 
 
 # What is heavy turns less abruptly: in the CMU clip 01_01 (jumping; retargeted to body34, 24 frames a second) the unknown acceleration
