@@ -5,8 +5,13 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+import cv2
+import numpy as np
+
+from handtrack.arrays import Bytes, H, W
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
@@ -17,6 +22,7 @@ _FRAMES_KEPT = FRAMES_AHEAD + 4  # those that a search may have solved anew are 
 _OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
 _CLOUDS_KEPT = _FRAMES_KEPT  # before filtering
 _PIXELS_KEPT = 400_000_000  # of all masks kept
+_BYTES_KEPT = 200_000_000  # of one camera's computed masks: the estimate of all frames reads each about ten times
 _POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
 
 
@@ -46,6 +52,34 @@ class LRUCache(Generic[K, V]):
         """Forget everything."""
         with self._lock:
             self._kept.clear()
+
+
+@dataclass(frozen=True, eq=False)
+class CroppedMask:
+    """A mask without the background around its hand: a tenth or less of its size."""
+
+    size: tuple[int, int]
+    """height, width"""
+    corner: tuple[int, int]
+    """row, column of the part"""
+    part: Bytes[H, W]
+
+    @classmethod
+    def of(cls, mask: Bytes[H, W]) -> CroppedMask:
+        x, y, width, height = cv2.boundingRect(mask)
+        return cls(mask.shape, (y, x), mask[y : y + height, x : x + width].copy())
+
+    @property
+    def whole(self) -> Bytes[H, W]:
+        """The mask, in memory of its own."""
+        mask, (y, x) = np.zeros(self.size, np.uint8), self.corner
+        mask[y : y + self.part.shape[0], x : x + self.part.shape[1]] = self.part
+        return mask
+
+
+def most_masks(mask: CroppedMask | None) -> int:
+    """Return how many masks like one are kept."""
+    return _BYTES_KEPT // max(mask.part.size if mask else 0, 1000)
 
 
 def most_clouds(cloud: PointCloud | None) -> int:

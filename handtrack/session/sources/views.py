@@ -38,7 +38,7 @@ from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_
 from handtrack.session.session_file import CameraSettings, wrong_together
 from handtrack.session.sources.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.sources.corrected_masks import CorrectedMasks
-from handtrack.session.sources.lru_cache import LRUCache
+from handtrack.session.sources.lru_cache import CroppedMask, LRUCache, most_masks
 from handtrack.session.sources.seen_keypoints import KeypointFiles
 from handtrack.session.sources.video_audits import read_audit
 
@@ -63,6 +63,10 @@ def scaled_camera(camera: Camera, settings: CameraSettings, folder: Path) -> Cam
             "own: subtract the corner from its principal point, and set its size."
         )
     return camera.scaled(size)
+
+
+def _cropped(mask: Bytes[H, W] | None) -> CroppedMask | None:
+    return None if mask is None else CroppedMask.of(mask)
 
 
 class View:
@@ -97,6 +101,8 @@ class View:
         self.images = recorded if live is None else live
         self._taught_by = None if recorded is None else recording_of(recorded)
         self._said_unknown = settings.mask_unknown
+        self._is_live = live is not None
+        self._computed = LRUCache[int, CroppedMask | None]()
         self._lessons: dict[str, LRUCache[int, Array | None]] | None = None
         """what methods learned from, images or depth, where several are tried"""
         self.mask_files = self._mask_files()
@@ -117,7 +123,7 @@ class View:
         if wrong is not None:
             raise HandtrackError(f"{self._where}: {wrong}")
         changed._check_roi()
-        changed._learning = threading.Lock()
+        changed._learning, changed._computed = threading.Lock(), LRUCache()
         changed.__dict__.pop("_learned", None)
         changed._lessons = {} if self._lessons is None else self._lessons
         if masks != known.masks:
@@ -127,7 +133,7 @@ class View:
     def with_camera(self, camera: Camera, times: CameraTimes | None, lag_s: float | None) -> View:
         """Return the view by another calibration and time offset; what was read, and corrections, are shared."""
         changed = copy(self)
-        changed.camera, changed.times = camera, times
+        changed.camera, changed.times, changed._computed = camera, times, LRUCache()
         changed.settings = replace(self.settings, lag_s=lag_s)
         changed.images, changed.mask_files, changed.depth = (
             None if source is None else changed._by_time(recording_of(source))
@@ -185,6 +191,13 @@ class View:
         """Return the frame's mask uint8, read or computed, as it is without any correction; None where missing."""
         if self.mask_files is not None:
             return self._read(self.mask_files, frame)
+        if self._is_live:  # frames count anew when it begins again
+            return self._segmented(frame)
+        kept = self._computed.value(frame, lambda: _cropped(self._segmented(frame)), most_masks)
+        return None if kept is None else kept.whole
+
+    def _segmented(self, frame: int) -> Bytes[H, W] | None:
+        """Return the mask that the method computes."""
         source = self._segmented_source
         image = None if source is None else self._read(source, frame)
         if image is None:
