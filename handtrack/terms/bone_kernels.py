@@ -69,48 +69,80 @@ def add_point(sums, frames, bone, point, slope, residual, weight):  # pragma: no
 def pull_back(sums, jacobian):  # pragma: no cover - compiled
     """Return Jᵀ g (N,) and Jᵀ H J (N, N) of sums by the bones' motion, for a motion J (B, width, N) by N unknowns.
 
-    Blocks of H that are zero, of pairs of bones that no residual joins, are passed over. Threads of BLAS would cost more.
+    Blocks of H that are zero, of pairs of bones that no residual joins, are passed over, and so are unknowns that move neither bone: a
+    finger's joints and girth leave all others where they are. Threads of BLAS would cost more.
     """
     bones, width, count = jacobian.shape
     gradient, hessian = sums.gradient, sums.hessian
     g, h = np.zeros(count), np.zeros((count, count))
-    product = np.empty((width, count))  # H J of one bone's rows
+    moves, joined, used = np.zeros((bones, count)), np.empty(bones * width), np.empty(count)
     for b in range(bones):
-        product[:] = 0.0
-        seen = False
-        for c in range(bones):
-            used = False
-            for i in range(width):
-                for j in range(width):
-                    used |= hessian[width * b + i, width * c + j] != 0.0
-            if not used:
-                continue
-            seen = True
-            for i in range(width):
-                for j in range(width):
-                    x = hessian[width * b + i, width * c + j]
-                    if x != 0.0:
-                        for s in range(count):
-                            product[i, s] += x * jacobian[c, j, s]
+        for i in range(width):
+            for s in range(count):
+                moves[b, s] += abs(jacobian[b, i, s])
+    mine, own = np.empty(count, np.int64), np.empty((width, count))
+    product, part = np.empty((width, count)), np.empty(count)  # product: H J of one bone's rows
+    for b in range(bones):
         for i in range(width):
             x = gradient[width * b + i]
             if x != 0.0:
                 for s in range(count):
                     g[s] += jacobian[b, i, s] * x
-        if not seen:
-            continue
-        for i in range(width):
-            for s in range(count):
+        joined[:] = 0.0
+        for i in range(width * b, width * b + width):
+            for j in range(bones * width):
+                joined[j] += abs(hessian[i, j])
+        used[:] = 0.0
+        for c in range(bones):
+            for j in range(1, width):
+                joined[width * c] += joined[width * c + j]
+            if joined[width * c] != 0.0:
+                used += moves[c]
+        n = 0
+        for s in range(count):
+            if used[s] != 0.0:
+                mine[n] = s
+                n += 1
+        product[:, :n] = 0.0
+        for c in range(bones):
+            if joined[width * c] == 0.0:
+                continue
+            for j in range(width):
+                for k in range(n):
+                    own[j, k] = jacobian[c, j, mine[k]]
+            for i in range(width):
+                for j in range(width):
+                    x = hessian[width * b + i, width * c + j]
+                    if x != 0.0:
+                        for k in range(n):
+                            product[i, k] += x * own[j, k]
+        for s in range(count):
+            if moves[b, s] == 0.0:
+                continue
+            for k in range(n):
+                part[k] = h[s, mine[k]]
+            for i in range(width):
                 x = jacobian[b, i, s]
                 if x != 0.0:
-                    for t in range(count):
-                        h[s, t] += x * product[i, t]
+                    for k in range(n):
+                        part[k] += x * product[i, k]
+            for k in range(n):
+                h[s, mine[k]] = part[k]
     for s in range(count):  # rounding has parted what is symmetric
         for t in range(s):
             middle = 0.5 * (h[s, t] + h[t, s])
             h[s, t] = middle
             h[t, s] = middle
     return g, h
+
+
+@compiled
+def add_to_chosen(gradient, hessian, chosen, more, bent):  # pragma: no cover - compiled
+    """Add a system of some unknowns, gradient (K,) and Hessian (K, K), to one of all (N,), (N, N), in place. chosen: (K,) which they are."""
+    for k in range(len(chosen)):
+        gradient[chosen[k]] += more[k]
+        for m in range(len(chosen)):
+            hessian[chosen[k], chosen[m]] += bent[k, m]
 
 
 @compiled

@@ -11,6 +11,7 @@ import numpy as np
 from handtrack.arrays import F, Floats, Ints, K, L, M, N, P, array_dataclass
 from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.solver.problem import Problem
+from handtrack.terms.bone_kernels import add_to_chosen
 from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.size.cameras import SeenPoses
 from handtrack.tracking.size.person import PersonChange
@@ -67,8 +68,7 @@ class FrameProblem:
                 seen = _seen(person, problem, pose, view, n)
                 at = np.concatenate([numbers[:size], numbers[first : first + wide], persons])
                 cost += seen.cost
-                gradient[at] += seen.gradient
-                matrix[at[:, None], at] += seen.hessian
+                add_to_chosen(gradient, matrix, at, seen.gradient, seen.hessian)
             first += wide
         known = by_changes(self.prior.linearize(pose), pose)
         told = matrix[:size, :size].copy()
