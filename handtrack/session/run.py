@@ -77,6 +77,8 @@ class TrackingRun:
     """how far from the wrist the forearm ends, if it has one, as a cuff does [m of the mean adult's]; infinite where it goes on"""
     known_person: HandScale | None = None
     """what a person's file says beforehand of a hand that is fitted"""
+    is_sized: bool = False
+    """whether `fit_size` found the person"""
 
     @classmethod
     def open(
@@ -124,7 +126,8 @@ class TrackingRun:
     def sizes_first(self) -> bool:
         """Whether something of the person is to be found before tracking: nothing that their file tells."""
         knows_joints = bool(self.scale.offsets_mm) or not self.sees_joints
-        return self.size_is_open and (self.known_person is None or not knows_joints)
+        is_known = self.is_sized or (self.known_person is not None and knows_joints)
+        return self.size_is_open and not is_known
 
     @property
     def sees_joints(self) -> bool:
@@ -173,7 +176,7 @@ class TrackingRun:
             lambda done, words: say(share + (1 - share) * done, words),
             sizes,
         )
-        return run if scale is None else run.with_scale(scale)
+        return run if scale is None else replace(run.with_scale(scale), is_sized=True)
 
     def with_arm_of(self, tracked: Iterable[FrameResult]) -> TrackingRun:
         """Return the run whose forearm is as long as tracked frames, spread evenly, show it: none, a cuff, or a whole one. The same

@@ -1,5 +1,6 @@
 """One tracking for all clients: events, fixed poses, cancelling, resuming."""
 
+import re
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,7 +21,7 @@ from handtrack import (
 )
 from handtrack.arrays import Floats
 from handtrack.session.posed_frames import posed_frames
-from handtrack.session.track_session import Ended, tracking_segments
+from handtrack.session.track_session import Ended, SizeFitted, tracking_segments
 from handtrack.store.history import Change
 from handtrack.store.store import WritableStore
 from tests.app.command_line import small_recording
@@ -40,6 +41,20 @@ def ended(events: object) -> Ended:
     *_, last = events  # pyright: ignore[reportGeneralTypeIssues]
     assert isinstance(last, Ended)
     return last
+
+
+def test_a_hand_that_was_sized_on_opening_is_not_sized_again(folder):
+    file = folder / "session.toml"
+    file.write_text(re.sub(r"scale = .*", 'scale = "fit"', file.read_text()))
+    session = Session.open(folder)
+    sized = TrackingRun.open(session)
+    unsized = TrackingRun.open(session, {"model.fit_size": "false"})
+    assert sized.scale != unsized.scale
+    *events, end = track_session(sized)
+    assert not any(isinstance(one, SizeFitted) for one in events)
+    *events, expected = track_session(unsized.with_values({"model.fit_size": "true"}))
+    assert any(isinstance(one, SizeFitted) for one in events)
+    assert end.track.parameters.tobytes() == expected.track.parameters.tobytes()
 
 
 def test_a_keyframe_of_the_workbench_stays_and_its_neighbours_are_tracked_from_it(
