@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.compiled import compiled
+from handtrack.compiled import compiled, inlined
 
 ORIGIN_U, ORIGIN_V, CENTRE_U, CENTRE_V, S11, S12, S22, GAMMA, SCALE = range(9)
 """Columns of `ellipses`: origin [px]; centre from there [px]; shape S: (x − m)ᵀ S⁻¹ (x − m) = 1 is the outline [px²];
@@ -75,18 +75,38 @@ def _to_image(projection, u0, v0, centre, shape, g, p, d):  # pragma: no cover -
             d[i, j] = shape[i, 0] * g[j, 0] + shape[i, 1] * g[j, 1] + shape[i, 2] * g[j, 2]
 
 
+@inlined
+def _outline(ellipse):  # pragma: no cover - compiled
+    """Return an ellipse's middle m, shape S, Q = S⁻¹ and Q m."""
+    mu, mv = ellipse[CENTRE_U], ellipse[CENTRE_V]
+    s11, s12, s22 = ellipse[S11], ellipse[S12], ellipse[S22]
+    determinant = s11 * s22 - s12 * s12
+    q11, q12, q22 = s22 / determinant, -s12 / determinant, s11 / determinant
+    return (mu, mv), (s11, s12, s22), (q11, q12, q22), (q11 * mu + q12 * mv, q12 * mu + q22 * mv)
+
+
+@inlined
+def _change(outline, d11, d12, d22, towards):  # pragma: no cover - compiled
+    """Return the changes of Q (3), of Q m (2) and of mᵀ Q m by that of the dual conic over γ: its entries 11, 12, 22, and 13, 23, 33."""
+    (mu, mv), (s11, s12, s22), (q11, q12, q22), (k1, k2) = outline
+    d13, d23, d33 = towards
+    du, dv = d13 - mu * d33, d23 - mv * d33
+    ds11 = 2.0 * mu * du - d11 + (mu * mu - s11) * d33
+    ds12 = mu * dv + mv * du - d12 + (mu * mv - s12) * d33
+    ds22 = 2.0 * mv * dv - d22 + (mv * mv - s22) * d33
+    dq11 = -(q11 * q11 * ds11 + 2.0 * q11 * q12 * ds12 + q12 * q12 * ds22)
+    dq12 = -(q11 * q12 * ds11 + (q11 * q22 + q12 * q12) * ds12 + q12 * q22 * ds22)
+    dq22 = -(q12 * q12 * ds11 + 2.0 * q12 * q22 * ds12 + q22 * q22 * ds22)
+    dk1 = dq11 * mu + dq12 * mv + q11 * du + q12 * dv
+    dk2 = dq12 * mu + dq22 * mv + q12 * du + q22 * dv
+    return dq11, dq12, dq22, dk1, dk2, dk1 * mu + dk2 * mv + k1 * du + k2 * dv
+
+
 @compiled
 def conic_of(ellipse, outer, c):  # pragma: no cover - compiled
     """Fill c (6,), the field's numbers for (x², 2xy, y², 2x, 2y, 1): scale · (normalised conic − outer)."""
-    determinant = ellipse[S11] * ellipse[S22] - ellipse[S12] * ellipse[S12]
+    (mu, mv), _, (q11, q12, q22), (k1, k2) = _outline(ellipse)
     s = ellipse[SCALE]
-    q11, q12, q22 = (
-        ellipse[S22] / determinant,
-        -ellipse[S12] / determinant,
-        ellipse[S11] / determinant,
-    )
-    mu, mv = ellipse[CENTRE_U], ellipse[CENTRE_V]
-    k1, k2 = q11 * mu + q12 * mv, q12 * mu + q22 * mv
     c[0], c[1], c[2] = s * q11, s * q12, s * q22
     c[3], c[4] = -s * k1, -s * k2
     c[5] = s * (mu * k1 + mv * k2 - 1.0 - outer)
@@ -122,14 +142,9 @@ def conic_by_twist(
                 d[0, j] * g[i, 1] - d[1, j] * g[i, 0] + d[0, i] * g[j, 1] - d[1, i] * g[j, 0]
             )
             at += 8
-    s11, s12, s22 = ellipse[S11], ellipse[S12], ellipse[S22]
-    determinant = s11 * s22 - s12 * s12
-    q11, q12, q22 = s22 / determinant, -s12 / determinant, s11 / determinant
-    mu, mv, inverse = ellipse[CENTRE_U], ellipse[CENTRE_V], 1.0 / ellipse[GAMMA]
-    k1, k2 = q11 * mu + q12 * mv, q12 * mu + q22 * mv
+    outline, inverse, s = _outline(ellipse), 1.0 / ellipse[GAMMA], ellipse[SCALE]
+    (mu, mv), _, (q11, q12, q22), (k1, k2) = outline
     level = mu * k1 + mv * k2 - 1.0
-    c11, c12, c22 = mu * mu - s11, mu * mv - s12, mv * mv - s22  # C* / γ
-    s = ellipse[SCALE]
     p0, p1, p2 = p[0], p[1], p[2]
     # the factor is −1/γ in the paper's scale, and constant else
     ds_by_d33 = -s if depth_scaled else 0.0
@@ -141,22 +156,14 @@ def conic_by_twist(
         d13 = (work[48 + t] - j0 * p2 - j2 * p0) * inverse
         d23 = (work[56 + t] - j1 * p2 - j2 * p1) * inverse
         d33 = (work[64 + t] - 2.0 * j2 * p2) * inverse
-        du, dv = d13 - mu * d33, d23 - mv * d33
-        ds11 = 2.0 * mu * du - d11 + c11 * d33
-        ds12 = mu * dv + mv * du - d12 + c12 * d33
-        ds22 = 2.0 * mv * dv - d22 + c22 * d33
-        dq11 = -(q11 * q11 * ds11 + 2.0 * q11 * q12 * ds12 + q12 * q12 * ds22)
-        dq12 = -(q11 * q12 * ds11 + (q11 * q22 + q12 * q12) * ds12 + q12 * q22 * ds22)
-        dq22 = -(q12 * q12 * ds11 + 2.0 * q12 * q22 * ds12 + q22 * q22 * ds22)
-        dk1 = dq11 * mu + dq12 * mv + q11 * du + q12 * dv
-        dk2 = dq12 * mu + dq22 * mv + q12 * du + q22 * dv
+        dq11, dq12, dq22, dk1, dk2, dlevel = _change(outline, d11, d12, d22, (d13, d23, d33))
         ds = ds_by_d33 * d33
         work[72 + t] = s * dq11 + ds * q11
         work[80 + t] = s * dq12 + ds * q12
         work[88 + t] = s * dq22 + ds * q22
         work[96 + t] = -s * dk1 - ds * k1
         work[104 + t] = -s * dk2 - ds * k2
-        work[112 + t] = s * (dk1 * mu + dk2 * mv + k1 * du + k2 * dv) + ds * (level - outer)
+        work[112 + t] = s * dlevel + ds * (level - outer)
 
 
 @compiled
@@ -171,11 +178,7 @@ def conic_by_field(
     shape, own, wide = shapes
     g, d, p, by = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((6, FIELD))
     _to_image(projection, ellipse[ORIGIN_U], ellipse[ORIGIN_V], centre, shape, g, p, d)
-    s11, s12, s22 = ellipse[S11], ellipse[S12], ellipse[S22]
-    determinant = s11 * s22 - s12 * s12
-    q11, q12, q22 = s22 / determinant, -s12 / determinant, s11 / determinant
-    mu, mv, inverse = ellipse[CENTRE_U], ellipse[CENTRE_V], 1.0 / ellipse[GAMMA]
-    k1, k2, s = q11 * mu + q12 * mv, q12 * mu + q22 * mv, ellipse[SCALE]
+    outline, inverse, s = _outline(ellipse), 1.0 / ellipse[GAMMA], ellipse[SCALE]
     moved, half, dp, dual = np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
     for t in range(FIELD):
         for a in range(3):  # d centre; half of d shape, without its transpose
@@ -199,20 +202,12 @@ def conic_by_field(
                     for b in range(3):
                         total += g[i, a] * (half[a, b] + half[b, a]) * g[j, b]
                 dual[i, j] = total * inverse
-        third = dual[2, 2]
-        du, dv = dual[0, 2] - mu * third, dual[1, 2] - mv * third
-        ds11 = 2.0 * mu * du - dual[0, 0] + (mu * mu - s11) * third
-        ds12 = mu * dv + mv * du - dual[0, 1] + (mu * mv - s12) * third
-        ds22 = 2.0 * mv * dv - dual[1, 1] + (mv * mv - s22) * third
-        dq11 = -(q11 * q11 * ds11 + 2.0 * q11 * q12 * ds12 + q12 * q12 * ds22)
-        dq12 = -(q11 * q12 * ds11 + (q11 * q22 + q12 * q12) * ds12 + q12 * q22 * ds22)
-        dq22 = -(q12 * q12 * ds11 + 2.0 * q12 * q22 * ds12 + q22 * q22 * ds22)
-        dk1 = dq11 * mu + dq12 * mv + q11 * du + q12 * dv
-        dk2 = dq12 * mu + dq22 * mv + q12 * du + q22 * dv
-        by[0, t], by[1, t], by[2, t] = s * dq11, s * dq12, s * dq22
-        by[3, t], by[4, t] = -s * dk1, -s * dk2
-        by[5, t] = s * (dk1 * mu + dk2 * mv + k1 * du + k2 * dv)
+        towards = dual[0, 2], dual[1, 2], dual[2, 2]
+        change = _change(outline, dual[0, 0], dual[0, 1], dual[1, 1], towards)
+        for i in range(3):
+            by[i, t] = s * change[i]
+        by[3, t], by[4, t], by[5, t] = -s * change[3], -s * change[4], s * change[5]
         if depth_scaled:  # the factor is −1/γ then
             for i in range(6):
-                by[i, t] -= conic[i] * third
+                by[i, t] -= conic[i] * dual[2, 2]
     return by
