@@ -18,6 +18,49 @@ _CELLS, _CELL_M, _STEP_M = 64, 0.010, 0.020
 _GRAZING = 0.25
 
 
+@inlined
+def _image(p, x, y, z):  # pragma: no cover - compiled
+    """Return homogeneous pixels and the depth of a point, by a projection."""
+    return (
+        p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3],
+        p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3],
+        p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3],
+    )
+
+
+@inlined
+def _fill_turned(turn, x, y, z, out, n):  # pragma: no cover - compiled
+    """Fill out[n] with a vector, turned."""
+    for i in range(3):
+        out[n, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+
+
+@inlined
+def _back(turn, x, y, z):  # pragma: no cover - compiled
+    """Return a vector, turned back."""
+    return (
+        turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z,
+        turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z,
+        turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z,
+    )
+
+
+@inlined
+def _along(rows, n, way):  # pragma: no cover - compiled
+    """Return how far row n goes along a direction."""
+    return rows[n, 0] * way[0] + rows[n, 1] * way[1] + rows[n, 2] * way[2]
+
+
+@inlined
+def _cell(points, n, u, v):  # pragma: no cover - compiled
+    """Return the cell of the picture that a point falls into."""
+    half = _CELLS // 2
+    return (
+        min(max(int(np.floor(_along(points, n, u) / _CELL_M)) + half, 0), _CELLS - 1),
+        min(max(int(np.floor(_along(points, n, v) / _CELL_M)) + half, 0), _CELLS - 1),
+    )
+
+
 @compiled_as_numpy
 def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no cover - compiled
     """Set marks (V,) to whether points (V, 3), turned, are seen from far away along `sight` (3,), which points to the eye.
@@ -41,33 +84,16 @@ def mark_visible(points, normals, turn, sight, picture, marks):  # pragma: no co
     y1 = sight[2] * x0 - sight[0] * x2
     y2 = sight[0] * x1 - sight[1] * x0
     # into the shape's own frame
-    s = np.empty(3)
-    u = np.empty(3)
-    v = np.empty(3)
-    for j in range(3):
-        s[j] = turn[0, j] * sight[0] + turn[1, j] * sight[1] + turn[2, j] * sight[2]
-        u[j] = turn[0, j] * x0 + turn[1, j] * x1 + turn[2, j] * x2
-        v[j] = turn[0, j] * y0 + turn[1, j] * y1 + turn[2, j] * y2
+    s = _back(turn, sight[0], sight[1], sight[2])
+    u, v = _back(turn, x0, x1, x2), _back(turn, y0, y1, y2)
     picture[:] = -np.inf
-    half = _CELLS // 2
     for n in range(points.shape[0]):
-        a = points[n, 0] * u[0] + points[n, 1] * u[1] + points[n, 2] * u[2]
-        b = points[n, 0] * v[0] + points[n, 1] * v[1] + points[n, 2] * v[2]
-        d = points[n, 0] * s[0] + points[n, 1] * s[1] + points[n, 2] * s[2]
-        i = min(max(int(np.floor(a / _CELL_M)) + half, 0), _CELLS - 1)
-        k = min(max(int(np.floor(b / _CELL_M)) + half, 0), _CELLS - 1)
-        picture[i, k] = max(picture[i, k], d)
+        i, k = _cell(points, n, u, v)
+        picture[i, k] = max(picture[i, k], _along(points, n, s))
     for n in range(points.shape[0]):
-        facing = normals[n, 0] * s[0] + normals[n, 1] * s[1] + normals[n, 2] * s[2]
-        if facing < _GRAZING:
-            marks[n] = False
-            continue
-        a = points[n, 0] * u[0] + points[n, 1] * u[1] + points[n, 2] * u[2]
-        b = points[n, 0] * v[0] + points[n, 1] * v[1] + points[n, 2] * v[2]
-        d = points[n, 0] * s[0] + points[n, 1] * s[1] + points[n, 2] * s[2]
-        i = min(max(int(np.floor(a / _CELL_M)) + half, 0), _CELLS - 1)
-        k = min(max(int(np.floor(b / _CELL_M)) + half, 0), _CELLS - 1)
-        marks[n] = d > picture[i, k] - _STEP_M
+        i, k = _cell(points, n, u, v)
+        in_front = _along(points, n, s) > picture[i, k] - _STEP_M
+        marks[n] = in_front and _along(normals, n, s) >= _GRAZING
 
 
 @compiled_as_numpy
@@ -113,8 +139,7 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
                     points[n, 1] - middle[1],
                     points[n, 2] - middle[2],
                 )
-                for i in range(3):
-                    turned[seen, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+                _fill_turned(turn, x, y, z, turned, seen)
                 seen += 1
         for m in range(places.shape[0]):
             px, py, pz = places[m, 0], places[m, 1], places[m, 2]
@@ -123,10 +148,14 @@ def cloud_scores(cloud, distances, eyes, laid, shape, field):  # pragma: no cove
                 x, y, z = cloud[n, 0] - px, cloud[n, 1] - py, cloud[n, 2] - pz
                 if x * x + y * y + z * z > square:
                     continue
-                a = turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z + middle[0] - field_low[0]
-                b = turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z + middle[1] - field_low[1]
-                c = turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z + middle[2] - field_low[2]
-                total += cloud_area * _share(field, field_spacing, a, b, c)
+                a, b, c = _back(turn, x, y, z)
+                total += cloud_area * _share(
+                    field,
+                    field_spacing,
+                    a + middle[0] - field_low[0],
+                    b + middle[1] - field_low[1],
+                    c + middle[2] - field_low[2],
+                )
                 whole += cloud_area
             for n in range(seen):
                 total += point_area * _share(
@@ -189,23 +218,17 @@ def silhouette_scores(
                 spheres[n, 1] - middle[1],
                 spheres[n, 2] - middle[2],
             )
-            for i in range(3):
-                ball[n, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
+            _fill_turned(turn, x, y, z, ball, n)
         for n in range(count):
             x, y, z = points[n, 0] - middle[0], points[n, 1] - middle[1], points[n, 2] - middle[2]
-            for i in range(3):
-                turned[n, i] = turn[i, 0] * x + turn[i, 1] * y + turn[i, 2] * z
-                facing[n, i] = (
-                    turn[i, 0] * normals[n, 0]
-                    + turn[i, 1] * normals[n, 1]
-                    + turn[i, 2] * normals[n, 2]
-                )
+            _fill_turned(turn, x, y, z, turned, n)
+            _fill_turned(turn, normals[n, 0], normals[n, 1], normals[n, 2], facing, n)
         for m in range(places.shape[0]):
             px, py, pz = places[m, 0], places[m, 1], places[m, 2]
             total, whole, most = 0.0, 0.0, 0.0
             for c in range(cameras):  # the shape's area outside the mask
                 p = projections[c]
-                depth = p[2, 0] * px + p[2, 1] * py + p[2, 2] * pz + p[2, 3]
+                depth = _image(p, px, py, pz)[2]
                 if depth < NEAREST_M:
                     continue
                 metre = depth / focal[c]
@@ -217,11 +240,10 @@ def silhouette_scores(
                     if toward <= 0.0:
                         continue
                     x, y, z = turned[n, 0] + px, turned[n, 1] + py, turned[n, 2] + pz
-                    w = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+                    a, b, w = _image(p, x, y, z)
                     if w < NEAREST_M:
                         continue
-                    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / (w * step)
-                    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / (w * step)
+                    u, v = a / (w * step), b / (w * step)
                     share = OUT_OF_SIGHT
                     if u >= -0.5 and v >= -0.5 and u < sizes[c, 0] - 0.5 and v < sizes[c, 1] - 0.5:
                         share = min(outside[c, int(v + 0.5), int(u + 0.5)] * metre / FAR_M, 1.0)
@@ -229,13 +251,12 @@ def silhouette_scores(
                     whole += 2.0 * toward * point_area
             for c in range(cameras):  # the mask's area that the shape does not cover
                 p = projections[c]
-                depth = p[2, 0] * px + p[2, 1] * py + p[2, 2] * pz + p[2, 3]
+                a, b, depth = _image(p, px, py, pz)
                 if depth < NEAREST_M:
                     continue
                 if total > enough * (whole + most):
                     break
-                u0 = (p[0, 0] * px + p[0, 1] * py + p[0, 2] * pz + p[0, 3]) / depth
-                v0 = (p[1, 0] * px + p[1, 1] * py + p[1, 2] * pz + p[1, 3]) / depth
+                u0, v0 = a / depth, b / depth
                 metre = depth / focal[c]
                 within = reach / metre
                 within *= within
@@ -247,9 +268,9 @@ def silhouette_scores(
                         near += 1
                 for n in range(balls):
                     x, y, z = ball[n, 0] + px, ball[n, 1] + py, ball[n, 2] + pz
-                    w = max(p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3], NEAREST_M)
-                    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / w
-                    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / w
+                    a, b, w = _image(p, x, y, z)
+                    w = max(w, NEAREST_M)
+                    u, v = a / w, b / w
                     radius = spheres[n, 3] * focal[c] / w
                     _off_disc(
                         across, down, near, np.float32(u), np.float32(v), np.float32(radius), least
