@@ -139,6 +139,17 @@ def prior_cost(problem, params):  # pragma: no cover - compiled
 
 
 @inlined
+def _to_camera(problem, c, x, y, z):  # pragma: no cover - compiled
+    """Return a point in the frame of camera c."""
+    turn, shift = problem.camera_rotation, problem.camera_translation
+    return (
+        turn[c, 0, 0] * x + turn[c, 0, 1] * y + turn[c, 0, 2] * z + shift[c, 0],
+        turn[c, 1, 0] * x + turn[c, 1, 1] * y + turn[c, 1, 2] * z + shift[c, 1],
+        turn[c, 2, 0] * x + turn[c, 2, 1] * y + turn[c, 2, 2] * z + shift[c, 2],
+    )
+
+
+@inlined
 def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
     """Return ½ Σ ρ over the observations of point k at a place; infinite behind a camera."""
     cost = 0.0
@@ -151,10 +162,7 @@ def _point_cost(problem, k, x, y, z):  # pragma: no cover - compiled
                 + (z - problem.target[o, 2]) ** 2
             )
         else:
-            turn, shift = problem.camera_rotation, problem.camera_translation
-            a = turn[c, 0, 0] * x + turn[c, 0, 1] * y + turn[c, 0, 2] * z + shift[c, 0]
-            b = turn[c, 1, 0] * x + turn[c, 1, 1] * y + turn[c, 1, 2] * z + shift[c, 1]
-            d = turn[c, 2, 0] * x + turn[c, 2, 1] * y + turn[c, 2, 2] * z + shift[c, 2]
+            a, b, d = _to_camera(problem, c, x, y, z)
             if d < _NEAREST_M:
                 return np.inf
             u = problem.camera_focal[c, 0] * a / d + problem.camera_middle[c, 0]
@@ -212,11 +220,9 @@ def point_forces(problem, k, x, y, z, force, stiffness, bend):  # pragma: no cov
             for i in range(3):
                 stiffness[i, i] += weight
         else:
-            turn, shift = problem.camera_rotation, problem.camera_translation
+            turn = problem.camera_rotation
             fu, fv = problem.camera_focal[c, 0], problem.camera_focal[c, 1]
-            a = turn[c, 0, 0] * x + turn[c, 0, 1] * y + turn[c, 0, 2] * z + shift[c, 0]
-            b = turn[c, 1, 0] * x + turn[c, 1, 1] * y + turn[c, 1, 2] * z + shift[c, 1]
-            d = turn[c, 2, 0] * x + turn[c, 2, 1] * y + turn[c, 2, 2] * z + shift[c, 2]
+            a, b, d = _to_camera(problem, c, x, y, z)
             if d < _NEAREST_M:
                 return np.inf
             u = fu * a / d + problem.camera_middle[c, 0] - problem.target[o, 0]

@@ -66,13 +66,16 @@ def _dot(a, b):  # pragma: no cover - compiled
 
 
 @compiled
+def _cross(a, b):  # pragma: no cover - compiled
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@compiled
 def _turned(axis, angle, v, out):  # pragma: no cover - compiled
     """Write v turned by `angle` about the unit `axis`."""
     s, c = np.sin(angle), np.cos(angle)
     k = (1.0 - c) * _dot(axis, v)
-    x = axis[1] * v[2] - axis[2] * v[1]
-    y = axis[2] * v[0] - axis[0] * v[2]
-    z = axis[0] * v[1] - axis[1] * v[0]
+    x, y, z = _cross(axis, v)
     out[0] = c * v[0] + s * x + k * axis[0]
     out[1] = c * v[1] + s * y + k * axis[1]
     out[2] = c * v[2] + s * z + k * axis[2]
@@ -82,11 +85,7 @@ def _turned(axis, angle, v, out):  # pragma: no cover - compiled
 def one_hinge(axis, v, d, otherwise):  # pragma: no cover - compiled
     """Return the angle about `axis` that brings v closest to d; `otherwise` where it makes no difference."""
     along_v, along_d = _dot(axis, v), _dot(axis, d)
-    triple = (
-        axis[0] * (v[1] * d[2] - v[2] * d[1])
-        + axis[1] * (v[2] * d[0] - v[0] * d[2])
-        + axis[2] * (v[0] * d[1] - v[1] * d[0])
-    )
+    triple = _dot(axis, _cross(v, d))
     flat = _dot(v, d) - along_v * along_d
     free = (_dot(v, v) - along_v**2) * (_dot(d, d) - along_d**2)
     if free < PARALLEL**4 * (_dot(v, v) * _dot(d, d)):
@@ -122,9 +121,7 @@ def two_hinges(a, b, v, d, otherwise_a, otherwise_b, out):  # pragma: no cover -
     left = (size - x * x - y * y - 2.0 * x * y * c) / sine
     count = 2 if left > TOUCHING * size else 1
     w = np.sqrt(max(left, 0.0)) if count == 2 else 0.0
-    cross = np.array(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+    cross = np.array(_cross(a, b))
     for k in range(count):
         for i in range(3):
             z[i] = x * a[i] + y * b[i] + w * cross[i]

@@ -37,12 +37,20 @@ def pose_table(frames, ellipsoids, table):  # pragma: no cover - compiled
 
 
 @inlined
+def in_unit_ball(table, e, x, y, z):  # pragma: no cover - compiled
+    """Return a vector where ellipsoid e is the unit ball."""
+    return (
+        table[e, 3] * x + table[e, 4] * y + table[e, 5] * z,
+        table[e, 6] * x + table[e, 7] * y + table[e, 8] * z,
+        table[e, 9] * x + table[e, 10] * y + table[e, 11] * z,
+    )
+
+
+@inlined
 def ellipsoid_gradient(table, e, turning, x, y, z):  # pragma: no cover - compiled
     """Return the distance d of a point to ellipsoid e, (k − 1) r_min where k < turning, else ρ (1 − 1/k), and its gradient."""
     x, y, z = x - table[e, 0], y - table[e, 1], z - table[e, 2]
-    u = table[e, 3] * x + table[e, 4] * y + table[e, 5] * z
-    v = table[e, 6] * x + table[e, 7] * y + table[e, 8] * z
-    w = table[e, 9] * x + table[e, 10] * y + table[e, 11] * z
+    u, v, w = in_unit_ball(table, e, x, y, z)
     gx = table[e, 3] * u + table[e, 6] * v + table[e, 9] * w
     gy = table[e, 4] * u + table[e, 7] * v + table[e, 10] * w
     gz = table[e, 5] * u + table[e, 8] * v + table[e, 11] * w

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from handtrack.compiled import compiled_as_numpy
-from handtrack.model.surfaces.metaballs_kernels import REACH, TINY
+from handtrack.model.surfaces.metaballs_kernels import REACH, TINY, in_unit_ball
 from handtrack.terms.bone_kernels import add_outer, fill_arm
 from handtrack.terms.loss import robust
 
@@ -42,12 +42,8 @@ def first_met(table, centre, rx, ry, rz):  # pragma: no cover - compiled
         beside = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0)) - table[e, REACH]
         if beside > 0.0 and (hits or beside >= least):
             continue
-        u = table[e, 3] * x + table[e, 4] * y + table[e, 5] * z
-        v = table[e, 6] * x + table[e, 7] * y + table[e, 8] * z
-        w = table[e, 9] * x + table[e, 10] * y + table[e, 11] * z
-        du = table[e, 3] * rx + table[e, 4] * ry + table[e, 5] * rz
-        dv = table[e, 6] * rx + table[e, 7] * ry + table[e, 8] * rz
-        dw = table[e, 9] * rx + table[e, 10] * ry + table[e, 11] * rz
+        u, v, w = in_unit_ball(table, e, x, y, z)
+        du, dv, dw = in_unit_ball(table, e, rx, ry, rz)
         a = du * du + dv * dv + dw * dw
         t = -(u * du + v * dv + w * dw) / a
         level = (u + t * du) ** 2 + (v + t * dv) ** 2 + (w + t * dw) ** 2

@@ -28,27 +28,17 @@ def project(
     for e in range(centre.shape[0]):
         ellipses[e, SCALE] = 0.0
         _to_image(projection, 0.0, 0.0, centre[e], shape[e], g, p, d)
-        gamma = g[2, 0] * d[0, 2] + g[2, 1] * d[1, 2] + g[2, 2] * d[2, 2] - p[2] * p[2]
+        gamma = _dual(g, d, p, 2, 2)
         if not (p[2] > 0.0 and gamma < -1e-6 * p[2] * p[2]):
             continue
-        u = (g[0, 0] * d[0, 2] + g[0, 1] * d[1, 2] + g[0, 2] * d[2, 2] - p[0] * p[2]) / gamma
-        v = (g[1, 0] * d[0, 2] + g[1, 1] * d[1, 2] + g[1, 2] * d[2, 2] - p[1] * p[2]) / gamma
+        u, v = _dual(g, d, p, 0, 2) / gamma, _dual(g, d, p, 1, 2) / gamma
         u0 = np.rint(min(max(u, 0.0), width - 1.0))
         v0 = np.rint(min(max(v, 0.0), height - 1.0))
         _to_image(projection, u0, v0, centre[e], shape[e], g, p, d)
         mu, mv = u - u0, v - v0
-        s11 = (
-            mu * mu
-            - (g[0, 0] * d[0, 0] + g[0, 1] * d[1, 0] + g[0, 2] * d[2, 0] - p[0] * p[0]) / gamma
-        )
-        s12 = (
-            mu * mv
-            - (g[0, 0] * d[0, 1] + g[0, 1] * d[1, 1] + g[0, 2] * d[2, 1] - p[0] * p[1]) / gamma
-        )
-        s22 = (
-            mv * mv
-            - (g[1, 0] * d[0, 1] + g[1, 1] * d[1, 1] + g[1, 2] * d[2, 1] - p[1] * p[1]) / gamma
-        )
+        s11 = mu * mu - _dual(g, d, p, 0, 0) / gamma
+        s12 = mu * mv - _dual(g, d, p, 0, 1) / gamma
+        s22 = mv * mv - _dual(g, d, p, 1, 1) / gamma
         if not (s11 > 0.0 and s22 > 0.0 and s11 * s22 - s12 * s12 > 1e-14 * s11 * s22):
             continue
         ellipses[e, ORIGIN_U], ellipses[e, ORIGIN_V] = u0, v0
@@ -56,6 +46,12 @@ def project(
         ellipses[e, S11], ellipses[e, S12], ellipses[e, S22] = s11, s12, s22
         ellipses[e, GAMMA] = gamma
         ellipses[e, SCALE] = -1.0 / gamma if depth_scaled else levels[e, 1]
+
+
+@inlined
+def _dual(g, d, p, i, j):  # pragma: no cover - compiled
+    """Return an entry of the dual conic G D Gᵀ − p pᵀ."""
+    return g[i, 0] * d[0, j] + g[i, 1] * d[1, j] + g[i, 2] * d[2, j] - p[i] * p[j]
 
 
 @compiled
