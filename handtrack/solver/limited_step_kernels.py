@@ -18,60 +18,46 @@ _AT_LIMIT = 1e-11  # [m, rad] closer than this counts as at the limit
 
 
 class Box(NamedTuple):
-    """Limits (P,) that hold at a place; each may move with one other parameter (`by` ≥ 0) at a rate `slope`."""
+    """Limits (P, 2) that hold at a place, low and high; each may move with one other parameter (`by` ≥ 0) at a rate `slope`."""
 
-    low: Floats
-    high: Floats
-    low_by: Ints
-    high_by: Ints
-    low_slope: Floats
-    high_slope: Floats
+    end: Floats
+    by: Ints
+    slope: Floats
 
 
 @compiled
 def new_box(size):  # pragma: no cover - compiled
-    """Return a Box without limits, to be filled."""
-    return Box(
-        np.full(size, -np.inf),
-        np.full(size, np.inf),
-        np.full(size, -1, np.int64),
-        np.full(size, -1, np.int64),
-        np.zeros(size),
-        np.zeros(size),
-    )
+    """Return a Box to be filled."""
+    return Box(np.empty((size, 2)), np.empty((size, 2), np.int64), np.empty((size, 2)))
 
 
 @compiled
 def fill_box(limits, params, box):  # pragma: no cover - compiled
     """Find the limits that hold at params (P,), and how they move. limits: model/moving_limits.py."""
+    box.by[:], box.slope[:] = -1, 0.0
     for p in range(params.shape[0]):
-        box.low[p], box.high[p] = -np.inf, np.inf
-        box.low_by[p], box.high_by[p] = -1, -1
-        box.low_slope[p], box.high_slope[p] = 0.0, 0.0
+        box.end[p, 0], box.end[p, 1] = -np.inf, np.inf
     for k in range(limits.param.shape[0]):
-        p, by, tied = limits.param[k], limits.by[k], -1
-        least, most = limits.first[k, 0], limits.first[k, 1]
-        least_rate, most_rate = 0.0, 0.0
+        p, by, tied, way, share = limits.param[k], limits.by[k], -1, 1.0, 0.0
         if by >= 0:
             way = limits.end[k] - limits.begin[k]
             share = (params[by] - limits.begin[k]) / way
             if 0.0 < share < 1.0 and by != p:
                 tied = by
-                least_rate = (limits.last[k, 0] - least) / way
-                most_rate = (limits.last[k, 1] - most) / way
             share = min(max(share, 0.0), 1.0)
-            least += share * (limits.last[k, 0] - least)
-            most += share * (limits.last[k, 1] - most)
-        if least > box.low[p]:
-            box.low[p], box.low_by[p], box.low_slope[p] = least, tied, least_rate
-        if most < box.high[p]:
-            box.high[p], box.high_by[p], box.high_slope[p] = most, tied, most_rate
+        for side in range(2):
+            place, change, sign = limits.first[k, side], 0.0, 2.0 * side - 1.0
+            if by >= 0:
+                change = limits.last[k, side] - place
+                place += share * change
+            if sign * place < sign * box.end[p, side]:
+                box.end[p, side], box.by[p, side] = place, tied
+                box.slope[p, side] = change / way if tied >= 0 else 0.0
     for p in range(params.shape[0]):
-        if box.low[p] > box.high[p]:
-            middle = 0.5 * (box.low[p] + box.high[p])
-            box.low[p], box.high[p] = middle, middle
-            box.low_by[p], box.high_by[p] = -1, -1
-            box.low_slope[p], box.high_slope[p] = 0.0, 0.0
+        if box.end[p, 0] > box.end[p, 1]:
+            middle = 0.5 * (box.end[p, 0] + box.end[p, 1])
+            for side in range(2):
+                box.end[p, side], box.by[p, side], box.slope[p, side] = middle, -1, 0.0
 
 
 @compiled
@@ -81,17 +67,24 @@ def clip(limits, params, box):  # pragma: no cover - compiled
     for _ in range(2 if (limits.by >= 0).any() else 1):
         fill_box(limits, params, box)
         for p in range(params.shape[0]):
-            params[p] = min(max(params[p], box.low[p]), box.high[p])
+            params[p] = min(max(params[p], box.end[p, 0]), box.end[p, 1])
 
 
 @inlined
 def _tie(box, held, p):  # pragma: no cover - compiled
     """Return what a held parameter moves with, and how fast; −1 where it stays."""
-    if held[p] > 0:
-        return box.high_by[p], box.high_slope[p]
-    if held[p] < 0:
-        return box.low_by[p], box.low_slope[p]
-    return -1, 0.0
+    if held[p] == 0:
+        return -1, 0.0
+    side = (held[p] + 1) // 2
+    return box.by[p, side], box.slope[p, side]
+
+
+@inlined
+def _stopped(box, p, place, slope):  # pragma: no cover - compiled
+    """Return which limit a descent of this slope stops at: −1 the low one, 1 the high one, 0 none."""
+    if slope < 0.0 and place >= box.end[p, 1] - _AT_LIMIT:
+        return 1
+    return -1 if slope > 0.0 and place <= box.end[p, 0] + _AT_LIMIT else 0
 
 
 @compiled
@@ -123,17 +116,11 @@ def hold(params, gradient, box, held, folded):  # pragma: no cover - compiled
     size = params.shape[0]
     for p in range(size):
         folded[p] = gradient[p]
-        held[p] = 0
-        if params[p] >= box.high[p] - _AT_LIMIT and gradient[p] < 0.0:
-            held[p] = 1
-        elif params[p] <= box.low[p] + _AT_LIMIT and gradient[p] > 0.0:
-            held[p] = -1
+        held[p] = _stopped(box, p, params[p], gradient[p])
     _fold_gradient(box, held, folded)
     for p in range(size):  # what others follow may now be pushed the other way
-        if held[p] == 0 and params[p] >= box.high[p] - _AT_LIMIT and folded[p] < 0.0:
-            held[p] = 1
-        elif held[p] == 0 and params[p] <= box.low[p] + _AT_LIMIT and folded[p] > 0.0:
-            held[p] = -1
+        if held[p] == 0:
+            held[p] = _stopped(box, p, params[p], folded[p])
         elif held[p] * folded[p] > 0.0:
             held[p] = 0
 
@@ -183,10 +170,8 @@ def limited_step(hessian, gradient, params, box, step):  # pragma: no cover - co
         # goal of the held ones where the free ones do not move; right side for the free ones
         for p in range(size):
             goal[p] = 0.0
-            if held[p] > 0:
-                goal[p] = box.high[p] - params[p]
-            elif held[p] < 0:
-                goal[p] = box.low[p] - params[p]
+            if held[p] != 0:
+                goal[p] = box.end[p, (held[p] + 1) // 2] - params[p]
         for p in range(size):
             by, rate = _tie(box, held, p)
             if by >= 0 and held[by] != 0:
@@ -226,28 +211,27 @@ def limited_step(hessian, gradient, params, box, step):  # pragma: no cover - co
                 if by >= 0 and held[by] == 0:
                     goal[p] += rate * goal[by]
         # how far towards it until the first limit
-        room, first, side = 1.0, -1, 0
+        room, first, met = 1.0, -1, 0
         for i in range(count):
             p = index[i]
             move = goal[p] - step[p]
             for way in (1, -1):
-                end = box.high[p] if way > 0 else box.low[p]
+                side = (way + 1) // 2
+                end, by, tilt = box.end[p, side], box.by[p, side], box.slope[p, side]
                 if np.isinf(end):
                     continue
-                by = box.high_by[p] if way > 0 else box.low_by[p]
                 rate, gap = move, end - params[p] - step[p]
                 if by >= 0:
-                    tilt = box.high_slope[p] if way > 0 else box.low_slope[p]
                     rate -= tilt * (goal[by] - step[by])
                     gap += tilt * step[by]
                 if way * rate > 1e-15:
                     share = max(gap / rate, 0.0)
                     if share < room:
-                        room, first, side = share, p, way
+                        room, first, met = share, p, way
         for p in range(size):
             step[p] += room * (goal[p] - step[p])
         if first >= 0:
-            held[first] = side
+            held[first] = met
             continue
         # at the minimum over the free ones: release the held one that is pulled inwards most
         for p in range(size):

@@ -84,7 +84,7 @@ def test_they_are_the_models_limits_everywhere(rng, coupling, held):
     for _ in range(50):
         params = 1.5 * rng.normal(size=size)
         fill_box(model.moving_limits, params, box)
-        found = np.stack([box.low, box.high], axis=1)
+        found = box.end
         np.testing.assert_allclose(found, model.bounds(params), atol=1e-12)
         clip(model.moving_limits, params, box)
         np.testing.assert_allclose(model.clipped(params), params, atol=1e-12)
@@ -141,7 +141,7 @@ def test_parameters_that_are_held_have_no_room(rng):
     inside = problem.model.clipped(start)
     box = new_box(len(start))
     fill_box(problem.limits.frozen(where, inside), inside, box)
-    np.testing.assert_array_equal(box.low[where], inside[where])
-    np.testing.assert_array_equal(box.high[where], inside[where])
+    np.testing.assert_array_equal(box.end[where, 0], inside[where])
+    np.testing.assert_array_equal(box.end[where, 1], inside[where])
     bounds = problem.model.bounds(inside)[~where]
-    np.testing.assert_allclose(np.stack([box.low, box.high], 1)[~where], bounds, atol=1e-12)
+    np.testing.assert_allclose(box.end[~where], bounds, atol=1e-12)
