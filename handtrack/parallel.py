@@ -55,21 +55,30 @@ class _OneBlasThread(ContextDecorator):
 
     def __enter__(self) -> None:
         with self._lock:
-            if self._inside == 0:
-                controller = _blas()
-                self._limit = controller and controller.limit(limits=1, user_api="blas")
+            if self._inside == 0 and (controller := _blas()) is not None:
+                _take_control(controller)
+                self._limit = controller.limit(limits=1, user_api="blas")
             self._inside += 1
 
     def __exit__(self, *_: object) -> None:
         with self._lock:
             self._inside -= 1
             if self._inside == 0 and self._limit is not None:
+                _take_control(_blas())
                 self._limit.restore_original_limits()
 
 
 one_blas_thread = _OneBlasThread()
 """While it lasts, or a function runs that it decorates, linear algebra of NumPy, SciPy and compiled code takes one thread in this
 process. Matrices here are small: more threads only wait for each other, and change the order of sums."""
+
+
+def _take_control(controller: Any) -> None:
+    """Let this thread set how many threads BLAS takes: in threadpoolctl 3.8 the first thread that ever did holds
+    that alone."""
+    for library in controller.lib_controllers:
+        if hasattr(library, "clear_controlling_thread"):
+            library.clear_controlling_thread(force=True)
 
 
 @lru_cache(maxsize=1)

@@ -2,10 +2,11 @@
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from handtrack.parallel import in_parallel, thread_count
+from handtrack.parallel import in_parallel, one_blas_thread, thread_count
 
 
 def test_results_keep_the_order_of_their_items(monkeypatch):
@@ -39,3 +40,24 @@ def test_the_environment_says_how_many_threads(monkeypatch, said, one):
     assert (set(names) == {here}) is one
     monkeypatch.setenv("HANDTRACK_THREADS", "nonsense")
     assert thread_count() >= 1
+
+
+def test_linear_algebra_takes_one_thread_whichever_of_ours_begins_or_ends():
+    pools = pytest.importorskip("threadpoolctl")
+    import scipy.linalg  # noqa: F401  has a BLAS of its own
+
+    def threads():
+        known = pools.threadpool_info()
+        return {one["num_threads"] for one in known if one["user_api"] == "blas"}
+
+    with pools.threadpool_limits(2, user_api="blas"), ThreadPoolExecutor(1) as other:
+        before = threads()
+        with one_blas_thread:
+            assert threads() == {1}
+        other.submit(one_blas_thread.__enter__).result()
+        assert threads() == {1}, "begun by another thread than the first time"
+        one_blas_thread.__enter__()
+        other.submit(one_blas_thread.__exit__).result()
+        assert threads() == {1}
+        one_blas_thread.__exit__()
+        assert threads() == before
