@@ -7,10 +7,10 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from functools import partial
 
 import viser
 
@@ -22,13 +22,10 @@ from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page, UserState
 from handtrack_app.page.player import Demo, Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
-from handtrack_app.process.child import EngineChild, EnginePlan, LiveOptions
+from handtrack_app.process.child import EngineChild, EnginePlan
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Mailbox
-
-if TYPE_CHECKING:
-    from handtrack_app.engine.worker import Opener, Worker
 
 log = logging.getLogger(__name__)
 _PATIENCE_S = 20.0  # the browser opens at the latest after this; the page says what goes on
@@ -51,36 +48,24 @@ class Workbench:
 
     def __init__(
         self,
-        session_folder: Path,
+        plan: EnginePlan,
+        engine: Callable[[Callable[[snapshots.Snapshot], None]], EngineProcess],
         host: str = "127.0.0.1",
         port: int = 8080,
-        opener: Opener | None = None,
-        rerun: bool = False,
         demo: bool = False,
         open_pages: bool = False,
-        take_over: bool = False,
-        plan: EnginePlan | None = None,
-        child: EngineChild | None = None,
         token: str | None = None,
     ) -> None:
-        """opener: what opens the folder instead of `Opening`. rerun: stream what is tracked to its viewer. demo: track as soon as the session is shown, then play it.
-        open_pages: open rerun's viewer in the browser, too. take_over: write, even if another program does. plan: what a process of its own is to
-        do as the engine, in place of threads of this one; child: that process, if it is started already. token: of the page before.
+        """engine: makes what does as the plan says, and tells it. demo: track as soon as the session is shown, then play it. open_pages: open
+        rerun's viewer in the browser, too. token: of the page before.
         """
         self._open_pages = open_pages
-        self.folder, self.host, self.wanted_port = Path(session_folder), host, port
+        self.folder, self.host, self.wanted_port = plan.folder, host, port
         self.state = UserState()
         self._snapshots: Mailbox[snapshots.Snapshot | Drawn] = Mailbox(_kind_of)
         self._held: snapshots.PoseSnapshot | None = None
         """of a frame that is played, until the page has drawn the one before"""
-        self.worker: Worker | EngineProcess
-        if plan is not None:
-            self.worker = EngineProcess(plan, self._snapshots.put, child)
-        else:
-            from handtrack_app.engine.worker import Worker  # the engine's imports
-
-            plan = EnginePlan(self.folder, rerun=rerun, take_over=take_over, opener=opener)
-            self.worker = Worker(plan, self._snapshots.put)
+        self.worker = engine(self._snapshots.put)
         self._ends_within_s = _STOP_S if plan.live is None else _LIVE_STOP_S
         self._ready, self._stopping = threading.Event(), threading.Event()
         self._unread: list[snapshots.Notice] = []
@@ -317,41 +302,26 @@ class Workbench:
 
 @logging_to(LOG_FILE)
 def run_workbench(
-    session_folder: Path,
-    *,
+    plan: EnginePlan,
+    child: EngineChild | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
     open_browser: bool = True,
-    rerun: bool = False,
     demo: bool = False,
-    live: LiveOptions | None = None,
-    take_over: bool = False,
-    memory: int | None = None,
-    child: EngineChild | None = None,
     token: str | None = None,
 ) -> Door | None:
     """Serve the workbench until Ctrl-C, or until somebody wants another recording: then return its door, closed. Raises HandtrackError for a host or port that cannot be used.
 
-    port: the one asked for; the usual one gives way to the next free one. rerun: stream what is tracked
-    to rerun's viewer. demo: track at once. live: track running cameras instead of the recording. take_over: write, even if another program does.
-    memory: most that the engine may use [bytes]; child: its process, if that is started already. token: of the page before, which comes again. A bundled session is opened as the user's own copy.
+    plan: a bundled session is opened as the user's own copy. child: the engine's process, if that is started already. port: the one asked for;
+    the usual one gives way to the next free one. demo: track at once. token: of the page before, which comes again.
     """
     warning = host_warning(host)
     if warning:
         print(f"handtrack: {warning}", file=sys.stderr)
     chosen = choose_port(host, None if port == FIRST_PORT else port)
-    folder = working_folder(session_folder)
-    plan = EnginePlan(folder, live, rerun, take_over, memory=memory)
-    bench = Workbench(
-        folder,
-        host,
-        chosen,
-        demo=demo,
-        open_pages=open_browser,
-        plan=plan,
-        child=child,
-        token=token,
-    ).start()
+    own, live = replace(plan, folder=working_folder(plan.folder)), plan.live
+    engine = partial(EngineProcess, own, child=child)
+    bench = Workbench(own, engine, host, chosen, demo, open_browser, token).start()
     try:
         failure = bench.worker.wait_shown(_PATIENCE_S)
         if failure is not None:
@@ -361,8 +331,8 @@ def run_workbench(
             print(f"From other machines: {bench.door.url_by(socket.gethostname())}", flush=True)
         if live is not None and live.record is not None:
             bench.engine.record(True, str(live.record))
-        if folder != Path(session_folder) or demo:
-            print(f"This is your own copy; poses and tracks go to {folder}", flush=True)
+        if own.folder != plan.folder or demo:
+            print(f"This is your own copy; poses and tracks go to {own.folder}", flush=True)
         if open_browser and token is None:
             show_in_browser(bench.door)
         failure = bench.worker.wait_opened(None)

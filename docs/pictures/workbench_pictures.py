@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from PIL import Image
 from handtrack.session.bundled import bundled_session
 from handtrack.session.session import Session
 from handtrack_app.process.child import EnginePlan
+from handtrack_app.process.engine_process import EngineProcess
+from handtrack_app.protocol.snapshots import Hold
 from handtrack_app.workbench import Workbench
 from tests.experiments.workbench.chromium import DRAWN, chromium
 
@@ -96,7 +99,8 @@ def save_small(picture: Path, path: Path) -> None:
 @contextmanager
 def opened(folder: Path, out: Path) -> Iterator[Taker]:
     """Show a recording in a browser."""
-    bench = Workbench(folder, port=0, plan=EnginePlan(folder)).start()
+    plan = EnginePlan(folder)
+    bench = Workbench(plan, partial(EngineProcess, plan), port=0).start()
     try:
         bench.wait_ready(_LONG_S)
         with chromium(_SIZE) as (page, _):
@@ -158,7 +162,7 @@ def desk(out: Path, session: Path) -> None:
         taker.page.keyboard.press("1")
         for joint, marked in _MARKS.items():
             pixel = tuple(camera.undistort_points(np.array(marked, float)).tolist())
-            bench.engine.set_pin(_PINNED, first, pixel, bench.state.version, joint=joint)
+            bench.engine.set_pin(_PINNED, first, pixel, bench.state.version, Hold(joint))
         taker.take("workbench_pins")
         taker.show(_PAINTED)
         taker.tab("More", "Masks")

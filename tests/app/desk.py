@@ -4,13 +4,15 @@ import pickle
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from handtrack_app.engine.opening import Opening
-from handtrack_app.engine.worker import Worker
+from handtrack_app.engine.document import Document
+from handtrack_app.engine.worker import RULES, Worker
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.calls import Call, Caller, Engine
 from handtrack_app.workbench import Workbench
 from tests.app.fake_run import fake_document
 
@@ -55,16 +57,60 @@ class Listener:
         return self.wait(snapshots.ProgressSnapshot, lambda p: p.state == state)
 
 
-def working(folder: Path, opener: Any = None) -> tuple[Worker, Listener]:
+class EngineInThreads(Worker):
+    """The engine on threads of this process, with the face of EngineProcess: quickly started, and its document can be looked at."""
+
+    def __init__(self, plan: EnginePlan, publish: Callable[[snapshots.Snapshot], None]) -> None:
+        super().__init__(plan, self._tell)
+        self._publish_on = publish
+        self._opened = {is_whole: threading.Event() for is_whole in (False, True)}
+        self._why: Exception | None = None
+        self.engine = cast("Engine", Caller(lambda *asked: self.send(Call.of(RULES, *asked))))
+
+    def _tell(self, snapshot: snapshots.Snapshot) -> None:
+        self._publish_on(snapshot)
+        if isinstance(snapshot, snapshots.Opened):
+            self._why = snapshot.failure
+            self._opened[snapshot.is_whole].set()
+
+    def wait_shown(self, timeout: float) -> Exception | None:
+        assert self._opened[False].wait(timeout)
+        return self._why
+
+    def wait_opened(self, timeout: float) -> Exception | None:
+        assert self._opened[True].wait(timeout)
+        return self._why
+
+    def start_again(self) -> None: ...
+
+    @property
+    def document(self) -> Document:
+        assert self.session is not None, "no session is open"
+        return self.session.document
+
+    @property
+    def busy(self) -> bool:
+        return self.session is not None and self.session.jobs.busy
+
+
+def in_threads(folder: Path, demo: bool = False, **plan: Any) -> Workbench:
+    """Return a workbench whose engine is threads of this process, to be started."""
+    planned = EnginePlan(folder, **plan)
+    engine = cast("Any", partial(EngineInThreads, planned))
+    return Workbench(planned, engine, port=0, demo=demo)
+
+
+def working(folder: Path, opener: Any = None) -> tuple[EngineInThreads, Listener]:
     """Return a worker that has a session open, and all that it says."""
     listener = Listener()
-    worker = Worker(EnginePlan(folder, opener=opener or Opening().document), listener.publish)
+    plan = EnginePlan(folder, opener=opener, preview=False)
+    worker = EngineInThreads(plan, listener.publish)
     worker.start()
     listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("idle", "failed"))
     return worker, listener
 
 
-def a_desk(folder: Path, **options: Any) -> Iterator[tuple[Worker, Listener]]:
+def a_desk(folder: Path, **options: Any) -> Iterator[tuple[EngineInThreads, Listener]]:
     worker, listener = working(folder, lambda f: fake_document(f, **options))
     yield worker, listener
     worker.stop()
@@ -73,7 +119,7 @@ def a_desk(folder: Path, **options: Any) -> Iterator[tuple[Worker, Listener]]:
 @contextmanager
 def shown(folder: Path, **options: Any) -> Iterator[Workbench]:
     """Show a session in a workbench."""
-    bench = Workbench(folder, port=0, **options).start()
+    bench = in_threads(folder, **options).start()
     try:
         assert bench.wait_ready()
         yield bench

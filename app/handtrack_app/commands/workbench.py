@@ -12,7 +12,13 @@ from handtrack.session.layout import SESSION_FILE
 from handtrack_app.commands.terminal.output import check_new, say
 from handtrack_app.door.address import FIRST_PORT, choose_port
 from handtrack_app.log import ENGINE_LOG
-from handtrack_app.process.child import EngineChild, LiveOptions, memory_limit, use_one_arena
+from handtrack_app.process.child import (
+    EngineChild,
+    EnginePlan,
+    LiveOptions,
+    memory_limit,
+    use_one_arena,
+)
 from handtrack_app.start.recent import remember
 
 if TYPE_CHECKING:
@@ -70,23 +76,14 @@ def _serve(
     if not demo:
         remember(folder)
     child = EngineChild(ENGINE_LOG)  # its imports take longest: they run beside those of the page
+    take_over = not demo and getattr(args, "take_over", False)
+    plan = EnginePlan(folder, live, args.rerun, take_over, memory=memory)
     port = FIRST_PORT if args.port is None else args.port
+    port, token = (port, None) if door is None else (door.port, door.token)
     try:
         from handtrack_app.workbench import run_workbench
 
-        return run_workbench(
-            folder,
-            host=args.host,
-            port=port if door is None else door.port,
-            open_browser=not args.no_browser,
-            rerun=args.rerun,
-            demo=demo,
-            live=live,
-            take_over=not demo and getattr(args, "take_over", False),
-            memory=memory,
-            child=child,
-            token=None if door is None else door.token,
-        )
+        return run_workbench(plan, child, args.host, port, not args.no_browser, demo, token)
     finally:
         child.kill()
 

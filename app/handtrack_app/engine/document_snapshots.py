@@ -36,6 +36,7 @@ from handtrack_app.protocol.snapshots import (
     PROBABILITY,
     SILHOUETTES,
     CameraCard,
+    Hold,
     PartCard,
     PinCard,
     PoseName,
@@ -416,11 +417,6 @@ def pin_cards(document: Document, frame: int, bones: BonePoses) -> tuple[PinCard
         off = float(np.linalg.norm(camera.project(places[n : n + 1])[0] - pin.pixel))
         x, y, z = map(float, np.asarray(place))
         i, j, k = map(float, np.asarray(meant))
-        words = words_of(pin.joint or pin.bone)
+        words = Hold(pin.joint, pin.bone).words
         found.append(PinCard(pin.camera, words, pin.pixel, (x, y, z), (i, j, k), off))
     return tuple(found)
-
-
-def words_of(name: str) -> str:
-    """Return a joint or bone in words."""
-    return name.replace("_", " ")

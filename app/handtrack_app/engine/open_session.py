@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence, Sized
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -35,7 +35,8 @@ from handtrack_app.engine.service import RenderThread
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence, export_beside
 from handtrack_app.engine.tuning_service import TuningService
-from handtrack_app.protocol.calls import Call, command, rules_of
+from handtrack_app.process.child import EnginePlan
+from handtrack_app.protocol.calls import Call, Mailbox, command, rules_of
 from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
@@ -61,35 +62,32 @@ class OpenSession:
         self,
         document: Document,
         publish: Callable[[Snapshot], None],
-        post: Callable[[Callable[[], None]], None],
-        waiting: Sized,
+        mail: Mailbox[Call | Callable[[], None]],
         render_thread: RenderThread,
         recorder: LiveRecorder,
         compiles: CompileWatch,
-        take_over: bool = False,
-        page: str = "",
+        plan: EnginePlan,
     ) -> None:
-        """post: has something done on the worker's thread, in its turn. waiting: what is to be served; painting gives way to it. take_over:
-        write, even if another program does. page: whose numbers its commands have.
-        """
+        """mail: what is to be served or done on the worker's thread, in its turn; painting gives way to it."""
         self.document = document
         self._recorder = recorder
         self._unrecorded: list[int] = []
         """tracked frames that rerun is still to be shown"""
         self._asked_to_save: tuple[int, bytes] | None = None
-        self.store = Persistence.open(document, take_over)
+        self.store = Persistence.open(document, plan.take_over)
         self._restored = self.store.restore()
-        known, self._page = self.store.history.said, page
+        known, page = self.store.history.said, plan.page
+        self._page = page
         self._served = self._written = known[1] if page and known and known[0] == page else 0
         self._live = LiveControl.of(document, publish)
         self.publish = publish
-        self.painter = Painter(document, publish, waiting)
+        self.painter = Painter(document, publish, mail)
         self.jobs = JobControl(
             document, self.store, self.announce,
-            lambda job, event: post(partial(self._take, job, event)),
+            lambda job, event: mail.put(partial(self._take, job, event)),
             recorder.show, compiles, self._live,
         )  # fmt: skip
-        self.render_thread, self.post = render_thread, post
+        self.render_thread, self.post = render_thread, mail.put
         self._clouds, self._masks = CloudService(self), MaskService(self)
         self._tuning, self._review = TuningService(self), ReviewService(self)
         parts = (self, PosingService(self), self._tuning, self._review, self._clouds, self._masks)

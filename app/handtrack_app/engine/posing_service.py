@@ -34,14 +34,13 @@ from handtrack_app.engine.document_snapshots import (
     energy_parts,
     pose_picture,
     pose_titles,
-    words_of,
 )
 from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import LibrarySnapshot, Notice, ScoreSnapshot, Snapshot
+from handtrack_app.protocol.snapshots import Hold, LibrarySnapshot, Notice, ScoreSnapshot, Snapshot
 
 _SOURCES = {
     "shown": "Keyframe",
@@ -85,7 +84,7 @@ class PosingService(Service):
 
     @command(
         edits=True,
-        latest=("frame", "joint", "bone", "tag"),
+        latest=("frame", "hold", "tag"),
         words="the pose of frame {frame}",
         at_once=drags,
     )
@@ -94,14 +93,12 @@ class PosingService(Service):
         frame: int,
         target: tuple[float, float, float],
         version: int,
-        joint: str = "",
-        bone: str = "",
-        point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        hold: Hold,
         tag: str = "",
     ) -> None:
-        """Bend a finger or limb so that a joint, or a point of a bone [m], comes to a target in world [m]. tag: of the drag."""
-        pulled = pulled_place(self.document, frame, target, Pin("", (0.0, 0.0), joint, bone, point))
-        self.opened.edit(frame, pulled, f"Pull of {words_of(joint or bone)}", tag, True)
+        """Bend a finger or limb so that what is held comes to a target in world [m]. tag: of the drag."""
+        pulled = pulled_place(self.document, frame, target, Pin("", (0.0, 0.0), *hold))
+        self.opened.edit(frame, pulled, f"Pull of {hold.words}", tag, True)
 
     @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
     def forget_pose(self, frame: int, version: int) -> None:
@@ -139,22 +136,19 @@ class PosingService(Service):
         camera: str,
         pixel: tuple[float, float],
         version: int,
-        joint: str = "",
-        bone: str = "",
-        point: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        hold: Hold,
         by_images: bool = True,
         tag: str = "",
     ) -> None:
-        """Let a joint, or a point of a bone [m], lie at a pixel of a camera's undistorted image. by_images: the observations hold the
-        rest of the hand; else it changes least. tag: of the drag.
+        """Let what is held lie at a pixel of a camera's undistorted image. by_images: the observations hold the rest of the hand; else
+        it changes least. tag: of the drag.
         """
         self._refuse_live()
         pull = self._pull
         if pull is None or (pull.tag, pull.frame) != (tag, frame):
             pull = self._pull = begun_pull(self.document, frame, tag)
-        pin = Pin(camera, pixel, joint, bone, point)
-        placed = with_pin(self.document, pull, pin, by_images)
-        self.opened.edit(frame, placed, f"Pin of {words_of(joint or bone)} in {camera}", tag, True)
+        placed = with_pin(self.document, pull, Pin(camera, pixel, *hold), by_images)
+        self.opened.edit(frame, placed, f"Pin of {hold.words} in {camera}", tag, True)
 
     @command(edits=True, words="pins of frame {frame}", at_once=looks_elsewhere)
     def drop_pins(

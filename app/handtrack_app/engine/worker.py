@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sized
+from collections.abc import Callable, Sized
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
 
 from handtrack.errors import HandtrackError
 from handtrack_app.engine.compile_watch import CompileWatch
@@ -24,7 +23,7 @@ from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.service import RenderThread
 from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
-from handtrack_app.protocol.calls import Call, Caller, Engine, Mailbox, command, rules_of
+from handtrack_app.protocol.calls import Call, Mailbox, command, rules_of
 from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Snapshot
 from handtrack_app.rerun.recorder import LiveRecorder
 
@@ -78,35 +77,27 @@ _PREPARING = "Preparing the first pose …"
 class Worker:
     """Serves commands in the order they came; poses and frames before pictures; tracking runs beside it."""
 
-    def __init__(
-        self,
-        plan: EnginePlan,
-        publish: Callable[[Snapshot], None],
-        previewer: Opener | None = None,
-    ) -> None:
-        """previewer: makes quickly what is shown while the session is opened, where that is not by `Opening`, which does it itself."""
+    def __init__(self, plan: EnginePlan, publish: Callable[[Snapshot], None]) -> None:
         opening = Opening()
         live = None if plan.live is None else partial(open_live_document, plan.live)
-        if plan.opener is None and live is None and plan.preview:
-            previewer = opening.preview
         self._opener = plan.opener or live or opening.document
-        self._plan, self._publish, self._previewer = plan, publish, previewer
+        has_preview = plan.preview and self._opener == opening.document
+        self._previewer = opening.preview if has_preview else None
+        self._plan, self._publish = plan, publish
         self._recorder = LiveRecorder(publish, plan.rerun)
         self._mail: Mailbox[Call | Callable[[], None]] = Mailbox(
             lambda item: item.key if isinstance(item, Call) else None,
             lambda item: isinstance(item, Call) and item.is_step,
         )
-        self.engine = cast("Engine", Caller(self._call))
-        """what the page calls; each call returns at once"""
-        self._stopping, self._opened = threading.Event(), threading.Event()
-        self._shown = threading.Event()
+        self._stopping, self._shown = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._work, name="worker", daemon=True)
         self._render_thread = RenderThread(publish)
         self._failure: Exception | None = None
         self.last_words: list[str] = []
         """what is to be said once the worker has ended, in sentences"""
         self._preview: Preview | None = None
-        self._session: OpenSession | None = None
+        self.session: OpenSession | None = None
+        """that is open"""
         self._compiles = CompileWatch(self._compiling)
         self._views: dict[str, Call] = {}
         self._later: list[Call] = []
@@ -118,44 +109,17 @@ class Worker:
         self._thread.start()
         self._render_thread.start()
 
-    def wait_shown(self, timeout: float) -> Exception | None:
-        """Wait for the first picture, a while at most; return why the session could not be opened."""
-        self._shown.wait(timeout)
-        return self._failure
-
-    def wait_opened(self, timeout: float | None) -> Exception | None:
-        """Wait until the session can be worked in, a while at most; return why it could not be opened."""
-        self._opened.wait(timeout)
-        return self._failure
-
-    @property
-    def document(self) -> Document:
-        """What is open; not to be asked before."""
-        assert self._session is not None, "no session is open"
-        return self._session.document
-
-    @property
-    def busy(self) -> bool:
-        """Whether a job runs."""
-        return self._session is not None and self._session.jobs.busy
-
-    def _call(self, name: str, given: tuple[Any, ...], named: Mapping[str, Any]) -> None:
-        self.send(Call.of(RULES, name, given, named))
-
     def send(self, call: Call) -> None:
         """Take a call; returns at once. Stopping and pausing act before the call's turn."""
-        if self._session is not None and call.rule.at_once is not None:
-            call.rule.at_once(self._session.jobs, **call.arguments)
+        if self.session is not None and call.rule.at_once is not None:
+            call.rule.at_once(self.session.jobs, **call.arguments)
         self._mail.put(call)
-
-    def start_again(self) -> None:
-        """Nothing: these threads end with the page's."""
 
     def stop(self, timeout: float = 5.0) -> None:
         """End the threads, then the recorder; the store already has what was saved."""
         self._stopping.set()
-        if self._session is not None:
-            self._session.jobs.stop(timeout)
+        if self.session is not None:
+            self.session.jobs.stop(timeout)
         self._thread.join(timeout)
         self._render_thread.stop(timeout)
         self._compiles.close()
@@ -167,7 +131,7 @@ class Worker:
         self._publish(ProgressSnapshot("opening", f"Opening {self._plan.folder.name} …"))
         threading.Thread(target=self._open, name="opening", daemon=True).start()
         while not self._stopping.is_set():
-            current = self._session or self._preview
+            current = self.session or self._preview
             item = self._mail.take(0.1 if current is None else current.rest_s)
             if isinstance(item, Call):
                 self._guarded(partial(self._serve, item))
@@ -175,11 +139,11 @@ class Worker:
                 self._guarded(item)
             elif current is not None:
                 self._guarded(current.idle)
-            if self._session is not None:
-                self._guarded(self._session.write_what_rests)
+            if self.session is not None:
+                self._guarded(self.session.write_what_rests)
             elif self._preview is not None and not self._preview.painter.is_stale:
                 self._set_shown()
-        session = self._session
+        session = self.session
         if session is not None:
             self._guarded(lambda: self.last_words.extend(session.close()))
 
@@ -205,12 +169,12 @@ class Worker:
             self._publish(Notice.of_mistake(error))
 
     def _compiling(self, words: str) -> None:
-        if self._session is None:  # later on, it is told with the jobs' progress
+        if self.session is None:  # later on, it is told with the jobs' progress
             self._publish(ProgressSnapshot("opening", words))
 
     def _serve(self, call: Call) -> None:
-        if self._session is not None:
-            self._session.serve(call)
+        if self.session is not None:
+            self.session.serve(call)
         elif call.name in _VIEWED_LATER:
             self._views[call.name] = call
         elif self._preview is not None:
@@ -238,19 +202,17 @@ class Worker:
                 raise document
             document.version = self._plan.version
             session = OpenSession(
-                document, self._publish, self._mail.put, self._mail, self._render_thread, self._recorder,
-                self._compiles, self._plan.take_over, self._plan.page,
+                document, self._publish, self._mail, self._render_thread, self._recorder, self._compiles, self._plan
             )  # fmt: skip
         except Exception as error:
             self._failure = error
             self._publish(ProgressSnapshot("failed", "The session could not be opened."))
             raise
         else:
-            self._session = session
+            self.session = session
             session.show_first(list(self._views.values()))
         finally:
             self._set_shown()
-            self._opened.set()
             self._publish(Opened(self._failure, is_whole=True))
         for call in self._later:
             self._guarded(partial(session.serve, call))

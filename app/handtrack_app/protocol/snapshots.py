@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -328,6 +329,19 @@ class SessionSnapshot:
     """likewise, fitted after tracking and not taken yet"""
     offered_words: str = ""
     """its length, how well that is known, and whether people have such hands"""
+
+
+class Hold(NamedTuple):
+    """A place of the model that is taken hold of: a joint; or a bone, and a point in its frame [m]."""
+
+    joint: str = ""
+    bone: str = ""
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        return (self.joint or self.bone).replace("_", " ")
 
 
 @dataclass(frozen=True)

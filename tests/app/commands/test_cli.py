@@ -15,7 +15,10 @@ from tests.session.small_session import edit
 def test_without_a_command_the_bundled_session_opens(handtrack, monkeypatch):
     opened = {}
     monkeypatch.setattr(
-        "handtrack_app.workbench.run_workbench", lambda folder, **o: opened.update(o, folder=folder)
+        "handtrack_app.workbench.run_workbench",
+        lambda plan, _child, host, _port, _browser, demo, _token: opened.update(
+            vars(plan), host=host, demo=demo
+        ),
     )
     for words, demo in ([], False), (["demo", "--no-browser"], True):
         handtrack.does(*words)

@@ -10,17 +10,16 @@ import numpy as np
 import pytest
 
 import handtrack.session.sources.video_audits as video_audits
-from handtrack_app.engine.worker import Worker
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
-from tests.app.desk import Listener
+from tests.app.desk import EngineInThreads, Listener
 from tests.session.small_session import edit, make_session
 from tests.session.test_times import FRAMES, cut, write_video
 
 
 def opened(
     folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> tuple[Worker, Listener, threading.Event]:
+) -> tuple[EngineInThreads, Listener, threading.Event]:
     """Return a worker that shows a session whose cut video is counted once the event is set."""
     make_session(folder)
     edit(folder / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
@@ -34,7 +33,7 @@ def opened(
 
     monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
     return (
-        Worker(EnginePlan(folder, preview=False), (listener := Listener()).publish),
+        EngineInThreads(EnginePlan(folder, preview=False), (listener := Listener()).publish),
         listener,
         may_count,
     )

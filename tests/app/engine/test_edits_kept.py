@@ -40,7 +40,7 @@ def test_a7_an_edit_that_could_not_be_written_is_tried_again_with_the_next(
         raise HandtrackError("the disk is full")
 
     with monkeypatch.context() as patch:
-        patch.setattr(worker._session.store.store, "write", full)
+        patch.setattr(worker.session.store.store, "write", full)
         edit(worker, listener, 5, 1)
         listener.told("the disk is full")
     worker.engine.show_frame(6)  # one can look around meanwhile

@@ -6,14 +6,19 @@ import numpy as np
 
 from handtrack.tracking.search import initialize
 from handtrack_app.engine.opening import Opening
-from handtrack_app.engine.worker import Worker
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
+from tests.app.desk import EngineInThreads
 from tests.app.fake_run import fake_document
 from tests.session.small_session import keypoints, make_session
 
 
-def test_pictures_are_shown_before_anything_is_fitted(tmp_path):
+def two_steps(monkeypatch, preview, document):
+    monkeypatch.setattr(Opening, "preview", lambda _, folder: preview(folder))
+    monkeypatch.setattr(Opening, "document", lambda _, folder: document(folder))
+
+
+def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
     seen: list[snapshots.Snapshot] = []
     before: list[list[type]] = []
     held = threading.Event()
@@ -23,7 +28,8 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path):
         assert held.wait(60.0)
         return fake_document(folder)
 
-    worker = Worker(EnginePlan(tmp_path, opener=opener), seen.append, fake_document)
+    two_steps(monkeypatch, fake_document, opener)
+    worker = EngineInThreads(EnginePlan(tmp_path), seen.append)
     worker.start()
     assert worker.wait_shown(60.0) is None
     worker.engine.show_frame(5)
@@ -41,13 +47,14 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path):
     np.testing.assert_allclose(worker.document.by_hand[5], values, atol=1e-9)
 
 
-def test_a_failure_after_the_preview_is_told(tmp_path):
+def test_a_failure_after_the_preview_is_told(tmp_path, monkeypatch):
     seen: list[snapshots.Snapshot] = []
 
     def opener(folder):
         raise ValueError("no such thing")
 
-    worker = Worker(EnginePlan(tmp_path, opener=opener), seen.append, fake_document)
+    two_steps(monkeypatch, fake_document, opener)
+    worker = EngineInThreads(EnginePlan(tmp_path), seen.append)
     worker.start()
     assert isinstance(worker.wait_opened(60.0), ValueError)
     worker.stop()

@@ -9,6 +9,7 @@ from handtrack_app.engine.posing_service import begun_pull, pins_copied, with_pi
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
 from tests.app.desk import Listener
 from tests.app.engine.test_refine import _bends, _told
@@ -34,7 +35,9 @@ def _pull(worker: Worker, listener: Listener, version: int, by=(0.0, -0.02, 0.01
     target = _tip(pose, worker.document) + by
     for n, camera in enumerate(("front", "side")):
         pixel = _pixel(worker.document, target, camera)
-        worker.engine.set_pin(frame, camera, pixel, version + n, "index_tip", tag=f"drag {version}")
+        worker.engine.set_pin(
+            frame, camera, pixel, version + n, Hold("index_tip"), tag=f"drag {version}"
+        )
     return target
 
 
@@ -74,10 +77,10 @@ def test_a_pin_replaces_the_one_of_its_place_and_camera_and_is_dropped(
 
 def test_what_is_no_pin_is_refused_in_words(worker, listener):
     for version, pin in enumerate((
-        call("set_pin", 3, "front", (float("nan"), 1.0), 1, "index_tip"),
-        call("set_pin", 3, "front", (1e9, 1.0), 2, "index_tip"),
-        call("set_pin", 3, "nowhere", (1.0, 1.0), 3, "index_tip"),
-        call("set_pin", 3, "front", (1.0, 1.0), 4, "wing"),
+        call("set_pin", 3, "front", (float("nan"), 1.0), 1, Hold("index_tip")),
+        call("set_pin", 3, "front", (1e9, 1.0), 2, Hold("index_tip")),
+        call("set_pin", 3, "nowhere", (1.0, 1.0), 3, Hold("index_tip")),
+        call("set_pin", 3, "front", (1.0, 1.0), 4, Hold("wing")),
     )):  # fmt: skip
         worker.send(pin)
         eventually(lambda n=version: len(_errors(listener)) == n + 1, "told")

@@ -13,6 +13,7 @@ from handtrack.session.track_session import Ended
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.engine.worker import Worker
+from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
 from tests.app.command_line import FRAMES as WHOLE
 from tests.app.command_line import small_recording
@@ -126,7 +127,7 @@ def corrected(folder: Path) -> None:
     tip = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
     camera = document.run.session.rig.cameras[0]
     column, row = camera.project(tip[None])[0]
-    engine.set_pin(4, camera.name, (column + 3.0, row), 2, joint="middle_tip")
+    engine.set_pin(4, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
     eventually(lambda: document.run.session.pins.of(4), "pinned")
     worker.stop()
     assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {4}

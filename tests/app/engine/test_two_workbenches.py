@@ -7,8 +7,8 @@ import pytest
 from handtrack import HandtrackError, bundled_session
 from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.workbench import Workbench
 from tests.app.command_line import listing
+from tests.app.desk import in_threads
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed
 
@@ -57,13 +57,13 @@ def test_c43_the_command_hands_the_wish_to_take_over_on_to_the_store(
 ):
     asked: dict[str, bool] = {}
     monkeypatch.setattr(
-        "handtrack_app.workbench.run_workbench", lambda folder, **options: asked.update(options)
+        "handtrack_app.workbench.run_workbench", lambda plan, *_: asked.update(vars(plan))
     )
     for words, wanted in ((["--take-over"], True), ([], False)):
         handtrack.does("open", bundled_session(), *words)
         assert asked["take_over"] is wanted
     holder = Persistence.open(fake_document(tmp_path))
-    worker = Workbench(tmp_path, port=0, opener=fake_document, take_over=True).worker
+    worker = in_threads(tmp_path, opener=fake_document, take_over=True).worker
     worker.start()
     assert worker.wait_opened(30.0) is None
     with pytest.raises(HandtrackError):

@@ -13,6 +13,7 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call, Mailbox
+from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
 from tests.app.desk import Listener, a_desk, pose_with
 from tests.app.fake_run import FRAMES, FakeRun
@@ -71,9 +72,9 @@ def test_a_drag_holds_the_job_and_stays_in_sight(tmp_path):
         held: list[int] = []
         worker.engine.track(0, FRAMES, 3)
         listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("tracking", "preparing"))
-        session = worker._session
+        session = worker.session
         session.jobs.give_way = partial(held.append, 1)  # type: ignore[method-assign]
-        worker.engine.set_pin(3, "front", (40.0, 40.0), 1, "index_tip")
+        worker.engine.set_pin(3, "front", (40.0, 40.0), 1, Hold("index_tip"))
         assert held and not session.jobs.follow, "what is tracked is not shown over it"
         worker.engine.cancel()
 

@@ -13,6 +13,7 @@ import pytest
 import viser.transforms as vtf
 
 from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import CHROMIUM, DRAWN, PROJECT, chromium, there_is_one
@@ -85,7 +86,7 @@ def stands(bench: Workbench) -> bool:
 def opened(tmp_path):
     goes_on = threading.Event()
     stuck = lambda frame: frame == 8 and not goes_on.is_set()  # noqa: E731
-    bench = Workbench(tmp_path, port=0, opener=lambda f: fake_document(f, stuck=stuck))
+    bench = in_threads(tmp_path, opener=lambda f: fake_document(f, stuck=stuck))
     with browsing(bench) as page:
         yield bench, page, goes_on
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.app.page.test_browser import browsing, stands
 from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
@@ -18,7 +18,7 @@ def test_a_body_is_tracked_corrected_accepted_and_exported_by_mouse(tmp_path):
     what = Simulation(
         cameras=2, frames=_FRAMES, size=(160, 120), motion="greet", model="body34", distance_m=3.5, images=False
     )  # fmt: skip
-    bench = Workbench(simulate(tmp_path / "greet", what), port=0)
+    bench = in_threads(simulate(tmp_path / "greet", what))
     with browsing(bench) as view:
         page, stage, review = view.page, bench.stage, bench.layout.review
         progress = bench.layout.tracking

@@ -5,6 +5,7 @@ import pytest
 
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, cloudy_session
+from tests.app.desk import in_threads
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
@@ -12,7 +13,7 @@ from tests.experiments.workbench.chromium import PROJECT
 
 @pytest.mark.browser
 def test_a_user_filters_a_cloud(tmp_path):
-    bench = Workbench(cloudy_session(tmp_path), port=0)
+    bench = in_threads(cloudy_session(tmp_path))
     with browsing(bench) as view:
         view.show_tab("Cloud")
         points = bench.stage.cloud.points

@@ -4,6 +4,7 @@ import pytest
 
 from handtrack_app.engine.store import persistence
 from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.waiting import eventually
@@ -15,7 +16,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 @pytest.fixture
 def opened(tmp_path, monkeypatch):
     monkeypatch.setattr(persistence, "_MERGE_S", 0.1)
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench) as view:
         yield bench, view
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.page.test_browser import browsing
 from tests.app.page.test_review_panel import _tracked
@@ -11,7 +11,7 @@ from tests.app.waiting import eventually
 
 @pytest.mark.browser
 def test_a_click_on_the_lanes_goes_there(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench) as view:
         _tracked(bench)
         picture = view.page.locator(".handtrack-timeline svg")

@@ -8,6 +8,7 @@ from handtrack_app.page.scene.looking import _pixel
 from handtrack_app.protocol.snapshots import CameraCard
 from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import cloudy_session
+from tests.app.desk import in_threads
 from tests.app.page.test_browser import browsing, stands
 from tests.app.page.test_browser_clouds import _seen_at
 from tests.app.waiting import eventually
@@ -33,7 +34,7 @@ def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng):
 @pytest.mark.browser
 def test_a_user_tries_a_method_and_paints(tmp_path):
     folder = cloudy_session(tmp_path)
-    bench = Workbench(folder, port=0)
+    bench = in_threads(folder)
     with browsing(bench) as view:
         page = view.page
         view.show_tab("Masks")

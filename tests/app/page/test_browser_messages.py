@@ -2,7 +2,7 @@
 
 import pytest
 
-from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import browsing
 from tests.app.waiting import eventually
@@ -15,7 +15,7 @@ CUT = """() => [...document.querySelectorAll('.mantine-Notification-root')].filt
 
 @pytest.mark.browser
 def test_what_matters_is_read_whole_and_stays(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
         page = view.page
         bench.layout.messages.see_pose(False)  # as where there is no first pose

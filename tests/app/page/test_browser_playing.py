@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.page.test_browser import browsing
 from tests.app.waiting import eventually
@@ -30,7 +30,7 @@ SAMPLE = """() => {
 
 @pytest.mark.browser
 def test_a_slow_page_shows_all_of_one_frame(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=lambda f: fake_document(f, step_s=0.0))
+    bench = in_threads(tmp_path, opener=lambda f: fake_document(f, step_s=0.0))
     with browsing(bench, size=(1280, 800)) as view:
         bench.engine.track(0, FRAMES, 3)
         eventually(lambda: np.all(bench.layout.timeline.strip.status >= 0), "tracked")

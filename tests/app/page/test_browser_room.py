@@ -8,6 +8,7 @@ import pytest
 from handtrack_app.page.panels.view import LARGE, LIGHT, WIDTH, Taste
 from handtrack_app.page.scene.model_view import hand_balls
 from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.page.test_browser_zoom import CANVAS
@@ -39,7 +40,7 @@ KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))
 
 @pytest.mark.browser
 def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, dpr=1.0, size=(1280, 800)) as view:
         eventually(
             lambda: share(view) >= 0.7, "the scene has 70 % of the window, with the panel open"
@@ -66,7 +67,7 @@ def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path):
 
 @pytest.mark.browser
 def test_the_page_keeps_its_style_whatever_is_folded(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
         (client,) = bench.server.get_clients().values()
         looks = lambda: view.page.evaluate(LAYOUT)  # noqa: E731
@@ -83,7 +84,7 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path):
 
 @pytest.mark.browser
 def test_in_a_narrow_and_low_window_the_panel_hides_nothing_of_the_scene(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, size=(853, 533)) as view:  # 1280 × 800 at 150 %
         ends = lambda: sum(view.page.evaluate(CANVAS)[::2])  # noqa: E731
         panel = view.page.get_by_role("tab", name="Review", exact=True)
@@ -99,7 +100,7 @@ def test_in_a_narrow_and_low_window_the_panel_hides_nothing_of_the_scene(tmp_pat
 
 @pytest.mark.browser
 def test_a_screen_reader_has_a_name_for_each_control_and_for_the_page(tmp_path):
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, size=(1024, 768)) as view:
         for tab in ("Pose", "Track", "View", "Export", "Masks"):
             view.show_tab(tab)
@@ -119,7 +120,7 @@ def test_a_page_that_comes_while_the_session_opens_is_laid_out(tmp_path):
 
     if not there_is_one():
         pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
-    bench = Workbench(tmp_path, port=0, opener=opener).start()
+    bench = in_threads(tmp_path, opener=opener).start()
     try:
         with chromium((1280, 800)) as (page, errors):
             page.goto(f"{bench.url}&fixedDpr=0.5")

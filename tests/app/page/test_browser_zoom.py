@@ -8,6 +8,7 @@ from handtrack_app.page.scene.looking import Through
 from handtrack_app.page.scene.zoom import Zoom, pixel_ray
 from handtrack_app.workbench import Workbench
 from tests.app import fake_run
+from tests.app.desk import in_threads
 from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing
 from tests.app.waiting import eventually
@@ -44,7 +45,7 @@ def test_picture_and_model_are_drawn_as_one_at_any_enlargement_in_any_window(tmp
     monkeypatch.setattr(
         fake_run.FakeView, "image", lambda self, frame: checkerboard() if self.name == "front" else None
     )  # fmt: skip
-    bench = Workbench(tmp_path, port=0, opener=fake_document)
+    bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, dpr=1.0) as view:
         (client,) = bench.server.get_clients().values()
         bench.stage.looking.set_paint(client.client_id, "plain")

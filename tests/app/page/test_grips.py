@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.page.pins.grips import Hold, PinMarks, hold_at
+from handtrack_app.page.pins.grips import PinMarks, hold_at
 from handtrack_app.protocol.palette import CONTRADICTED, PIN
-from handtrack_app.protocol.snapshots import CameraCard, PinCard
+from handtrack_app.protocol.snapshots import CameraCard, Hold, PinCard
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 

@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from handtrack_app.process import engine_process
+from handtrack_app.protocol.snapshots import Hold
 from tests.app.fake_run import FRAMES
 from tests.app.process.test_engine_process import Page, state_on_disk, values_with
 from tests.app.waiting import eventually
@@ -55,7 +56,7 @@ class Editor:
         frame = self.rng.randrange(6, FRAMES)  # a pin moves its frame's pose
         row = float(self.rng.randrange(20, 40))
         self._send("drop_pins", frame, None, self.sent + 1)
-        self._send("set_pin", frame, "front", (40.0, row), self.sent + 1, joint="index_tip", tag=str(self.sent))  # fmt: skip
+        self._send("set_pin", frame, "front", (40.0, row), self.sent + 1, hold=Hold("index_tip"), tag=str(self.sent))  # fmt: skip
         self._expect(f"pins/{frame}", row)
 
     def _setting(self) -> None:

@@ -21,6 +21,7 @@ from handtrack_app.process import engine_process
 from handtrack_app.process.child import GB, EnginePlan, LiveOptions
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.snapshots import Hold
 from tests.app.command_line import PROGRAM
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -147,7 +148,7 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     engine.engine.undo(3)  # of frame 4
     engine.engine.set_pose(5, values_with(0.5), 4)
     engine.engine.accept(((5, 5),))
-    engine.engine.set_pin(5, "front", (40.0, 30.0), 5, joint="index_tip", tag="drag")
+    engine.engine.set_pin(5, "front", (40.0, 30.0), 5, Hold("index_tip"), tag="drag")
     engine.engine.set_setting("cloud.weight", 7.0)
     assert page.saved == "saving"
     said = page.kill()

@@ -21,9 +21,9 @@ import numpy as np
 from handtrack import HandtrackError, Session, Status, TrackingRun, bundled_session
 from handtrack.arrays import D3, Array, H, W
 from handtrack_app.engine.live_control import open_live_document
-from handtrack_app.engine.worker import Worker
 from handtrack_app.process.child import EnginePlan, LiveOptions
 from handtrack_app.protocol import snapshots
+from tests.app.desk import EngineInThreads
 
 _FPS = 30.0
 _STILL_S = 10.0  # the first pose is held, while the program opens and begins to track
@@ -49,7 +49,7 @@ def pace(devices: Mapping[str, str], rate: float) -> dict[str, object]:
                 shown.append((now, snapshot.frame))  # a frame solved anew does not count again
 
     opener = partial(open_live_document, LiveOptions(devices, 0.05, rate=rate))
-    worker = Worker(EnginePlan(bundled_session("open_fist_open"), opener=opener), publish)
+    worker = EngineInThreads(EnginePlan(bundled_session("open_fist_open"), opener=opener), publish)
     worker.start()
     opened.wait(120.0)
     began_s = time.process_time()

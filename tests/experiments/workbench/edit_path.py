@@ -21,7 +21,7 @@ from typing import Any
 import handtrack
 import handtrack_app
 from handtrack import bundled_session
-from handtrack_app.workbench import Workbench
+from tests.app.desk import in_threads
 from tests.experiments.workbench.wire import WireClient
 
 _PRODUCT = tuple(str(Path(package.__path__[0])) for package in (handtrack, handtrack_app))
@@ -61,7 +61,7 @@ def edit_path() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         source, leave_out = bundled_session("open_fist_open"), shutil.ignore_patterns("tracks")
         folder = Path(shutil.copytree(source, Path(name) / "session", ignore=leave_out))
-        bench = Workbench(folder, port=0).start()
+        bench = in_threads(folder).start()
         try:
             assert bench.wait_ready(300.0)
             with WireClient(bench.url) as client:

@@ -26,6 +26,7 @@ from handtrack_app.protocol.snapshots import (
     BEFORE,
     HAND_REACH_M,
     CameraCard,
+    Hold,
     PoseSnapshot,
     SessionSnapshot,
 )
@@ -222,7 +223,7 @@ class Grips:
         if hold.bone in session.stem_bones:
             # parallel to the image, or, seen freely, to the screen
             return _Drag(tag, WholeDrag(eye, root, pose.middle, start, False), card, start, start)
-        return _Drag(tag, hold, card, start, hold.place(session, pose))
+        return _Drag(tag, hold, card, start, place_of(hold, session, pose))
 
     def _drawn(self, drag: _Drag, end: Floats[D3]) -> None:
         """Do what a drag to a point, world [m], means."""
@@ -235,17 +236,14 @@ class Grips:
         elif drag.card is None:
             x, y, z = (float(v) for v in drag.place + end - drag.start)
             version = state.begin_edit()
-            page.engine.pull_place(
-                state.frame, (x, y, z), version, hold.joint, hold.bone, hold.point, drag.tag
-            )
+            page.engine.pull_place(state.frame, (x, y, z), version, hold, drag.tag)
         else:
             pixel = ray_pixel(drag.card, end - drag.card.centre)
             if pixel is not None:
                 version = state.begin_edit()
                 page.engine.set_pin(
-                        state.frame, drag.card.name, pixel, version, hold.joint, hold.bone, hold.point,
-                        self.by_images, drag.tag,
-                    )  # fmt: skip
+                    state.frame, drag.card.name, pixel, version, hold, self.by_images, drag.tag
+                )
 
 
 # ---- What a pointer takes hold of in a camera's picture: a joint where it is near one, else the point of a segment under it
@@ -259,20 +257,12 @@ LEAST_AWAY_M = 0.05
 """nearer to a camera nothing is any larger in its image"""
 
 
-@dataclass(frozen=True)
-class Hold:
-    """A joint; or a bone, and a point in its frame [m]."""
-
-    joint: str = ""
-    bone: str = ""
-    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def place(self, session: SessionSnapshot, pose: PoseSnapshot) -> Floats[D3]:
-        """Return where a pose has it, world [m]."""
-        if self.joint:
-            return pose.joints[session.joint_names.index(self.joint)]
-        bone = session.bone_names.index(self.bone)
-        return pose.bone_position[bone] + pose.bone_rotation[bone] @ np.array(self.point)
+def place_of(hold: Hold, session: SessionSnapshot, pose: PoseSnapshot) -> Floats[D3]:
+    """Return where a pose has it, world [m]."""
+    if hold.joint:
+        return pose.joints[session.joint_names.index(hold.joint)]
+    bone = session.bone_names.index(hold.bone)
+    return pose.bone_position[bone] + pose.bone_rotation[bone] @ np.array(hold.point)
 
 
 def view_card(camera: viser.CameraHandle) -> CameraCard:
