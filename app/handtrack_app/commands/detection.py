@@ -40,11 +40,10 @@ from handtrack.session.refined_masks import MaskRefinement
 from handtrack.session.session import Session
 from handtrack.session.session_file import CloudSettings
 from handtrack.session.sources.clouds import StereoClouds
-from handtrack_app.commands.terminal.output import answer, progress_bar, say, stoppable
+from handtrack_app.commands.terminal.output import answer, note, progress_bar, say, stoppable
 from handtrack_app.commands.terminal.track_options import parse_frames
 from handtrack_app.start.import_progress import preview
 
-_INTERRUPTED = 130
 _MOST = 0.5
 """share of a camera's images in which its joints must be for its masks to be made by them, as for `new`"""
 _PREVIEW_S = 2.0
@@ -84,43 +83,40 @@ def detect(args: argparse.Namespace) -> int:
     said = ""
     if args.write and changes:
         said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
-    for text in [*_notes(session, found), *dict.fromkeys(session.warnings)]:
-        say(f"note: {text}")
-    if args.json:
-        cameras = {row.camera: asdict(row) for row in found}
-        print(json.dumps({"cameras": cameras, "session_file": changes, "written": args.write, "seconds": seconds,
-                          "backend": detector.backend, "interrupted": stop.asked}))  # fmt: skip
-    else:
-        _print(session, found, changes, said if args.write else None)
-        if masks and not args.masks:
-            print(
-                f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
-            )
-    return _INTERRUPTED if stop.asked else 0
-
-
-def _print(
-    session: Session, found: Sequence[CameraDetection], changes: dict[str, Any], said: str | None
-) -> None:
-    """said: about session.toml, which was changed; None where it was not."""
-    for row in found:
-        share = 100 * row.found / max(row.images, 1)
-        print(f"{row.camera}: found in {row.found} of {row.images} images ({share:.1f} %).")
-    print(f"Joints are in {session.folder / KEYPOINTS_FOLDER}.")
-    if said is not None and changes:
-        masks = any(name.endswith(".masks") for name in changes)
-        by = " Masks are made by them (method seeded)." if masks else ""
-        print(
-            f"{SESSION_FILE} says so now.{said}{by} `handtrack track` takes them beside all else."
-        )
+    note(*_notes(session, found), *session.warnings)
+    cameras = {row.camera: asdict(row) for row in found}
+    told = {
+        "cameras": cameras, "session_file": changes, "written": args.write, "seconds": seconds,
+        "backend": detector.backend, "interrupted": stop.asked,
+    }  # fmt: skip
+    lines = [
+        f"{row.camera}: found in {row.found} of {row.images} images ({100 * row.found / max(row.images, 1):.1f} %)."
+        for row in found
+    ]
+    lines.append(f"Joints are in {session.folder / KEYPOINTS_FOLDER}.")
+    by = " Masks are made by them (method seeded)." if args.masks and masks else ""
+    if args.write and changes:
+        lines.append(f"{SESSION_FILE} says so now.{said}{by} `handtrack track` takes them beside all else.")  # fmt: skip
     elif changes:
-        print(f"To use them, write in {SESSION_FILE}, or give --write:")
-        for key, value in changes.items():
-            _, number, name = key.split(".", 2)
-            camera = session.file.cameras[int(number)].name
-            if value is not None:
-                shown = _SEEDED if name == "masks" else f'"{value}"'
-                print(f'  [[camera]] "{camera}": {name} = {shown}')
+        lines += _to_be_written(session, changes)
+    if masks and not args.masks:
+        lines.append(
+            f"Masks can be made by these joints: give --masks, too, or write masks = {_SEEDED}."
+        )
+    answer(args, told, *lines)
+    return stop.code
+
+
+def _to_be_written(session: Session, changes: dict[str, Any]) -> list[str]:
+    """Return what session.toml is to say, in lines."""
+    lines = [f"To use them, give --write, or write in {SESSION_FILE}:"]
+    for key, value in changes.items():
+        _, number, name = key.split(".", 2)
+        camera = session.file.cameras[int(number)].name
+        if value is not None:
+            shown = _SEEDED if isinstance(value, dict) else json.dumps(value)
+            lines.append(f'  [[camera]] "{camera}": {name} = {shown}')
+    return lines
 
 
 def _notes(session: Session, found: Sequence[CameraDetection]) -> list[str]:
@@ -177,27 +173,20 @@ def segment_again(args: argparse.Namespace) -> int:
     changes, said = refinement.changes(), ""
     if args.write and not stop.asked:
         said = edit_toml(session.folder / SESSION_FILE, changes, "a session's settings")
-    for text in dict.fromkeys(session.warnings):
-        say(f"note: {text}")
-    if args.json:
-        print(json.dumps({"cameras": found, "session_file": changes,
-                          "written": args.write, "interrupted": stop.asked}))  # fmt: skip
-        return _INTERRUPTED if stop.asked else 0
-    for row in found.values():
-        print(
-            "{camera}: {masks} masks; {known:.0%} of the hand is known (median), and agrees with the model by {agreement:.2f} (IoU). "
-            "The other cameras contradict {off_px:.1f} px of its outline.".format(**row)
-        )
-    print(f"Masks are in {session.folder / MASKS_FOLDER}.")
+    note(*session.warnings)
+    lines = [
+        "{camera}: {masks} masks; {known:.0%} of the hand is known (median), and agrees with the model by {agreement:.2f} (IoU). "
+        "The other cameras contradict {off_px:.1f} px of its outline.".format(**row)
+        for row in found.values()
+    ]
+    lines.append(f"Masks are in {session.folder / MASKS_FOLDER}.")
     if args.write and not stop.asked:
-        print(f"{SESSION_FILE} says so now.{said} `handtrack track` uses them from now on.")
+        lines.append(f"{SESSION_FILE} says so now.{said} `handtrack track` uses them from now on.")
     else:
-        print(f"To use them, give --write, or write in {SESSION_FILE}:")
-        for key, value in changes.items():
-            _, number, name = key.split(".")
-            camera = session.file.cameras[int(number)].name
-            print(f'  [[camera]] "{camera}": {name} = {json.dumps(value)}')
-    return _INTERRUPTED if stop.asked else 0
+        lines += _to_be_written(session, changes)
+    told = {"cameras": found, "session_file": changes, "written": args.write, "interrupted": stop.asked}  # fmt: skip
+    answer(args, told, *lines)
+    return stop.code
 
 
 # ---- `handtrack stereo`: calibrated pairs of a session → one point cloud file a frame
@@ -221,9 +210,7 @@ def match_stereo(args: argparse.Namespace) -> int:
     names = settings.stereo or _pairs(session)
     pairs = tuple((session.view(a), session.view(b)) for a, b in names)
     source = StereoClouds(pairs, settings.matching)
-    for finding in check_synchrony(session):
-        if finding.severity == "warning":
-            say(f"note: {finding.text}")
+    note(*(found.text for found in check_synchrony(session) if found.severity == "warning"))
     say("pairs: " + ", ".join(f"{a} and {b}" for a, b in names))
     out.mkdir(parents=True, exist_ok=True)
     counts: list[int] = []
@@ -239,9 +226,8 @@ def match_stereo(args: argparse.Namespace) -> int:
                 counts.append(len(cloud))
             bar.update()
     _summarise(args, session, out, frames, counts)
-    for text in dict.fromkeys([*session.warnings, *source.warnings]):
-        say(f"note: {text}")
-    return _INTERRUPTED if stop.asked else 0
+    note(*session.warnings, *source.warnings)
+    return stop.code
 
 
 def _summarise(

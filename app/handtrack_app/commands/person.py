@@ -20,7 +20,9 @@ from handtrack.session.sources.skin_samples import painted_skin, segmented_skin
 from handtrack.tracking.frame.assessment import hand_words
 from handtrack.tracking.frame.tables.track_model import model_of
 from handtrack_app.commands.terminal.output import (
+    INTERRUPTED,
     answer,
+    note,
     output_file,
     say,
     saying_compiling,
@@ -39,7 +41,6 @@ _FILES = {
     "size": {"hand": "hand.json", "body": "body.json"},
 }
 _OF_RECORDINGS = ("frames", "init", "use", "set", "person")
-_INTERRUPTED = 130
 
 
 def fit_person(args: argparse.Namespace) -> int:
@@ -71,15 +72,14 @@ def fit_person(args: argparse.Namespace) -> int:
                 after = before.fit_size(stop, frames, args.count, tell, sizes=True)
         if stop() or before is None or after is None:
             say(f"handtrack {args.command}: interrupted; nothing was saved.")
-            return _INTERRUPTED
+            return INTERRUPTED
     if after.scale is before.scale:
         raise HandtrackError(
             f"{session.folder}: none of the frames {frames.start} to {frames.stop - 1} has a tracked {kind} whose size can be "
             "measured: that needs cameras whose viewing directions differ by at least 20 degrees, or a "
             "cloud. Nothing was saved. Name other frames with --frames."
         )
-    for note in dict.fromkeys(after.notes):
-        say(f"note: {note}")
+    note(*after.notes)
     source = f"session {session.name}, frames {frames.start} to {frames.stop - 1}"
     return _save(args, out, replace(after.model, scale=replace(after.scale, source=source)))
 

@@ -27,7 +27,7 @@ from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import Take
 from handtrack.tracking.frame.result import TrackResult
-from handtrack_app.commands.terminal.output import answer, output_file, say
+from handtrack_app.commands.terminal.output import answer, note, output_file, say
 from handtrack_app.commands.terminal.track_options import parse_frames
 
 _NEGLIGIBLE_M = 1e-4  # a tenth of a millimetre: the bound that every format is held to
@@ -62,8 +62,8 @@ def export_poses(args: argparse.Namespace) -> int:
     beside = f", with {', '.join(path.name for path in written[1:])}" if written[1:] else ""
     told = {"frames": len(table.track), "output": out, "files": written, "previous": previous}
     answer(args, told, f"{len(table.track)} frames written to {out}{beside}{kept}")
-    for text in () if folder is None else _foreign(table.track, args.poses, folder):
-        say(f"note: {text}")
+    if folder is not None:
+        note(*_foreign(table.track, args.poses, folder))
     if chosen.one_skeleton and table.misfit_m > _NEGLIGIBLE_M:
         say(
             f"note: {args.poses} has frames with different hand sizes; {args.to} has one skeleton for all, with errors of up to "
@@ -122,13 +122,12 @@ def manage_takes(args: argparse.Namespace) -> int:
 def _restore(folder: Path, args: argparse.Namespace, frames: range | None) -> None:
     with WritableStore(folder / TRACKS_FOLDER, _PROGRAM, args.take_over) as store:
         if text := import_track(store, folder):
-            say(f"note: {text}")
+            note(text)
         spans = store.restored(args.restore, frames)
         make_current(store, spans, f"Take {args.restore} restored", folder / POSES_FILE)
         named = ", ".join(f"{s.first} to {s.stop - 1} of take {s.take}" for s in store.current())
         print(f"current: frames {named}. Saved to {folder / POSES_FILE}")
-        for text in store.damage():
-            say(f"note: {text}")
+        note(*store.damage())
 
 
 def _compare(
@@ -189,8 +188,7 @@ def _list(store: Store, session: Session, args: argparse.Namespace) -> None:
         print(entry)
     if holder is not None:
         say(f"note: {holder} is writing here.")
-    for text in (*foreign, *damage):
-        say(f"note: {text}")
+    note(*foreign, *damage)
 
 
 @dataclass(frozen=True)

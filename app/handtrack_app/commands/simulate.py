@@ -40,6 +40,7 @@ from handtrack_app.commands.terminal.output import (
     answer,
     check_new,
     new_folder,
+    note,
     output_file,
     progress_bar,
     say,
@@ -210,8 +211,7 @@ _HAND_JOINTS = 12
 def read_given(args: argparse.Namespace, path: Path) -> RawMotion:
     """Return what the file says, after `--skeleton`, `--motion-fps` and `--positions`. Raises HandtrackError."""
     raw = read_motion(path, args.skeleton, args.motion_fps, args.positions)
-    for note in raw.notes:
-        say(f"note: {note}")
+    note(*raw.notes)
     return raw
 
 
@@ -254,8 +254,8 @@ def clip_of(
         if axis is None
         else [f"up is {axis_words(axis)}, as the shoulders stand above the hips."]
     )
-    for note in (*notes, *up):
-        say(note)
+    for text in (*notes, *up):
+        say(text)
     return clip, unit_m
 
 

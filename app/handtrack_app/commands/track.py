@@ -39,7 +39,9 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
 from handtrack.tracking.search.engine import SearchReport, explained
 from handtrack_app.commands.terminal.output import (
+    INTERRUPTED,
     Stop,
+    note,
     progress_bar,
     say,
     saying_compiling,
@@ -59,7 +61,6 @@ from handtrack_app.commands.terminal.track_options import (
 )
 from handtrack_app.rerun.recorder import ResidualRecorder
 
-_INTERRUPTED = 130
 _PROGRAM = "handtrack track"
 
 
@@ -82,8 +83,8 @@ def run(args: argparse.Namespace) -> int:
     out = writable(args.out, session.folder)
     if args.init != "auto":
         ask_for_other_side(session, first or session.init, args.yes)
-    for text in examine_start(session) if args.init is None else ():
-        say(f"note: {text}")
+    if args.init is None:
+        note(*examine_start(session))
     take_recorder = TakeRecorder(
         out,
         session.folder,
@@ -91,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
         restart=args.restart,
         take_over=args.take_over,
         resume_before=args.explain,
-        on_note=lambda text: say(f"note: {text}"),
+        on_note=note,
     )
     with (
         stoppable() as stop,
@@ -104,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
             first = first_pose_of_images(session, settings, given)
         if stop():
             say("handtrack track: interrupted before the first frame; nothing was saved.")
-            return _INTERRUPTED
+            return INTERRUPTED
         unsized = TrackingRun.open(session, {**overrides, "model.fit_size": "false"}, first, stop)
         run_ = unsized.with_values({"model.fit_size": settings.model.fit_size})
         if args.size_later and not (settings.model.fit_size == "later" and run_.size_is_open):
@@ -146,7 +147,7 @@ def _save(
     run, results, frames = end.run, end.results, end.frames
     if not results:
         say("handtrack track: interrupted before the first frame; nothing was saved.")
-        return _INTERRUPTED
+        return INTERRUPTED
     track = end.track
     try:
         whole = track if end.is_complete else take.with_earlier(track)
@@ -156,7 +157,7 @@ def _save(
             f"frames tracked so far are take {take.number}: `handtrack takes {run.session.folder} --restore {take.number}` "
             "makes them the track."
         )
-        return 2 if end.problem else _INTERRUPTED
+        return 2 if end.problem else INTERRUPTED
     place, problem = _write(out, whole)
     if not problem:
         take.saved(track, end.is_complete)
@@ -181,8 +182,7 @@ def _save(
         seconds = round(time.monotonic() - json_since, 3)
         report = {"frames": counts, "seconds": seconds, "warnings": notes, "output": str(place)}
         print(json.dumps(report, indent=1), flush=True)
-    for note in notes:
-        say(f"note: {note}")
+    note(*notes)
     if problem:
         raise HandtrackError(problem)
     if end.problem:
@@ -193,7 +193,7 @@ def _save(
         say(
             f"handtrack track: interrupted; the {len(results)} frames tracked so far are in {place}{over}."
         )
-        return _INTERRUPTED
+        return INTERRUPTED
     return 0
 
 

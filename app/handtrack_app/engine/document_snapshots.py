@@ -44,7 +44,6 @@ from handtrack_app.protocol.snapshots import (
     SessionSnapshot,
     TimelineChange,
     TimelineSnapshot,
-    WorkSnapshot,
 )
 
 _BODY_REACH_M = 0.9
@@ -127,11 +126,6 @@ def seen_kinds(session: Session) -> frozenset[str]:
         IMAGES: session.live is not None or any(camera.images is not None for camera in cameras),
     }
     return frozenset(kind for kind, is_there in there.items() if is_there)
-
-
-def work_snapshot(document: Document, saved: str, written: int = 0, done: int = 0) -> WorkSnapshot:
-    """Return what is on disk of the user's work. written, done: the numbers of the last commands that are."""
-    return WorkSnapshot(saved, document.takes.cards(document.results), written, done)
 
 
 def scene_centre(cameras: Sequence[Camera]) -> Floats[D3]:

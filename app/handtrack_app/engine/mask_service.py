@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from functools import cached_property, partial
+from functools import partial
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import MaskChoice, View
 from handtrack_app.engine.document import Document, source_of, usual_values
 from handtrack_app.engine.jobs import BackgroundJob
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet, shrunk
 from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import command
@@ -40,7 +40,6 @@ from handtrack_app.protocol.snapshots import (
     MaskPicture,
 )
 
-_SMALL_PX = 240  # height, as of the other small pictures
 _CORRECTED = (86, 180, 233)
 """around what was corrected"""
 
@@ -69,7 +68,7 @@ def masks_picture(
         if view.name in looked_at:
             screens[view.name, "mask"] = large
         if on_all:
-            small[view.name] = _small(large)
+            small[view.name] = shrunk(large)
     named = {f"{name}  {frame}": image for name, image in small.items()}
     sheet = contact_sheet(named) if small else None
     return MaskPicture(frame, small, sheet, screens, corrected, " ".join(wrong))
@@ -88,14 +87,6 @@ def _painted(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
         lines, _ = cv2.findContours(straight, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         cv2.drawContours(picture, lines, -1, _CORRECTED, 1)
     return picture
-
-
-def _small(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
-    height, width = image.shape[:2]
-    if height <= _SMALL_PX:
-        return image
-    size = (round(width * _SMALL_PX / height), _SMALL_PX)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)  # type: ignore[return-value]
 
 
 def _words(view: View, frame: int) -> str:
@@ -313,10 +304,6 @@ class MaskService(PreviewService):
 
     _on_all, _screens = False, tuple[str, ...]()
 
-    @cached_property
-    def _maker(self) -> CameraPictures:
-        return CameraPictures(self.document.run.session)
-
     # ---- showing
 
     @command(view=True, latest=())
@@ -348,7 +335,7 @@ class MaskService(PreviewService):
     def _make(self) -> Callable[[], MaskPicture]:
         document = self.document
         return partial(
-            masks_picture, self._maker, document.run.session, document.frame, self._on_all, self._screens
+            masks_picture, self.opened.pictures, document.run.session, document.frame, self._on_all, self._screens
         )  # fmt: skip
 
     def card(self) -> MaskCard:

@@ -20,14 +20,13 @@ from handtrack_app.engine.document_snapshots import (
     seen_kinds,
     session_snapshot,
     timeline_snapshot,
-    work_snapshot,
 )
 from handtrack_app.engine.job_control import JobControl, looks_elsewhere
 from handtrack_app.engine.jobs import BackgroundJob, JobEvent
 from handtrack_app.engine.live_control import KEEPS_NOTHING, LiveControl
 from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.opening import NO_POSE, nothing_seen
-from handtrack_app.engine.pictures.camera_pictures import Painter
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, Painter
 from handtrack_app.engine.pictures.cloud_service import CloudService
 from handtrack_app.engine.posing_service import LiveScore, PosingService
 from handtrack_app.engine.review_service import ReviewService
@@ -82,6 +81,8 @@ class OpenSession:
         self._live = LiveControl.of(document, publish)
         self.publish = publish
         self.painter = Painter(document, publish, mail)
+        self.pictures = CameraPictures(document.run.session)
+        """for the render thread alone"""
         self.jobs = JobControl(
             document, self.store, self.announce,
             lambda job, event: mail.put(partial(self._take, job, event)),
@@ -427,9 +428,9 @@ class OpenSession:
         """Say what is on disk, where that changed."""
         if not self.store.has_edits_to_write:
             self._written = self._served
-        past, undone = self.store.history.names(_STEPS)
-        now = work_snapshot(self.document, self.store.saved, self._written, self._served)
-        now = replace(now, past=past, undone=undone)
+        document, names = self.document, self.store.history.names(_STEPS)
+        takes = document.takes.cards(document.results)
+        now = WorkSnapshot(self.store.saved, takes, self._written, self._served, *names)
         if now != self._told_work:
             self._told_work = now
             self.publish(now)

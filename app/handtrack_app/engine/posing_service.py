@@ -38,7 +38,6 @@ from handtrack_app.engine.document_snapshots import (
 from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.service import Service
-from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import Hold, LibrarySnapshot, Notice, ScoreSnapshot, Snapshot
 
@@ -104,7 +103,7 @@ class PosingService(Service):
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         known = self.document.clamped(frame) in self.document.by_hand
-        forgotten = edits.forgotten_pose(frame) if known else NOTHING
+        forgotten = decide(pose={frame: None}) if known else NOTHING
         self.opened.edit(frame, forgotten, "Pose dropped")
 
     @command(job=True, words="the pose library")

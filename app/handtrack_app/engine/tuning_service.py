@@ -13,7 +13,7 @@ import numpy as np
 from handtrack.arrays import Floats, P, S
 from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.session.run import TrackingRun
-from handtrack.session.session_state import Edit
+from handtrack.session.session_state import Edit, decide
 from handtrack.tracking.pulling import fitted_again
 from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.posing_service import set_pose
@@ -71,7 +71,7 @@ class TuningService(Service):
         document = self.document
         self._change(
             lambda: (
-                edits.method(document, value) if name == "method" else edits.setting(name, value)
+                edits.method(document, value) if name == "method" else decide(setting={name: value})
             ),
             tag or name,
             edits.is_slid(value),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import json
 from collections.abc import Iterable
 
+import cv2
 import viser
 
+from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app import viser_internals as internals
 
 
@@ -36,6 +39,13 @@ def chip(colour: str) -> str:
 def table(rows: str, kind: str = "") -> str:
     """Return rows (HTML) as a table."""
     return f"<table class='handtrack-table {kind}'>{rows}</table>"
+
+
+def picture(image: Bytes[H, W, D3], style: str = "") -> str:
+    """Return a picture RGB, which a browser shows together with the words that come with it; viser's own widget loads it first."""
+    packed = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 80))[1]
+    data = base64.b64encode(packed.tobytes()).decode()
+    return f"<img alt='' decoding='sync' style='{style}' src='data:image/jpeg;base64,{data}'>"
 
 
 def rgb(colour: Iterable[float]) -> str:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
+import numpy as np
 import viser
 
 from handtrack_app import viser_internals as internals
@@ -228,6 +229,7 @@ class UserEvent:
 Action = Callable[[UserEvent], object]
 Shows = TypeVar("Shows")
 Widget = TypeVar("Widget")
+Kept = TypeVar("Kept")
 
 
 @dataclass(frozen=True)
@@ -279,12 +281,14 @@ class Page:
 
     def close_dialog(self, client: viser.ClientHandle) -> None:
         """Close a page's dialog, if there is one."""
-        here = self.server.get_clients()
         opened = self._dialogs.pop(client.client_id, None)
-        for gone in [one for one in self._dialogs if one not in here]:
-            del self._dialogs[gone]
         if opened is not None:
             opened.close()
+
+    def present(self, by_client: dict[int, Kept]) -> dict[int, Kept]:
+        """Return what is kept of pages that are still there."""
+        here = self.server.get_clients()
+        return {one: kept for one, kept in by_client.items() if one in here}
 
     def open_tab(self, client: viser.ClientHandle | None, *names: str) -> None:
         """Open a tab of one page, and a tab within it."""
@@ -379,6 +383,11 @@ class Page:
                 internals.submit(self.gui, self._tried, client, partial(action, client, str(value)))
 
         self.own_widgets[internals.id_of(widget)] = call
+
+    def picture(self, visible: bool = True) -> viser.GuiImageHandle:
+        """Add a picture, blank until it comes."""
+        blank = np.full((8, 8, 3), 36, np.uint8)
+        return self.gui.add_image(blank, format="jpeg", jpeg_quality=80, visible=visible)
 
     def key(
         self, words: str, key: str | None, act: Callable[..., object], modifier: KeyModifier | None = None,

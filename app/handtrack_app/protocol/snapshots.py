@@ -14,7 +14,6 @@ from handtrack.diagnostics.review import Stretch
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.model.shape import ShapeNumber
-from handtrack.session.clouds_settings import CloudSettings
 from handtrack.store.spans import Span
 from handtrack_app.log import ENGINE_LOG
 
@@ -192,6 +191,10 @@ class TimelineSnapshot:
     def accepted(self) -> frozenset[int]:
         """Frames that no tracking changes."""
         return self.marked.get("accepted", frozenset())
+
+
+NO_TIMELINE = TimelineSnapshot(0, np.zeros(0, np.int64), np.zeros(0), np.zeros(0), ())
+"""of no frame: before the first one comes"""
 
 
 @dataclass(frozen=True)
@@ -613,8 +616,6 @@ class CloudCard:
     """width and height of the cameras' images [px]"""
     unsaved: tuple[str, ...]
     """settings that differ from session.toml"""
-    settings: CloudSettings | None = None
-    """the settings in force as they are"""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import viser
 import viser.transforms as vtf
@@ -20,7 +19,8 @@ from handtrack.capture.joints.pose2sim import is_pose2sim, read_pose2sim
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.geometry.triangulation import triangulated
-from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
+from handtrack_app.page.scene.viewpoint import Viewpoint, frustum_scale, look_from
+from handtrack_app.start.import_progress import small_picture
 
 VIDEOS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm")
 CALIBRATIONS = (".toml", ".yaml", ".yml", ".json", ".xml", ".npz", ".mat")
@@ -111,8 +111,7 @@ def _matched(videos: list[Path], names: list[str]) -> dict[str, Path]:
 
 
 _NAME = "/rig"
-_DEEP, _HIGH = 0.3, 240
-"""of a frustum, as a share of the cameras' usual distance; of its picture [px]"""
+_DEEP = 0.3  # of a frustum, as a share of the cameras' usual distance
 _AWAY = 2.8  # from which it is seen, in the cameras' usual distances
 _COLOUR = (150, 158, 168)
 
@@ -127,9 +126,7 @@ def first_image(video: Path, where: str) -> Bytes[H, W, D3] | None:
         return None
     if image is None:
         return None
-    size = (round(image.shape[1] * _HIGH / image.shape[0]), _HIGH)
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.cvtColor(small, cv2.COLOR_BGR2RGB), np.uint8)
+    return small_picture(image)[..., ::-1]
 
 
 def show_rig(server: viser.ViserServer, rig: CameraRig, images: dict[str, Bytes[H, W, D3]]) -> None:
@@ -146,8 +143,7 @@ def show_rig(server: viser.ViserServer, rig: CameraRig, images: dict[str, Bytes[
         server.scene.add_frame(_NAME, show_axes=False)
         for camera, place in zip(cameras, (places - centre) / unit, strict=True):
             (width, height), down = camera.size, camera.size[1] / 2 / camera.matrix[1, 1]
-            # viser's scale is that of the volume
-            scale = _DEEP * float(np.cbrt(down * down * width / height / 3))
+            scale = frustum_scale(camera.size, down, _DEEP)
             wxyz = vtf.SO3.from_matrix(camera.rotation.T).wxyz
             server.scene.add_camera_frustum(
                 f"{_NAME}/{camera.name}", fov=float(2 * np.arctan(down)), aspect=width / height, scale=scale, thickness=1.5,

@@ -107,7 +107,7 @@ def previews(folder: Path) -> dict[str, Bytes[H, W, D3]]:
     }
 
 
-def small_picture(image: Bytes[H, W, D3], joints: Iterable[Floats[N, D2]]) -> Bytes[H, W, D3]:
+def small_picture(image: Bytes[H, W, D3], joints: Iterable[Floats[N, D2]] = ()) -> Bytes[H, W, D3]:
     """Return an image small, with joints [px] as points."""
     scale = _HIGH / image.shape[0]
     size = (round(image.shape[1] * scale), _HIGH)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import logging
 import sys
@@ -13,8 +12,6 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import cv2
-import numpy as np
 import viser
 
 from handtrack.arrays import D3, Bytes, H, W
@@ -28,7 +25,7 @@ from handtrack.session.session import Session
 from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
 from handtrack_app.log import LOG_FILE, logging_to
-from handtrack_app.page.html import dress, escaped, table, text
+from handtrack_app.page.html import dress, escaped, picture, table, text
 from handtrack_app.page.page import put
 from handtrack_app.protocol.palette import BRAND
 from handtrack_app.start.found_files import (
@@ -45,6 +42,7 @@ from handtrack_app.start.import_progress import (
     Program,
     joints_found,
     previews,
+    small_picture,
 )
 from handtrack_app.start.recent import recent_sessions
 from handtrack_app.viser_internals import id_of, run_javascript
@@ -482,11 +480,7 @@ class StartPage:
 
 def _picture(image: Bytes[H, W, D3]) -> str:
     """Return a picture BGR as HTML, small."""
-    high = 240
-    size = (round(image.shape[1] * high / image.shape[0]), high)
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    coded = np.asarray(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])[1])
-    return f"<img alt='' src='data:image/jpeg;base64,{base64.b64encode(coded.tobytes()).decode()}'>"
+    return picture(small_picture(image)[..., ::-1])
 
 
 def _card(name: str, where: str, words: str = "", picture: str = "") -> str:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from handtrack.session.session_state import decide
 from handtrack_app.engine.posing_service import pose_before
-from handtrack_app.engine.store import edits
 from tests.app.opened import opened, posed, tracked
 
 
@@ -16,7 +16,7 @@ def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path, l
     tracked(store, first=3)
     posed(store, 5, by=0.1)
     posed(store, 6, by=0.2)
-    store.do("A setting", edits.setting("silhouettes.weight", 2.0))
+    store.do("A setting", decide(setting={"silhouettes.weight": 2.0}))
     document.show(5)
     was = pose_before(document, store.history)
     np.testing.assert_allclose(was[6:], document.start[6:] + 0.05, atol=1e-9)

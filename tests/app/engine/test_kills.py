@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack import HandtrackError
-from handtrack.session.session_state import SessionState, name_of, written
+from handtrack.session.session_state import SessionState, decide, name_of, written
 from handtrack.store.history import History
 from handtrack.store.store import Store
 from handtrack_app.engine.posing_service import pose as pose_edit
@@ -103,7 +103,7 @@ class Session:
 
     def setting(self) -> None:
         name = self.rng.choice(("cloud.weight", "silhouettes.weight"))
-        self.store.do("Setting", edits.setting(name, self.rng.choice((1.0, 2.0, 3.0))))
+        self.store.do("Setting", decide(setting={name: self.rng.choice((1.0, 2.0, 3.0))}))
 
     def limits(self) -> None:
         interval = self.rng.choice((None, (0.0, self.rng.uniform(0.2, 1.0))))

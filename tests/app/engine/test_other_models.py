@@ -16,7 +16,7 @@ from tests.app.opened import did, opened, posed, tracked
 
 
 def _use(store: Persistence, model: str) -> None:
-    did(store, edits.setting("model.name", model))
+    did(store, decide(setting={"model.name": model}))
 
 
 def test_tracks_poses_and_limits_come_back_with_their_model(tmp_path):
@@ -48,7 +48,7 @@ def test_what_was_changed_with_the_other_model_stays_changed(tmp_path):
     fingers = document.by_hand[5][6:].copy()
     _use(store, "ball6")
     did(store, pose_edit(document, 5, (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))
-    did(store, edits.forgotten_pose(6))
+    did(store, decide(pose={6: None}))
     _use(store, "hand26")
     assert document.by_hand[5][0] == 0.5
     np.testing.assert_allclose(document.by_hand[5][6:], fingers)
@@ -88,7 +88,7 @@ def test_a_session_opens_with_the_arm_that_its_track_has(tmp_path, held_by_anoth
 def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path):
     _arm_decided_while_tracking(tmp_path)
     store = opened(tmp_path)
-    did(store, edits.setting("model.forearm", "false"))
+    did(store, decide(setting={"model.forearm": "false"}))
     store.close()
     for worker, listener in a_desk(tmp_path, step_s=0.0):
         assert not worker.document.results, "a setting says that there is no forearm"

@@ -9,6 +9,7 @@ import pytest
 
 from handtrack import HandtrackError
 from handtrack.session.layout import POSES_FILE
+from handtrack.session.session_state import decide
 from handtrack.store.spans import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits, saving
@@ -23,7 +24,7 @@ def test_poses_and_settings_come_back_after_a_crash(tmp_path):
     store = opened(tmp_path)
     posed(store, 5, 0.01)
     values = store.document.by_hand[5].copy()
-    did(store, edits.setting("silhouettes.weight", 2.5))
+    did(store, decide(setting={"silhouettes.weight": 2.5}))
     did(store, edits.limits(store.document, "index_mcp_flex", (0.0, 0.5)))
     # no close: the process is gone
     again = opened(tmp_path)

@@ -9,8 +9,8 @@ import pytest
 
 from handtrack import Session, Status, TrackingRun, read_npz, track_session
 from handtrack.session.posed_frames import posed_frames
+from handtrack.session.session_state import decide
 from handtrack.session.track_session import Ended
-from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol.snapshots import Hold
@@ -82,7 +82,7 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
     worker.engine.save_pose()
     eventually(lambda: any("saved" in getattr(s, "title", "") for s in seen), "saved")
     document = worker.document
-    document.apply(edits.forgotten_pose(0))
+    document.apply(decide(pose={0: None}))
     worker.stop()
     assert json.loads((folder / "init.json").read_text())["frame"] == 0
     again = TrackingRun.open(Session.open(folder), {"model.fit_size": False})

@@ -9,6 +9,7 @@ from handtrack.files.versions import versions
 from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
+from handtrack.session.session_state import decide
 from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
@@ -27,7 +28,7 @@ def store(tmp_path):
     (tmp_path / "session.toml").write_text(TEXT, encoding="utf-8")
     store = opened(tmp_path)
     for name, value in (("cloud.weight", 2.0), ("solver.iterations", 5), ("solver.iterations", 7)):
-        did(store, edits.setting(name, value))
+        did(store, decide(setting={name: value}))
     return store
 
 
@@ -75,7 +76,7 @@ def test_a_session_opens_with_what_was_saved(tmp_path):
     folder = cloudy_session(tmp_path)
     text = (folder / "session.toml").read_text(encoding="utf-8")
     store = Persistence.open(Opening().document(folder))
-    did(store, edits.setting("silhouettes.bands_mm", (6.0, 2.0)))
+    did(store, decide(setting={"silhouettes.bands_mm": (6.0, 2.0)}))
     saving.save_settings(store)
     assert (folder / "session.toml").read_text(encoding="utf-8").startswith(text)
     again = Opening().document(folder)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from handtrack import load_model
+from handtrack.session.session_state import decide
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.engine.document_snapshots import pose_snapshot, truth_at
 from handtrack_app.engine.inverse_kinematics import reach, stem_bones
 from handtrack_app.engine.posing_service import pose as pose_edit
-from handtrack_app.engine.store import edits
 from handtrack_app.protocol.palette import limb_of
 from tests.app.desk import shown
 from tests.app.waiting import eventually
@@ -63,7 +63,7 @@ def test_the_error_against_true_joints_is_told(opened):
     document.apply(pose_edit(document, 0, moved.tolist()))
     document.show(0)
     assert pose_snapshot(document).error_mm == pytest.approx(50.0, abs=1.0)
-    document.apply(edits.forgotten_pose(0))
+    document.apply(decide(pose={0: None}))
 
 
 def pulled(model, params, name, target):

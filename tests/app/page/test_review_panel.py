@@ -9,7 +9,7 @@ from viser.transforms import SO3
 from handtrack.diagnostics.review import Stretch
 from handtrack.tracking.whole.refinement import CameraError
 from handtrack_app.page.panels.review import undoubted
-from handtrack_app.protocol.snapshots import Notice, TimelineSnapshot
+from handtrack_app.protocol.snapshots import NO_TIMELINE, Notice, TimelineSnapshot
 from handtrack_app.workbench import Workbench
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
@@ -112,4 +112,4 @@ def test_what_is_not_doubted():
     none = np.full(8, np.nan)
     strip = TimelineSnapshot(10, np.array([0, 0, 1, 0, 2, -1, 0, 1]), none, none, (17,))
     assert undoubted(strip) == [(10, 11), (13, 13), (16, 17)]
-    assert undoubted(None) == []
+    assert undoubted(NO_TIMELINE) == []

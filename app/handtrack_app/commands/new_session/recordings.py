@@ -31,7 +31,7 @@ from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.camera import Camera, CameraRig, scaled_by
 from handtrack.session.layout import is_pattern
-from handtrack_app.commands.terminal.output import say
+from handtrack_app.commands.terminal.output import note, say
 
 _BLOCK_PX = 16
 _IMAGES, _VIDEO, _DEPTH = "--images", "--video", "--depth"
@@ -319,8 +319,7 @@ class CameraJoints:
         kind = "body" if is_body(LAYOUTS[self.layout(side)]) else "hand"
         more = f"; not a {kind}'s, so left out: {left}" if left else ""
         say(f"{self.where}: {self.family}, {self.what} in {len(self.frames)} frames{more}.")
-        for note in self.notes:
-            say(f"note: {note}")
+        note(*self.notes)
 
 
 @dataclass(frozen=True)

@@ -126,6 +126,10 @@ def confirmed(text: str) -> bool:
     return can_ask() and question(f"{text} y/n", "n").lower() in ("y", "yes")
 
 
+INTERRUPTED = 130
+"""exit code after Ctrl-C"""
+
+
 # ---- Progress with ETA on stderr, what is compiled, and a Ctrl-C that stops cleanly
 
 
@@ -168,6 +172,12 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def note(*texts: str) -> None:
+    """Print what is to be known beside the answer, on stderr, each once."""
+    for text in dict.fromkeys(texts):
+        say(f"note: {text}")
+
+
 class Stop:
     """Whether the user or the system wants this program to stop; called, it answers. Set by `stoppable`."""
 
@@ -178,6 +188,11 @@ class Stop:
 
     def __call__(self) -> bool:
         return self.asked
+
+    @property
+    def code(self) -> int:
+        """The exit code of a command that did all it could."""
+        return INTERRUPTED if self.asked else 0
 
     def interrupt(self, *_: object) -> None:
         """Handle one Ctrl-C, or a signal that stands for it."""

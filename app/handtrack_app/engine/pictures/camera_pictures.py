@@ -48,6 +48,15 @@ def smaller(camera: Camera, width: int, height: int) -> Camera:
     return replace(camera.without_distortion(), size=(width, height), matrix=matrix)
 
 
+def shrunk(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
+    """Return an image no higher than a frustum's."""
+    height, width = image.shape[:2]
+    if height <= _THUMBNAIL:
+        return image
+    size = (round(width * _THUMBNAIL / height), _THUMBNAIL)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)  # type: ignore[return-value]
+
+
 def contact_sheet(
     pictures: dict[str, Bytes[H, W, D3]], width: int = _SHEET, columns: int = 2
 ) -> Bytes[H, W, D3]:
@@ -131,11 +140,7 @@ class CameraPictures:
     ) -> Bytes[H, W, D3]:
         """Return a small picture, with the model's outline over it unless `paint` is `plain`."""
         image = self.plain(name, frame)
-        height, width = image.shape[:2]
-        size = (round(width * _THUMBNAIL / height), _THUMBNAIL)
-        small = image
-        if height > _THUMBNAIL:
-            small = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        small = shrunk(image)
         if paint == "plain" or flesh is None:
             return small
         return outline_picture(

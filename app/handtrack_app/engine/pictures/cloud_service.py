@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
-import cv2
 import numpy as np
 
 from handtrack.arrays import Array, Bytes, Floats
@@ -34,8 +32,8 @@ from handtrack_app.engine.document import Document
 from handtrack_app.engine.pictures.camera_pictures import (
     NARROW_PX,
     WIDE_PX,
+    CameraPictures,
     contact_sheet,
-    depth_picture,
     not_tall,
     points_picture,
     stereo_pictures,
@@ -80,7 +78,8 @@ class RenderInput:
 class CloudRenderer:
     """Reads, filters and paints; keeps the last filtered cloud and the last matched pair. On the render thread only."""
 
-    def __init__(self) -> None:
+    def __init__(self, pictures: CameraPictures) -> None:
+        self._pictures = pictures
         self._known: tuple[object, PointCloud, Array, tuple[FilterReport, ...]] | None = None
         self._matcher: tuple[object, StereoMatcher] | None = None
         self._painted: tuple[object, ...] = ()
@@ -135,13 +134,14 @@ class CloudRenderer:
         measured = measured or EMPTY
         names = tuple(report.name for report in reports)
         width = WIDE_PX if moment.wanted.wide else NARROW_PX
-        pictures = dict(_camera_images(moment))
+        self._pictures.see(moment.session)
+        pictures = {name: self._pictures.plain(name, moment.frame) for name in _cameras(moment)}
         columns = 2 if len(pictures) > 1 else 1
         cell = (width - 8 * (columns - 1)) // columns
         wanted = moment.wanted
         cells = {
             name: points_picture(
-                image, moment.session.rig[name], measured.points, fate, names, cell,
+                image, moment.session.rig[name].without_distortion(), measured.points, fate, names, cell,
                 wanted.box[1] if wanted.box is not None and wanted.box[0] == name else None,
             )
             for name, image in pictures.items()
@@ -241,24 +241,11 @@ def _residual_mm(moment: RenderInput, points: Floats) -> Floats:
     return 1e3 * near.distance / np.maximum(slope, _LEAST_SLOPE)
 
 
-def _camera_images(moment: RenderInput) -> list[tuple[str, Bytes]]:
-    """Return the cameras to show with their images RGB: those that measured, at most two, else depth pictures."""
-    session = moment.session
-    settings = session.file.clouds or CloudSettings()
+def _cameras(moment: RenderInput) -> tuple[str, ...]:
+    """Return the cameras whose pictures are shown: those that measured, at most two."""
+    settings = moment.session.file.clouds or CloudSettings()
     paired = moment.wanted.pair or (settings.stereo[0] if settings.stereo else ())
-    names = settings.depth or paired or tuple(view.name for view in session.views)
-    cells: list[tuple[str, Bytes]] = []
-    for name in names[:2]:
-        view = session.view(name)
-        image = view.image(moment.frame)
-        if image is not None:
-            cells.append((name, np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)))
-        elif view.depth is not None and (depth := view.depth_m(moment.frame)) is not None:
-            cells.append((name, depth_picture(depth)))
-        else:
-            width, height = view.camera.size
-            cells.append((name, np.full((height, width, 3), 26, np.uint8)))
-    return cells
+    return (settings.depth or paired or moment.session.rig.names)[:2]
 
 
 _PAIRS = 12  # offered for stereo
@@ -271,7 +258,7 @@ class CloudService(PreviewService):
 
     @cached_property
     def _maker(self) -> CloudRenderer:
-        return CloudRenderer()
+        return CloudRenderer(self.opened.pictures)
 
     # ---- showing
 
@@ -328,7 +315,8 @@ class CloudService(PreviewService):
     def set_clouds(self, values: dict[str, object]) -> None:
         """Change settings of [clouds] by name; None: as it is usual, False: off."""
         names, slid = ", ".join(values), edits.is_slid(*values.values())
-        self._do(f"Clouds: {names}", lambda: edits.clouds(self.with_values(values)), names, slid)
+        now = self.document.clouds or CloudSettings()
+        self._do(f"Clouds: {names}", lambda: edits.clouds(now.with_values(values)), names, slid)
 
     @command(edits=True, latest=(), words="the colour of skin")
     def sample_skin(
@@ -353,18 +341,9 @@ class CloudService(PreviewService):
         """Write the settings of [clouds] into session.toml."""
         self._save(saving.save_clouds, "Clouds' settings saved")
 
-    @property
-    def settings(self) -> CloudSettings | None:
-        """The settings of [clouds] in force."""
-        return self.document.clouds
-
-    def with_values(self, values: Mapping[str, object]) -> CloudSettings:
-        """Return the settings with some replaced. Raises HandtrackError."""
-        return (self.settings or CloudSettings()).with_values(values)
-
     def card(self) -> CloudCard:
         """Return where clouds come from and the settings in force."""
-        document, settings = self.document, self.settings
+        document, settings = self.document, self.document.clouds
         session = document.run.session
         views = session.views
         with_images = tuple(view.name for view in views if view.settings.images is not None)
@@ -384,7 +363,6 @@ class CloudService(PreviewService):
             pair,
             {view.name: view.camera.size for view in views},
             document.unsaved_clouds,
-            settings,
         )
 
 

@@ -30,11 +30,6 @@ def is_slid(*values: object) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def forgotten_pose(frame: int) -> Edit:
-    """Drop what was set by hand at a frame; the tracked pose shows again."""
-    return decide(pose={frame: None})
-
-
 def accepted(document: Document, frames: Iterable[int], on: bool) -> Edit:
     """Accept frames as they are, or let them go; those alone that have a pose."""
     named = document.accepted.union(frames) if on else document.accepted.difference(frames)
@@ -70,25 +65,20 @@ def model_of_take(document: Document, number: int) -> Edit:
         return NOTHING
     name, changed = "model.name", list[Edit]()
     if (wanted := take.settings.get(name, "")) != run.settings.flat()[name]:
-        changed.append(setting(name, wanted))
+        changed.append(decide(setting={name: wanted}))
         run = run.with_values({name: wanted})
     if take.parameter_names != run.model.parameter_names:
         run = run.with_parameters(take.parameter_names)
         if document.leaves_forearm_open:
             changed.append(decide(forearm=run.arm))
         else:
-            changed.append(setting("model.forearm", str(run.forearm).lower()))
+            changed.append(decide(setting={"model.forearm": str(run.forearm).lower()}))
     if take.parameter_names != run.model.parameter_names:
         raise HandtrackError(
             f"Take {number} cannot be shown: it was tracked with the parameters {', '.join(take.parameter_names[6:]) or 'of a rigid body'}, "
             f"and no setting gives the {run.model.kind} of this session these."
         )
     return in_turn(*changed)
-
-
-def setting(name: str, value: object) -> Edit:
-    """Change a setting of [tracking]."""
-    return decide(setting={name: value})
 
 
 def method(document: Document, value: object) -> Edit:

@@ -388,12 +388,9 @@ class Persistence:
         document, span = self.document, Span(take.number, take.frames.start, take.frames.stop)
         under = resolved(document.state.spans, document.takes.frames_of)
         laid = [decide(spans=(*under, span))]
-        if take.first in take.shelf and take.first in document.by_hand:
-            laid.append(edits.forgotten_pose(take.first))
-        for frame in document.by_hand:
-            is_led = document.decided_pose(frame).is_led
-            if frame in take.frames and is_led and frame not in document.accepted:
-                laid.append(edits.forgotten_pose(frame))  # solved again
+        given_way = {take.first} & take.shelf.keys()
+        given_way |= document.guides(take.frames).keys() - document.accepted  # solved again
+        laid.append(decide(pose=dict.fromkeys(given_way & document.by_hand.keys())))
         many = f"frames {take.frames.start} to {take.frames.stop - 1}"
         if take.is_refined:
             if take.scale is not None:

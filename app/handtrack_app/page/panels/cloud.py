@@ -77,8 +77,7 @@ class CloudPanel:
 
     def _build(self, card: CloudCard) -> None:
         page, gui, display = self.page, self.page.gui, self.page.state.display
-        blank = np.full((8, 8, 3), 36, np.uint8)
-        self.picture = gui.add_image(blank, format="jpeg", jpeg_quality=85, visible=False)
+        self.picture = page.picture(visible=False)
         self.said = gui.add_html("")
         self.counts = gui.add_html("")
         self.note = gui.add_html(_note(card))
@@ -199,8 +198,7 @@ class CloudPanel:
             self.large = gui.add_panel()
             with self.large.add_tab("Picture"):
                 gui.add_html("<div class='handtrack-picture'></div>")
-                blank = np.full((8, 8, 3), 36, np.uint8)
-                self.large_image = gui.add_image(blank, format="jpeg", jpeg_quality=85)
+                self.large_image = self.page.picture()
             self.large.float(x=16, y=16, width=560)
         return self.large_image
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
 
-import numpy as np
 import viser
 
 from handtrack.setting import Setting
@@ -54,8 +53,7 @@ class MaskPanel:
         page, gui = self.page, self.page.gui
         names = tuple(camera.name for camera in card.cameras)
         possible = [n for n in METHOD_WORDS if any(n in camera.possible for camera in card.cameras)]
-        blank = np.full((8, 8, 3), 36, np.uint8)
-        self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80, visible=False)
+        self.sheet = page.picture(visible=False)
         self.wrong = gui.add_html("")
         self.note = gui.add_html("")
         self.on = page.check(
@@ -287,7 +285,7 @@ class CorrectingWidgets:
             )
             self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
             self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
-            self.carry = page.button(
+            page.button(
                 "Carry to these frames", self._carry, "arrows-horizontal",
                 "What was painted follows the image's motion; where that is not sure it becomes unknown. Frames that were "
                 "painted themselves stay.",

@@ -16,7 +16,7 @@ from handtrack_app.page.html import text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
-from handtrack_app.protocol.snapshots import TimelineSnapshot
+from handtrack_app.protocol.snapshots import NO_TIMELINE, TimelineSnapshot
 
 _ROWS = 8  # of the list, on one page
 _GO: tuple[str, ...] = ("Previous", "Next")
@@ -30,7 +30,7 @@ class ReviewPanel:
 
     page: Page
     tab: viser.GuiTabHandle
-    strip: TimelineSnapshot | None = None
+    strip: TimelineSnapshot = NO_TIMELINE
     at: int | None = None
     """the place in the queue that was gone to"""
     rows: list[viser.GuiButtonHandle] = field(default_factory=list)
@@ -53,7 +53,7 @@ class ReviewPanel:
                 "Remove correction", partial(self._correct, on=False), "x",
                 "The camera counts as it was calibrated. Then track again.", visible=False,
             )  # fmt: skip
-            self.head = gui.add_html(head_words(None, None))
+            self.head = gui.add_html(head_words(NO_TIMELINE, None))
             self.accept_next = page.button(
                 "Accept and next", partial(self.do_accept, ""), "check",
                 "Locks the interval, or the frame outside of one, and goes to the next. Key: Shift Y.", None, visible=False,
@@ -85,7 +85,7 @@ class ReviewPanel:
     @property
     def stretches(self) -> tuple[Stretch, ...]:
         """The queue."""
-        return () if self.strip is None else self.strip.stretches
+        return self.strip.stretches
 
     @property
     def current(self) -> Stretch | None:
@@ -141,7 +141,7 @@ class ReviewPanel:
 
     def let_go(self, what: str) -> None:
         """Let frames be changed again."""
-        frame, accepted = self.page.state.frame, sorted(self.strip.accepted) if self.strip else []
+        frame, accepted = self.page.state.frame, sorted(self.strip.accepted)
         first = last = frame
         if what == "All" and accepted:
             first, last = accepted[0], accepted[-1]
@@ -154,10 +154,9 @@ class ReviewPanel:
         self.page.engine.accept(((first, last),), on=False)
 
     def _correct(self, on: bool = True) -> None:
-        if self.strip is not None:
-            known = self.strip.cameras_off if on else self.strip.cameras_corrected
-            for camera in list(known)[:1]:
-                self.page.engine.correct_camera(camera, on)
+        known = self.strip.cameras_off if on else self.strip.cameras_corrected
+        for camera in list(known)[:1]:
+            self.page.engine.correct_camera(camera, on)
 
     # ---- showing
 
@@ -171,11 +170,7 @@ class ReviewPanel:
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Take the queue as it is now."""
-        if (
-            self.at is not None
-            and self.strip is not None
-            and strip.stretches != self.strip.stretches
-        ):
+        if self.at is not None and strip.stretches != self.strip.stretches:
             frame = self.page.state.frame
             places = [n for n, s in enumerate(strip.stretches) if s.first <= frame <= s.last]
             self.at = places[0] if places else min(self.at, max(len(strip.stretches) - 1, 0))
@@ -186,20 +181,17 @@ class ReviewPanel:
     @property
     def done(self) -> int:
         """How many intervals of the queue were accepted."""
-        accepted = set() if self.strip is None else self.strip.accepted
+        accepted = self.strip.accepted
         left = {(s.first, s.last) for s in self.stretches}
         return sum(accepted.issuperset(range(a, b + 1)) for a, b in self._met if (a, b) not in left)
 
     def show_frame(self) -> None:
         """Say what is to be said of the frame shown."""
-        frame, strip = self.page.state.frame, self.strip
-        if strip is not None:
-            put(self.here, content=here_words(frame, frame in strip.accepted, self.current))
+        frame = self.page.state.frame
+        put(self.here, content=here_words(frame, frame in self.strip.accepted, self.current))
 
     def _show(self) -> None:
         strip = self.strip
-        if strip is None:
-            return
         tracked = bool((strip.status >= 0).any() or strip.by_hand)
         put(self.head, content=head_words(strip, self.at, self.done))
         self._show_cameras(strip)
@@ -239,9 +231,9 @@ class ReviewPanel:
             put(button, visible=bool(names))
 
 
-def head_words(strip: TimelineSnapshot | None, at: int | None, done: int = 0) -> str:
+def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
     """Return how much there is to be looked at, and how much was accepted. done: intervals of the queue that are."""
-    if strip is None or not ((strip.status >= 0).any() or strip.by_hand):
+    if not ((strip.status >= 0).any() or strip.by_hand):
         return text(
             "Track some frames: what is worth a look is listed here, the worst first.", faint=False
         )
@@ -271,10 +263,8 @@ def here_words(frame: int, accepted: bool, stretch: Stretch | None) -> str:
     return f"<div class='handtrack-queue'>{text(said, faint=False)}</div>"
 
 
-def undoubted(strip: TimelineSnapshot | None) -> list[tuple[int, int]]:
+def undoubted(strip: TimelineSnapshot) -> list[tuple[int, int]]:
     """Return runs of frames, first to last, that are tracked well or set by hand."""
-    if strip is None:
-        return []
     good = {strip.start + n for n, code in enumerate(strip.status.tolist()) if code in (0, 3, 4)}
     good |= set(strip.by_hand)
     runs: list[tuple[int, int]] = []
@@ -318,7 +308,7 @@ class NextStep:
         strip, idle = self.tracking.strip, self.tracking.progress.state == "idle"
         session = self.tracking.session
         self.step = step = None
-        if strip is not None and session is not None and idle and not session.live:
+        if len(strip.status) and session is not None and idle and not session.live:
             self.step = step = self._of(strip, bool(session.seen))
         if step is not None:
             words, label, _ = step

@@ -13,6 +13,7 @@ from handtrack_app.page.page import Page, clean_interval, put
 from handtrack_app.protocol.palette import FOUND, STATUS
 from handtrack_app.protocol.snapshots import (
     APART,
+    NO_TIMELINE,
     LiveSnapshot,
     ProgressSnapshot,
     SessionSnapshot,
@@ -45,7 +46,7 @@ class TrackingPanel:
     tab: viser.GuiTabHandle
     session: SessionSnapshot | None = None
     progress: ProgressSnapshot = ProgressSnapshot("idle", "Ready")
-    strip: TimelineSnapshot | None = None
+    strip: TimelineSnapshot = NO_TIMELINE
     starters: list[Any] = field(default_factory=list)
     rerun: viser.GuiMarkdownHandle | None = None
     range: viser.GuiMultiSliderHandle[int] | None = None
@@ -151,7 +152,7 @@ class TrackingPanel:
     def _show_refine(self) -> None:
         """Offer it where frames are tracked."""
         assert self.session is not None
-        tracked = self.strip is not None and int((self.strip.status >= 0).sum()) > 1
+        tracked = int((self.strip.status >= 0).sum()) > 1
         idle = self.progress.state == "idle"
         put(self.refine, visible=tracked and idle and not self.session.live)
 
@@ -166,7 +167,7 @@ class TrackingPanel:
 
     def go_to_odd(self) -> None:
         """Show the next frame that is doubtful or lost; after the last one the first again."""
-        frames = odd_frames(self.strip) if self.strip is not None else []
+        frames = odd_frames(self.strip)
         if frames:
             here = self.page.state.frame
             self.page.go_to(next((f for f in frames if f > here), frames[0]))
@@ -297,9 +298,9 @@ class TrackingPanel:
         self.show_frame()
 
 
-def frozen_ends(strip: TimelineSnapshot | None, frame: int) -> tuple[int, int] | None:
+def frozen_ends(strip: TimelineSnapshot, frame: int) -> tuple[int, int] | None:
     """Return the nearest frames before and after one that tracking leaves, with frames between them; None where there are none."""
-    kept = set() if strip is None else strip.accepted | set(strip.by_hand)
+    kept = strip.accepted | set(strip.by_hand)
     before = max((f for f in kept if f <= frame), default=None)
     after = min((f for f in kept if f > frame), default=None)
     if before is None or after is None or after - before < 2:
@@ -307,12 +308,12 @@ def frozen_ends(strip: TimelineSnapshot | None, frame: int) -> tuple[int, int] |
     return before, after
 
 
-def nearest_posed(strip: TimelineSnapshot | None, first: int, last: int, frame: int) -> int:
+def nearest_posed(strip: TimelineSnapshot, first: int, last: int, frame: int) -> int:
     """Return the frame of a range that is nearest to one and has a pose of its own: set, found or tracked; where none has, the
     nearest at all.
     """
     here = min(max(frame, first), last)
-    posed = set() if strip is None else {*strip.by_hand, *(strip.start + np.flatnonzero(strip.status >= 0)).tolist()}  # fmt: skip
+    posed = {*strip.by_hand, *(strip.start + np.flatnonzero(strip.status >= 0)).tolist()}  # fmt: skip
     return min((f for f in posed if first <= f <= last), key=lambda f: abs(f - here), default=here)
 
 
@@ -474,7 +475,6 @@ class TakesPanel:
     tab: viser.GuiTabHandle
     folder: viser.GuiFolderHandle | None = None
     numbers: tuple[str, ...] = ()
-    strip: TimelineSnapshot | None = None
 
     def _build(self, numbers: tuple[str, ...]) -> None:
         page, gui, state = self.page, self.page.gui, self.page.state

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import html
 import json
 import threading
@@ -10,12 +9,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
-import cv2
-import numpy as np
 import viser
 
-from handtrack.arrays import D3, Bytes, H, W
 from handtrack_app import viser_internals as internals
+from handtrack_app.page.html import picture
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.camera_view import CameraNames
@@ -74,7 +71,6 @@ class SessionPanel:
     """leads to the start page"""
     built: bool = False
     cameras: tuple[str, ...] = ()
-    toggles: dict[str, viser.GuiCheckboxHandle] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         with self.tab:
@@ -94,8 +90,7 @@ class SessionPanel:
         page, gui, display = self.page, self.page.gui, self.page.state.display
         cameras = self.cameras = tuple(card.name for card in session.cameras)
         with self.tab:
-            blank = np.full((8, 8, 3), 36, np.uint8)
-            self.sheet = gui.add_image(blank, format="jpeg", jpeg_quality=80)
+            self.sheet = page.picture()
             self.played = gui.add_html("", visible=False)
             self.overlaps = gui.add_html("", visible=False)
             self.mode = page.choice(
@@ -160,7 +155,9 @@ class SessionPanel:
         wanted, playing = self.page.state.display.images, self.page.state.playing
         if wanted and pictures.sheet is not None:
             if playing:
-                self.played.content = _at_once(pictures.sheet)
+                shown = picture(pictures.sheet, "max-width:100%;display:block")
+                padding = "padding:0 var(--mantine-spacing-xs) .5em"
+                self.played.content = f"<div style='{padding}'>{shown}</div>"
             else:
                 self.sheet.image = pictures.sheet
         put(self.sheet, visible=wanted and not playing)
@@ -181,8 +178,7 @@ class SessionPanel:
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         page = self.page
-        box = page.check(label, getattr(page.state.display, name), partial(page.draw, name), hint)
-        self.toggles[name] = box
+        page.check(label, getattr(page.state.display, name), partial(page.draw, name), hint)
 
     def _look(self, client: viser.ClientHandle, chosen: str) -> None:
         self.stage.look({FREE: None, TOGETHER: ALL}.get(chosen, chosen), client)
@@ -219,16 +215,6 @@ class SessionPanel:
         display = self.page.state.display
         if self.built:
             put(self.mode, value=_word_of(_MODE_WORDS, display.mode))
-
-
-def _at_once(picture: Bytes[H, W, D3]) -> str:
-    """Return a picture that the browser shows together with the words that come with it; viser's own widget loads it first."""
-    _, packed = cv2.imencode(".jpg", picture[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 80))
-    data = base64.b64encode(packed.tobytes()).decode()
-    return (
-        "<div style='padding:0 var(--mantine-spacing-xs) .5em'><img decoding='sync' style='max-width:100%;display:block' "
-        f"src='data:image/jpeg;base64,{data}'></div>"
-    )
 
 
 def _word_of(words: dict[str, str], value: str) -> str:
@@ -378,8 +364,7 @@ class Room:
 
     def _apply(self, client: viser.ClientHandle, taste: Taste) -> None:
         with self._lock:
-            here = self.page.server.get_clients()
-            self.tastes = {one: kept for one, kept in self.tastes.items() if one in here}
+            self.tastes = self.page.present(self.tastes)
             before = self.tastes.get(client.client_id, Taste())
             self.tastes[client.client_id] = taste
             gui = self.page.gui
@@ -440,8 +425,7 @@ class ZoomKeys:
             if line is not None:
                 line.remove()
             return
-        here = self.page.server.get_clients()
-        self._lines = {one: handle for one, handle in self._lines.items() if one in here}
+        self._lines = self.page.present(self._lines)
         if line is None:
             line = self._lines[client.client_id] = client.gui.add_html("", order=0.5)
         put(line, content=self.page.words.of(view_words(view)))

@@ -19,7 +19,7 @@ from handtrack.arrays import D3, D6, Floats
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix, rotation_vector
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page, put
-from handtrack_app.page.scene.model_view import ball
+from handtrack_app.page.scene.model_view import add_batch, ball
 from handtrack_app.page.scene.zoom import Pixel, ray_pixel
 from handtrack_app.protocol.palette import CONTRADICTED, PIN
 from handtrack_app.protocol.snapshots import (
@@ -158,12 +158,10 @@ class Grips:
                     grip.remove()
 
     def _add(self, client: viser.ClientHandle, session: SessionSnapshot) -> viser.BatchedMeshHandle:
-        mesh, joints = ball(10, 14), np.full((len(session.joint_names), 3), _POINT_M)
-        radii, count = np.concatenate([session.radii, joints]), len(session.radii) + len(joints)
-        grip = client.scene.add_batched_meshes_simple(
-            _GRIP, mesh.vertices, mesh.faces, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), np.zeros((count, 3)),
-            batched_scales=radii.astype(np.float32), opacity=_UNSEEN, lod="off", cast_shadow=False,
-            receive_shadow=False,
+        joints = np.full((len(session.joint_names), 3), _POINT_M)
+        radii = np.concatenate([session.radii, joints])
+        grip = add_batch(
+            client.scene, _GRIP, ball(10, 14), radii, opacity=_UNSEEN, cast_shadow=False, receive_shadow=False
         )  # fmt: skip
         name_holds(client, session, _GRIP)
         self._listen(grip, "left")
@@ -447,10 +445,8 @@ class PinMarks:
 
     def __init__(self, page: Page) -> None:
         self._page = page
-        mesh = ball(8, 12)
-        self._heads = page.server.scene.add_batched_meshes_simple(
-            _HEADS, mesh.vertices, mesh.faces, np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)),
-            batched_scales=np.array([_HEAD_M], np.float32), batched_colors=PIN, lod="off", cast_shadow=False, visible=False,
+        self._heads = add_batch(
+            page.server.scene, _HEADS, ball(8, 12), np.array([_HEAD_M]), batched_colors=PIN, cast_shadow=False, visible=False
         )  # fmt: skip
         self._threads = page.server.scene.add_line_segments(
             _THREADS, np.zeros((1, 2, 3), np.float32), PIN, thickness=2.0, thickness_units="screen",

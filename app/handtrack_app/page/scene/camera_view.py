@@ -12,7 +12,8 @@ import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack_app.page.page import Display, put
-from handtrack_app.page.scene.viewpoint import frustum_depth
+from handtrack_app.page.scene.viewpoint import frustum_depth, frustum_scale
+from handtrack_app.page.scene.zoom import Eye, ray_pixel
 from handtrack_app.protocol.palette import residual_colours
 from handtrack_app.protocol.snapshots import (
     CameraCard,
@@ -66,10 +67,8 @@ def size_cameras(view: CameraRigView, hand: Floats[D3]) -> None:
     """Draw the cameras as large as they may be before a hand at `hand` [m]."""
     for name, frustum in view.frusta.items():
         card = view.cards[name]
-        (width, height), focal = card.size, card.matrix[1, 1]
-        down, depth = height / 2 / focal, frustum_depth(card, hand)
-        volume = np.cbrt(down * down * width / height / 3)  # viser's scale is that of the volume
-        frustum.scale = float(depth * volume)
+        down, depth = card.size[1] / 2 / card.matrix[1, 1], frustum_depth(card, hand)
+        frustum.scale = frustum_scale(card.size, down, depth)
         view.labels[name].position = (0.0, -1.12 * down * depth, depth)
 
 
@@ -112,18 +111,13 @@ def pixel_box(
 
     corners: opposite ones, as shares of the window. None for a rectangle beside the image.
     """
-    up = np.tan(0.5 * float(client_camera.fov))
-    across = up * float(client_camera.aspect)
     turn = vtf.SO3(np.asarray(client_camera.wxyz, dtype=float)).as_matrix()
-    places = []
-    for x, y in (
-        (a, b) for a in (corners[0][0], corners[1][0]) for b in (corners[0][1], corners[1][1])
-    ):
-        ray = card.rotation.T @ turn @ np.array([(2 * x - 1) * across, (2 * y - 1) * up, 1.0])
-        if ray[2] <= 1e-6:
-            return None
-        places.append((card.matrix @ (ray / ray[2]))[:2])
-    low, high = np.min(places, axis=0), np.max(places, axis=0)
+    view = Eye(turn, float(np.tan(0.5 * client_camera.fov)), float(client_camera.aspect))
+    (left, top), (right, bottom) = corners
+    places = [ray_pixel(card, view.ray((x, y))) for x in (left, right) for y in (top, bottom)]
+    if None in places:
+        return None
+    low, high = np.min(places, axis=0), np.max(places, axis=0)  # type: ignore[arg-type]
     low = np.clip(np.round(low), 0, np.array(card.size) - 1)
     high = np.clip(np.round(high), 0, card.size)
     width, height = (high - low).astype(int)

@@ -143,10 +143,10 @@ class Looking:
         """Stand the screens behind the hand at `hand` [m]. larger: than a hand."""
         with self._lock:
             here = self._page.server.get_clients()
-            self._screens = {one: screen for one, screen in self._screens.items() if one in here}
+            self._screens = self._page.present(self._screens)
             state = self._page.state
             with state.lock:
-                state.looks = {one: look for one, look in state.looks.items() if one in here}
+                state.looks = self._page.present(state.looks)
             for number, client in here.items():
                 picture = _picture(state.look(number), field_camera)
                 screen = self._screens.get(number)
@@ -253,9 +253,10 @@ def _pixel(card: CameraCard, depth: float, eye: Floats[D3], through: Floats[D3])
     return float(seen[0] / seen[2]), float(seen[1] / seen[2])
 
 
-def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:
+def _add_screen(client: viser.ClientHandle, name: str = _SCREEN) -> viser.ImageHandle:
+    """Add a picture to one page's own scene, hidden until it comes."""
     return client.scene.add_image(
-        _SCREEN, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
+        name, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
         receive_shadow=False, visible=False,
     )  # fmt: skip
 
@@ -362,8 +363,7 @@ class Views:
     def leave(self, client: viser.ClientHandle) -> None:
         """Let a page look freely again, from wherever it is put next."""
         with self._lock:
-            here = self._page.server.get_clients()
-            self._through = {one: view for one, view in self._through.items() if one in here}
+            self._through = self._page.present(self._through)
             if self._through.pop(client.client_id, None) is not None:
                 internals.send(client, internals.SetCameraMaxOrbitDistanceMessage(_FREE_M[1]))
                 internals.send(client, internals.SetCameraMinOrbitDistanceMessage(_FREE_M[0]))
@@ -503,21 +503,12 @@ class Views:
     # ---- inside
 
     def _stand(self, client: viser.ClientHandle, through: Through) -> None:
-        """Put a page's eye where its view says. The handle's own setters leave out what they take for too small a step."""
+        """Put a page's eye where its view says."""
         seen, centre = through.eye, through.card.centre
         way = seen.rotation[:, 2] * _NEAR_M / through.zoom.times ** (1 / _NOTCHES)
         through.told.append(_Told(time.monotonic(), way, through.zoom, through.follows))
-        near = _NEAR_M / MOST ** (1 / _NOTCHES)
-        with client.atomic():
-            for message in (
-                internals.SetCameraMinOrbitDistanceMessage(near),
-                internals.SetCameraUpDirectionMessage(_three(-seen.rotation[:, 1])),
-                internals.SetCameraPositionMessage(_three(centre)),
-                internals.SetCameraLookAtMessage(_three(centre + way)),
-                internals.SetCameraMaxOrbitDistanceMessage(_NEAR_M),
-                internals.SetCameraFovMessage(seen.fov),  # the page answers to this one: last
-            ):
-                internals.send(client, message)
+        view = Viewpoint(centre, centre + way, -seen.rotation[:, 1], seen.fov)
+        look_from(client, view, (_NEAR_M / MOST ** (1 / _NOTCHES), _NEAR_M))
         self.changed(client, through)
 
     def _at_hand(self, through: Through) -> Zoom | None:
@@ -537,11 +528,6 @@ class Views:
             if place is None or not all(_INSIDE <= share <= 1 - _INSIDE for share in place):
                 return False
         return 0.5 < through.zoom.times / wanted.times < 2.0
-
-
-def _three(vector: Floats) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in vector)
-    return x, y, z
 
 
 # ---- All cameras at once: close pictures of the hand, side by side and as large as the window allows; a click leads
@@ -587,8 +573,7 @@ class Walls:
     def enter(self, client: viser.ClientHandle, cameras: Sequence[str]) -> None:
         """Show a page all cameras."""
         with self._lock:
-            here = self.page.server.get_clients()
-            self._walls = {one: wall for one, wall in self._walls.items() if one in here}
+            self._walls = self.page.present(self._walls)
             wall = self._walls.get(client.client_id)
             if wall is None:
                 wall = self._walls[client.client_id] = self._built(client, cameras)
@@ -636,10 +621,7 @@ class Walls:
         wall = _Wall({}, {})
         for camera in cameras:
             name = f"{_NODE}/{camera}"
-            image = client.scene.add_image(
-                name, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
-                receive_shadow=False, visible=False,
-            )  # fmt: skip
+            image = _add_screen(client, name)
             image.on_click(lambda event, camera=camera: self.chosen(camera, event.client))
             wall.images[camera] = image
             wall.labels[camera] = client.scene.add_label(f"{name}/label", camera, visible=False)

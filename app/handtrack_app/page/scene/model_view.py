@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import viser
@@ -61,18 +62,10 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
     scene.add_frame(name, show_axes=False)
 
     def batch(
-        node: str,
-        mesh: Solid,
-        scales: Floats,
-        colour: Bytes | tuple[int, int, int],
-        shadow: bool = True,
+        node: str, mesh: Solid, scales: Floats, colour: Bytes | tuple[int, int, int], **more: Any
     ) -> viser.BatchedMeshHandle:
-        count = len(scales)
-        return scene.add_batched_meshes_simple(
-            f"{name}/{node}", mesh.vertices, mesh.faces, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
-            np.zeros((count, 3)), batched_scales=scales.astype(np.float32), batched_colors=colour,
-            lod="off", cast_shadow=shadow, visible=False,
-        )  # fmt: skip
+        more |= {"batched_colors": colour, "visible": False}
+        return add_batch(scene, f"{name}/{node}", mesh, scales, **more)
 
     flesh = batch(
         "flesh", ball(20, 32), session.radii, colours_of(session.bone_names, session.ellipsoid_bone)
@@ -85,7 +78,7 @@ def add_hand(server: viser.ViserServer, name: str, session: SessionSnapshot) -> 
         f"{name}/truth", np.zeros((len(KEYPOINT_LINKS), 2, 3), np.float32), TRUTH, thickness=2.5,
         thickness_units="screen", visible=False,
     )  # fmt: skip
-    points = batch("truth_points", small, np.full(21, 0.0028), TRUTH, shadow=False)
+    points = batch("truth_points", small, np.full(21, 0.0028), TRUTH, cast_shadow=False)
     parts = tuple(
         _add_part(server, f"{name}/part{i}", session, i) for i in range(len(session.parts))
     )
@@ -228,6 +221,15 @@ def capsule(radius: float, cap: float, rings: int, sides: int) -> Solid:
     return turned(np.vstack([low, low[::-1] * [1, -1] + [0, 1]]), sides)
 
 
+def add_batch(
+    scene: viser.SceneApi, name: str, mesh: Solid, scales: Floats, **drawn: Any
+) -> viser.BatchedMeshHandle:
+    """Add as many of a mesh as there are scales; where they stand is told later. drawn: as `add_batched_meshes_simple` has it."""
+    turns, places = np.tile([1.0, 0.0, 0.0, 0.0], (len(scales), 1)), np.zeros((len(scales), 3))
+    drawn |= {"batched_scales": scales.astype(np.float32), "lod": "off"}
+    return scene.add_batched_meshes_simple(name, mesh.vertices, mesh.faces, turns, places, **drawn)
+
+
 # ---- Where a hand is, of a pose as it is drawn
 
 
@@ -294,12 +296,10 @@ class Ghosts:
         self, server: viser.ViserServer, name: str, take: Callable[[int], None] | None = None
     ) -> None:
         """Add the mesh, hidden; `take(rank)` is called when one is clicked."""
-        rod = capsule(0.5, 0.25, 4, 8)
         self.guesses: GuessesSnapshot | None = None
-        self.bones = server.scene.add_batched_meshes_simple(
-            name, rod.vertices, rod.faces, np.array([[1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 3)),
-            batched_scales=np.full((1, 3), 1e-4, np.float32), batched_colors=np.zeros((1, 3), np.uint8),
-            opacity=_OPACITY, lod="off", cast_shadow=False, visible=False,
+        self.bones = add_batch(
+            server.scene, name, capsule(0.5, 0.25, 4, 8), np.full((1, 3), 1e-4),
+            batched_colors=np.zeros((1, 3), np.uint8), opacity=_OPACITY, cast_shadow=False, visible=False,
         )  # fmt: skip
         if take is not None:
             self.bones.on_click(lambda event: self._clicked(event.instance_index, take))

@@ -114,6 +114,13 @@ def frustum_depth(card: CameraCard, hand: Floats[D3]) -> float:
     return float(np.clip(0.28 * np.linalg.norm(card.centre - hand), 0.05, 0.25))
 
 
+def frustum_scale(size: tuple[int, int], down: float, depth: float) -> float:
+    """Return viser's scale of a frustum, which is that of its volume. size: of the image [px]. down: tangent of half the angle from top
+    to bottom. depth: how deep it is drawn.
+    """
+    return float(depth * np.cbrt(down * down * size[0] / size[1] / 3))
+
+
 def frustum_corners(card: CameraCard, hand: Floats[D3]) -> Floats[D5, D3]:
     """Return the apex and the image's corners of a camera as it is drawn, world [m]."""
     (width, height), matrix = card.size, card.matrix
@@ -171,18 +178,26 @@ def _fitted(points: Floats, axes: _Axes, up: Floats, fov: float = 0.65) -> Viewp
     return Viewpoint(position, position - (d - middle) * axes.away, up, fov)
 
 
-def look_from(client: viser.ClientHandle, view: Viewpoint) -> None:
-    """Move a client's view to a free viewpoint. The handle's own setters leave out what they believe is there already."""
+def look_from(
+    client: viser.ClientHandle, view: Viewpoint, near: tuple[float, float] | None = None
+) -> None:
+    """Move a client's view to a viewpoint. The handle's own setters leave out what they believe is there already, or take for too small a
+    step. near: how near and far the point looked at may be from now on [m]; None: as it was.
+    """
     up, position, target = (
         (float(x), float(y), float(z)) for x, y, z in (view.up, view.position, view.look_at)
     )
+    messages: list[internals.Message] = [
+        internals.SetCameraUpDirectionMessage(up),
+        internals.SetCameraPositionMessage(position),
+        internals.SetCameraLookAtMessage(target),
+        internals.SetCameraFovMessage(view.fov),  # a page answers to this one: last
+    ]
+    if near is not None:
+        messages.insert(0, internals.SetCameraMinOrbitDistanceMessage(near[0]))
+        messages.insert(-1, internals.SetCameraMaxOrbitDistanceMessage(near[1]))
     with client.atomic():
-        for message in (
-            internals.SetCameraUpDirectionMessage(up),
-            internals.SetCameraPositionMessage(position),
-            internals.SetCameraLookAtMessage(target),
-            internals.SetCameraFovMessage(view.fov),
-        ):
+        for message in messages:
             internals.send(client, message)
 
 

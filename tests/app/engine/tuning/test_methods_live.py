@@ -3,6 +3,7 @@
 import pytest
 
 from handtrack import TrackerSettings
+from handtrack.session.session_state import decide
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
@@ -18,8 +19,8 @@ PAPERS = [name for name in METHODS if name != "default"]
 def store(tmp_path):
     """A user had changed two settings, of which the papers' methods set one to what it is then."""
     store = opened(tmp_path)
-    did(store, edits.setting("keypoints.weight", 0.0))
-    did(store, edits.setting("edges.sigma_px", 3.0))
+    did(store, decide(setting={"keypoints.weight": 0.0}))
+    did(store, decide(setting={"edges.sigma_px": 3.0}))
     return store
 
 
@@ -40,7 +41,7 @@ def test_what_is_changed_beside_a_method_holds_when_the_session_opens_again(
     store,
 ):
     did(store, edits.method(store.document, "paper2004"))
-    did(store, edits.setting("cloud.crop_mm", 40.0))
+    did(store, decide(setting={"cloud.crop_mm": 40.0}))
     again = Persistence.open(fake_document(store.folder))
     again.restore()
     assert again.document.run.settings == store.document.run.settings
@@ -51,7 +52,7 @@ def test_the_command_line_is_told_no_more_than_it_needs(store):
     document = store.document
     own = document.own_settings
     did(store, edits.method(document, "paper2004"))
-    did(store, edits.setting("solver.iterations", 20))
+    did(store, decide(setting={"solver.iterations": 20}))
     said = to_be_said(document.run.settings.flat(), own)
     assert said == {"method": "paper2004", "edges.sigma_px": 3.0, "solver.iterations": 20}
     assert TrackerSettings().with_values(said) == document.run.settings
