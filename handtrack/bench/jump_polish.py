@@ -32,7 +32,7 @@ def measure(starts: int = STARTS, subset: int = SUBSET) -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = full_scene(collision=False)
     drawn = covariance_scaled(
-        scene.start, scene.covariance, SCALE, starts, np.random.default_rng(0)
+        scene.start, scene.covariance, SCALE, starts, np.random.default_rng(0).standard_normal
     )
     drawn = projected(scene.model, drawn)
     scene.polished(drawn[:1])

@@ -12,6 +12,7 @@ from handtrack.arrays import D3, D21, Array, F, Floats, Ints, J, N, indices
 from handtrack.diagnostics.constant_offsets import mean_size, offset_free_errors, wrong_frames
 from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.errors import HandtrackError
+from handtrack.geometry.rotation import turn_between
 from handtrack.model.articulated import JOINT_CENTRES, keypoint_names
 from handtrack.tracking.frame.result import Status, TrackResult
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -127,11 +128,8 @@ def similarity(points: Floats[N, D3], target: Floats[N, D3]) -> Floats[N, D3]:
     """Return points moved, turned and scaled to fit target best (Umeyama 1991)."""
     centre, goal = points.mean(axis=0), target.mean(axis=0)
     a, b = points - centre, target - goal
-    u, s, vt = np.linalg.svd(a.T @ b)
-    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0])
-    spread = (a**2).sum()
-    scale = (s * sign).sum() / spread if spread > 0 else 1.0
-    return scale * a @ ((u * sign) @ vt) + goal
+    turned, spread = a @ turn_between(a, b).T, (a**2).sum()
+    return turned * ((turned * b).sum() / spread if spread > 0 else 1.0) + goal
 
 
 # ---- what is compared ------------------------------------------------------------------------------

@@ -163,6 +163,12 @@ def closest_equivalent(rotvec: Floats[D3], to: Floats[D3]) -> Floats[D3]:
     return axis * (angle + 2 * np.pi * turns)
 
 
+def turn_between(points: Floats[N, D3], targets: Floats[N, D3]) -> Floats[D3, D3]:
+    """Return the rotation that brings points about the origin nearest to others (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(targets.T @ points)
+    return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt
+
+
 def axes_along(along: Floats[D3], up: Floats[D3]) -> Floats[D3, D3]:
     """Return a bone's axes, as columns: y along a direction, z as near to `up` as can be."""
     y = along / np.linalg.norm(along)

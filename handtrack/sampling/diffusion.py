@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from handtrack.arrays import Floats, N, P
@@ -13,15 +15,15 @@ def covariance_scaled(
     covariance: Floats[P, P],
     scale: float,
     count: int,
-    rng: np.random.Generator,
+    draw: Callable[[tuple[int, int]], Floats[N, P]],
 ) -> Floats[N, P]:
     """Return samples = mean + scale · U √Λ z, with U Λ Uᵀ = covariance [m, rad].
 
-    z is normal. 2003 paper, §5.1 (covariance scaled sampling); limits are not looked at, see `projected`.
+    draw: z, of a shape, such as a generator's `standard_normal`. 2003 paper, §5.1 (covariance scaled sampling); limits are not looked at, see `projected`.
     """
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     spread = vectors * np.sqrt(np.maximum(values, 0.0))
-    return mean + scale * rng.normal(size=(count, len(mean))) @ spread.T
+    return mean + scale * draw((count, len(mean))) @ spread.T
 
 
 def long_tailed(

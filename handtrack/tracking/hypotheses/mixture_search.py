@@ -205,7 +205,9 @@ class FirstHypotheses(MixtureObjective):
             if len(leaves) > _LEAVES:
                 leaves = leaves[self.rng.choice(len(leaves), _LEAVES, replace=False)]
             spread = covariance(normal)[0]
-            around = covariance_scaled(here, spread, mixture.scale, mixture.draws // 2, self.rng)
+            around = covariance_scaled(
+                here, spread, mixture.scale, mixture.draws // 2, self.rng.standard_normal
+            )
             starts += [here[None], leaves, projected(self.model, around)]
         return np.concatenate(starts)
 
@@ -348,7 +350,7 @@ class NextHypotheses(MixtureObjective):
             belief = self.components[i].belief
             c = int(self.rng.choice(len(self.chains), p=self._votes[i]))
             sample = covariance_scaled(
-                belief.mean, belief.place_covariance, mixture.scale, 1, self.rng
+                belief.mean, belief.place_covariance, mixture.scale, 1, self.rng.standard_normal
             )
             sample = projected(self.model, sample)[0]
             tree = interpretation_tree(

@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, P, S, indices
 from handtrack.errors import HandtrackError
-from handtrack.geometry.rotation import rotation_vector
+from handtrack.geometry.rotation import rotation_vector, turn_between
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.size import SizeParameters
 from handtrack.observation.observation import Keypoints
@@ -49,9 +49,7 @@ def placed_on_points(model: ArticulatedModel, seen: Keypoints, posture: Floats[S
     known = np.isfinite(seen.positions).all(axis=1)
     source = model.joint_positions(bones)[indices(model.joint_names, seen.names)][known]
     target = seen.positions[known]
-    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
-    u, _, vt = np.linalg.svd(b.T @ a)
-    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    turn = turn_between(source - source.mean(axis=0), target - target.mean(axis=0))
     joint[3:6] = rotation_vector(turn)
     joint[:3] = target.mean(axis=0) - turn @ source.mean(axis=0)
     return model.transform.solver_params(joint)

@@ -12,7 +12,7 @@ import numpy as np
 
 from handtrack.arrays import Floats, N, P
 from handtrack.bench.measuring import alone
-from handtrack.sampling.diffusion import projected
+from handtrack.sampling.diffusion import covariance_scaled, projected
 from handtrack.sampling.suppression import distinct
 from handtrack.simulation.scenes.jump_scene import (
     KJS1,
@@ -64,19 +64,19 @@ def table(scene: JumpScene, samples: int) -> list[Row]:
         row(name, scene, lambda limbs=limbs: scene.tree(limbs).params, equal)
         for name, limbs in jumps.items()
     ]
-    values, vectors = np.linalg.eigh(scene.covariance)
-    axes = {
-        "CSS": vectors * np.sqrt(np.maximum(values, 0.0)),
+    values = np.linalg.eigvalsh(scene.covariance)
+    spreads = {
+        "CSS": scene.covariance,
         # sphere and covariance ellipsoid have the same volume: 2003 paper, §5.1
-        "SS": np.eye(len(values)) * np.exp(0.5 * np.log(values).mean()),
+        "SS": np.eye(len(values)) * np.exp(np.log(values).mean()),
     }
-    for name, spread in axes.items():
+    for name, spread in spreads.items():
         for number, (scale, tails) in enumerate(SCALES):
             rng = np.random.default_rng(number)
 
             def draw(spread=spread, scale=scale, tails=tails, rng=rng) -> Floats:
                 unit = rng.standard_cauchy if tails == "cauchy" else rng.standard_normal
-                drawn = scene.start + scale * unit((samples, len(spread))) @ spread.T
+                drawn = covariance_scaled(scene.start, spread, scale, samples, unit)
                 return projected(scene.model, drawn)
 
             rows.append(row(name, scene, draw, equal))
