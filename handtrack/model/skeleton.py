@@ -61,6 +61,17 @@ class Skeleton:
     def parameter_count(self) -> int:
         return len(self.parameter_names)
 
+    def ancestors(self, bone: int) -> list[int]:
+        """Return a bone, and those that it hangs on."""
+        path = [bone]
+        while self.parent[path[-1]] >= 0:
+            path.append(int(self.parent[path[-1]]))
+        return path
+
+    def hinges_above(self, bone: int) -> Ints[K]:
+        """Return the hinges that move a bone, in the order of joint parameters: ancestors first."""
+        return np.flatnonzero(np.isin(self.hinge_bone, self.ancestors(bone)))
+
     def bone(self, name: str) -> int:
         """Return the index of a bone; HandtrackError names the known ones."""
         if name not in self.bone_names:

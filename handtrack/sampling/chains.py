@@ -124,7 +124,7 @@ def prepare(model: ArticulatedModel, chain: Chain) -> PreparedChain:
             )
     leader, ratio = _led(model.transform.matrix, columns, link)
     carrier = int(skeleton.parent[bone[0]])
-    before = 6 + np.flatnonzero(np.isin(skeleton.hinge_bone, _ancestors(skeleton.parent, carrier)))
+    before = 6 + skeleton.hinges_above(carrier)
     start = int(joints[0])
     return PreparedChain(
         chain=chain,
@@ -151,20 +151,13 @@ def moved_joints(model: ArticulatedModel) -> Array[J, K]:
     on_axis = np.linalg.norm(np.cross(axis, arm), axis=2) < _SAME_POINT_M
     moved = np.zeros_like(on_axis, dtype=bool)
     for j, carrier in enumerate(model.joint_bone):
-        before = np.flatnonzero(np.isin(bone, _ancestors(skeleton.parent, int(carrier))))
+        before = skeleton.hinges_above(int(carrier))
         swinging = before[
             ~on_axis[j, before]
         ]  # hinges before the last of these swing the joint off their own axes
         if len(swinging):
             moved[j, before[before <= swinging[-1]]] = True
     return moved
-
-
-def _ancestors(parent: Ints, bone: int) -> list[int]:
-    path = [bone]
-    while parent[path[-1]] >= 0:
-        path.append(int(parent[path[-1]]))
-    return path
 
 
 def _hinges_between(model: ArticulatedModel, joints: Sequence[str]) -> tuple[Ints, Ints]:
@@ -175,7 +168,7 @@ def _hinges_between(model: ArticulatedModel, joints: Sequence[str]) -> tuple[Int
     moved = moved_joints(model)
     index = indices(model.joint_names, joints)
     own = moved[index]
-    hinge_bone, parent = model.skeleton.hinge_bone, model.skeleton.parent
+    hinge_bone = model.skeleton.hinge_bone
     moving = np.flatnonzero(own[-1] & ~own[0])
     if not len(moving):
         raise HandtrackError(
@@ -187,9 +180,9 @@ def _hinges_between(model: ArticulatedModel, joints: Sequence[str]) -> tuple[Int
     if len(
         root
     ):  # a twist of the trunk moves the neck's end, but other limbs too: it is none of the neck's
-        beyond = [root[0] in _ancestors(parent, int(bone)) for bone in model.joint_bone]
+        beyond = [root[0] in model.skeleton.ancestors(int(bone)) for bone in model.joint_bone]
         link[moved[~np.array(beyond)].any(axis=0)] = -1
-    path = np.isin(hinge_bone, _ancestors(parent, int(model.joint_bone[index[-1]])))
+    path = np.isin(hinge_bone, model.skeleton.ancestors(int(model.joint_bone[index[-1]])))
     used = hinge_bone[path & (link >= 0) & own[-1]]
     hinges = np.flatnonzero(path & (hinge_bone >= used[0]) & (hinge_bone <= used[-1]))
     return hinges + 6, link[hinges]

@@ -78,12 +78,12 @@ def keypoint_problem(
     priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints.
     """
     skeleton = model.skeleton
-    chain = [_hinges_above(model, bone) for bone in range(skeleton.bone_count)]
+    chain = [skeleton.hinges_above(bone) for bone in range(skeleton.bone_count)]
     prior = _expanded(model, priors)
     return KeypointProblem(
         tree=skeleton.tree,
         chain_start=np.concatenate([[0], np.cumsum([len(c) for c in chain])]).astype(np.int64),
-        chain=np.array([h for c in chain for h in c], dtype=np.int64),
+        chain=np.concatenate(chain).astype(np.int64),
         links=model.transform.links,
         shift=np.ascontiguousarray(model.transform.offset),
         limits=model.moving_limits,
@@ -96,15 +96,6 @@ def keypoint_problem(
         prior_gradient=np.ascontiguousarray(prior.gradient),
         prior_hessian=np.ascontiguousarray(prior.hessian),
     )
-
-
-def _hinges_above(model: ArticulatedModel, bone: int) -> list[int]:
-    """Return the hinges that move a bone, in the order of joint parameters: ancestors first."""
-    skeleton, path = model.skeleton, set()
-    while bone >= 0:
-        path.add(bone)
-        bone = int(skeleton.parent[bone])
-    return [h for h, moved in enumerate(skeleton.hinge_bone) if int(moved) in path]
 
 
 def _expanded(model: ArticulatedModel, priors: Sequence[ParameterTerm]) -> JointSystem:

@@ -7,6 +7,7 @@ does not vectorise by itself.
 from __future__ import annotations
 
 import math
+from contextlib import contextmanager
 from inspect import signature
 
 from llvmlite import ir
@@ -197,20 +198,11 @@ class Code:
             )
         return total
 
+    @contextmanager
     def groups(self, n):
-        """Return a context that yields the flat place 8 g of each group g < n."""
-        return _Groups(self, n)
-
-
-class _Groups:
-    def __init__(self, code, n):
-        self.code, self.loop = code, cgutils.for_range(code.builder, n)
-
-    def __enter__(self):
-        return self.code.times(self.loop.__enter__().index, LANES)
-
-    def __exit__(self, *caught):
-        return self.loop.__exit__(*caught)
+        """Yield the flat place 8 g of each group g < n."""
+        with cgutils.for_range(self.builder, n) as loop:
+            yield self.times(loop.index, LANES)
 
 
 class Anywhere:
