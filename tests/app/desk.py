@@ -10,6 +10,7 @@ from typing import Any, cast
 
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.worker import RULES, Worker
+from handtrack_app.page.page import UserState
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call, Caller, Engine
@@ -131,3 +132,8 @@ def pose_with(listener: Listener, **changes: float) -> tuple[float, ...]:
     session, pose = listener.wait(snapshots.SessionSnapshot), listener.wait(snapshots.PoseSnapshot)
     values = dict(zip(session.parameter_names, pose.values, strict=True)) | changes
     return tuple(float(v) for v in values.values())
+
+
+def value_of(state: UserState, name: str) -> float:
+    """Return a joint parameter as the user last set or saw it [m, rad]."""
+    return dict(zip(state.names, state.values, strict=True))[name]

@@ -109,13 +109,6 @@ class UserState:
     """by client, of those that chose"""
     lock: threading.RLock = field(default_factory=threading.RLock)
 
-    def value_of(self, name: str) -> float:
-        """Return a joint parameter as the user last set or saw it [m, rad]."""
-        with self.lock:
-            return (
-                self.values[self.names.index(name)] if self.values and name in self.names else 0.0
-            )
-
     def look(self, client: int | None) -> Look:
         """Return what a page sees through."""
         return Look() if client is None else self.looks.get(client, Look())
@@ -450,11 +443,14 @@ class Page:
         return self.bind(widget, act)
 
     def bind(self, widget: Widget, act: Callable[..., object]) -> Widget:
-        """Have a user's use of a widget call `act` with what was chosen."""
+        """Have a user's use of a widget call `act` with what was chosen: of its kind and within its limits, as the door lets nothing else
+        pass; a pair in order.
+        """
 
         def use(event: UserEvent) -> None:
-            if (value := chosen(widget, event.value)) is not None:
-                act(value)
+            value, options = event.value, getattr(widget, "options", None)
+            if options is None or value in options:  # they may be others by now
+                act(tuple(sorted(value)) if isinstance(value, list | tuple) else value)
 
         self.on(widget, use)
         return widget
@@ -488,33 +484,3 @@ def put(handle: object, **values: object) -> None:
     for name, value in values.items():
         if getattr(handle, name) != value:
             setattr(handle, name, value)
-
-
-def chosen(widget: Any, value: object) -> Any:
-    """Return what a client gave to a widget as one of its values; None if it is none."""
-    match widget:
-        case viser.GuiCheckboxHandle():
-            return bool(value)
-        case viser.GuiSliderHandle():
-            return number(value, widget.min, widget.max)
-        case viser.GuiMultiSliderHandle():
-            return clean_interval(value, widget.min, widget.max)
-        case _:
-            return value if value in widget.options else None
-
-
-def number(value: object, low: float, high: float) -> float | None:
-    """Return a client's value as a number within [low, high]; None if it is no finite number."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        return None
-    return min(max(float(value), low), high)
-
-
-def clean_interval(values: object, low: float, high: float) -> tuple[float, float] | None:
-    """Return a client's pair within [low, high], in order; None if it is none."""
-    if not isinstance(values, (tuple, list)) or len(values) != 2:
-        return None
-    pair = [number(value, low, high) for value in values]
-    if pair[0] is None or pair[1] is None:
-        return None
-    return (min(pair[0], pair[1]), max(pair[0], pair[1]))

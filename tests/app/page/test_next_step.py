@@ -3,7 +3,7 @@
 import numpy as np
 
 from handtrack_app.workbench import Workbench
-from tests.app.desk import shown
+from tests.app.desk import shown, value_of
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -53,12 +53,12 @@ def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
         ("thumb_ip_flex", 15.0),
     ):
         wire.set_value(bench.layout.pose.sliders[name], angle)
-        eventually(lambda name=name: abs(np.rad2deg(state.value_of(name)) - angle) < 0.1, name)  # noqa: B023
+        eventually(lambda name=name: abs(np.rad2deg(value_of(state, name)) - angle) < 0.1, name)  # noqa: B023
     eventually(lambda: len(history.options) == 4, "three steps, and now")
     second = next(one for one in history.options if "Ring" in one)
     wire.set_value(history, second)
-    eventually(lambda: abs(np.rad2deg(state.value_of("ring_mcp_flex")) - 30.0) > 1, "before it")
-    assert abs(np.rad2deg(state.value_of("index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
+    eventually(lambda: abs(np.rad2deg(value_of(state, "ring_mcp_flex")) - 30.0) > 1, "before it")
+    assert abs(np.rad2deg(value_of(state, "index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
     eventually(lambda: len(history.options) == 4 and history.options[2] == "now", "two undone")
     wire.set_value(history, history.options[0])
-    eventually(lambda: abs(np.rad2deg(state.value_of("thumb_ip_flex")) - 15.0) < 0.1, "again")
+    eventually(lambda: abs(np.rad2deg(value_of(state, "thumb_ip_flex")) - 15.0) < 0.1, "again")

@@ -12,7 +12,7 @@ from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.page.page import Display
 from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.protocol import snapshots
-from tests.app.desk import shown
+from tests.app.desk import shown, value_of
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
@@ -46,7 +46,7 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench, wire):
         lambda: not np.allclose(hand.flesh.batched_positions, before, atol=1e-4),
         "the hand moved",
     )
-    bent = bench.state.value_of("index_mcp_flex")
+    bent = value_of(bench.state, "index_mcp_flex")
     assert bent == pytest.approx(np.deg2rad(60.0), abs=1e-3)
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(

@@ -14,7 +14,7 @@ from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, rgb
-from handtrack_app.page.page import Page, number, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import Box, BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot
@@ -43,7 +43,7 @@ class CloudPanel:
     page: Page
     tab: viser.GuiTabHandle
     mark: Callable[..., None]
-    """mark(camera, client, marked): hand over the next box dragged over a camera's image"""
+    """`Stage.mark_box`"""
     card: CloudCard | None = None
     cloud: CloudSnapshot | None = None
     large: viser.PanelHandle | None = None
@@ -156,7 +156,7 @@ class CloudPanel:
         """Have a box dragged over a camera's image; the large picture would stand before it."""
         self._show("cloud_wide", False)
         self.wide.value = False
-        self.mark(camera, client, marked)
+        self.mark(camera, client, "skin, away from its edges", marked)
 
     def _offer_pictures(self, card: CloudCard) -> None:
         """Offer the pictures that there are."""
@@ -360,10 +360,9 @@ class SkinControls:
         if self.ellipse is not None:
             self.set(skin=replace(self.ellipse, size=round(size, 3)))
 
-    def _show_box(self, box: Box | None) -> None:
-        if box is not None:
-            self.page.state.display.skin_box = (str(self.camera.value), box)
-            self.page.redraw()
+    def _show_box(self, box: Box) -> None:
+        self.page.state.display.skin_box = (str(self.camera.value), box)
+        self.page.redraw()
 
     def _drag(self, client: viser.ClientHandle) -> None:
         def marked(box: Box) -> None:
@@ -372,21 +371,14 @@ class SkinControls:
             self._take(box)
 
         self.mark(str(self.camera.value), client, marked)
-        self.page.notify(
-            "info",
-            "Drag a box",
-            "Press the mouse over skin in the image and drag. The model is hidden until then; key 0 returns to the orbit view.",
-            client,
-        )
 
-    def _take(self, box: Box | None) -> None:
-        if box is not None:
-            self._show_box(box)
-            self._send(box)
+    def _take(self, box: Box) -> None:
+        self._show_box(box)
+        self._send(box)
 
     def _send(self, box: Box | None) -> None:
-        size = number(self.size.value, *_SIZE[:2]) or 2.5
-        self.page.engine.sample_skin(self.page.state.frame, str(self.camera.value), box, size)
+        frame, camera = self.page.state.frame, self.camera.value
+        self.page.engine.sample_skin(frame, camera, box, self.size.value)
 
     def fit(self, card: CloudCard) -> None:
         """Show the ellipse in force."""

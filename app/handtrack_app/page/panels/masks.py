@@ -14,7 +14,7 @@ import viser
 from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
-from handtrack_app.page.page import Page, number, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import BoxSliders, SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
@@ -143,8 +143,7 @@ class MaskPanel:
         self.page.engine.set_masks(camera, {name: value})
 
     def _set_box(self) -> None:
-        if (box := self.box.value) is not None:
-            self._set("roi", box, one=True)
+        self._set("roi", self.box.value, one=True)
 
     def _drag(self, what: str, client: viser.ClientHandle) -> None:
         camera = self._one_camera(client)
@@ -153,14 +152,8 @@ class MaskPanel:
             self._show_masks(True)
             self.page.engine.mark_mask_box(camera, what, box, self.page.state.frame)
 
-        self.stage.mark_box(camera, client, marked)
         over = "skin, away from its edges" if what == "sample" else "all that is to count"
-        self.page.notify(
-            "info",
-            f"Drag a box in {camera}",
-            f"Press the mouse and drag over {over}. The model is hidden until then; key 0 returns to the orbit view.",
-            client,
-        )
+        self.stage.mark_box(camera, client, over, marked)
 
     # ---- snapshots
 
@@ -331,10 +324,10 @@ class CorrectingWidgets:
 
     def _show_brush(self) -> None:
         """Draw the brush as a circle about the pointer, in its size over the image."""
-        client, radius = self._painter, number(self.radius.value, *_RADIUS[:2])
+        client = self._painter
         card = None if client is None else self.stage.looking.card(client.client_id)
-        if client is not None and card is not None and radius is not None:
-            _send_brush(client, radius / float(card.matrix[1, 1]))
+        if client is not None and card is not None:
+            _send_brush(client, self.radius.value / float(card.matrix[1, 1]))
 
     def _swapped(self, key: str) -> bool:
         if key == "X":
@@ -347,25 +340,20 @@ class CorrectingWidgets:
         self.radius.value = min(max(wanted, _RADIUS[0]), _RADIUS[1])
 
     def _pointed(self, camera: str, at: Pixel, phase: str) -> None:
-        radius = number(self.radius.value, *_RADIUS[:2])
-        if radius is None:
-            return
         if phase in ("start", "click"):
             self._stroke, self._last = next(self._strokes), None
         points = (at,) if self._last is None else (self._last, at)
         self._last = None if phase in ("end", "click") else at
-        frame, brush = self.page.state.frame, self.brushes.get(str(self.brush.value))
-        if brush is None:
-            return
+        frame, brush = self.page.state.frame, self.brushes[self.brush.value]
+        radius = float(self.radius.value)
         self.page.engine.paint_mask(frame, camera, brush, points, radius, str(self._stroke))
 
     def _drop(self, client: viser.ClientHandle) -> None:
         self.page.engine.drop_correction(self.page.state.frame, self.camera(client))
 
     def _carry(self) -> None:
-        before, behind = (number(s.value, 0, _MOST) or 0 for s in (self.before, self.behind))
-        frame = self.page.state.frame
-        self.page.engine.carry_masks(frame, self.named(), round(before), round(behind))
+        frame, before, behind = self.page.state.frame, self.before.value, self.behind.value
+        self.page.engine.carry_masks(frame, self.named(), before, behind)
 
 
 def _send_brush(client: viser.ClientHandle, tangent: float) -> None:

@@ -15,7 +15,7 @@ import viser
 from handtrack.arrays import D3, D6, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.html import chip, rgb, row, table, text
-from handtrack_app.page.page import Page, UserEvent, number, put
+from handtrack_app.page.page import Page, UserEvent, put
 from handtrack_app.page.panels.copying import CopyPanel
 from handtrack_app.page.panels.pose_words import group_of, groups_of, label_of, length_unit, unit_of
 from handtrack_app.page.pins.grips import Grips, moved_root, near_joint_m
@@ -233,13 +233,8 @@ class PosePanel:
                 self.sliders[name] = slider
 
     def _moved(self, name: str, unit: float, words: str, event: UserEvent) -> None:
-        slider = event.target
-        value = number(event.value, slider.min, slider.max)
-        if value is None:
-            slider.value = round(self.page.state.value_of(name) / unit, 1)
-            return
         # nobody tells when a slider is let go: moves of it, and nothing else between, are one drag
-        self.page.edit_pose({name: value * unit}, words, f"slider {name}", True)
+        self.page.edit_pose({name: event.value * unit}, words, f"slider {name}", True)
 
     def show(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Say where a pose comes from, and move the sliders to it.

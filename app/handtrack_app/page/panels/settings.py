@@ -16,7 +16,7 @@ from handtrack.model.shape import ShapeNumber
 from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
-from handtrack_app.page.page import Page, clean_interval, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
 from handtrack_app.protocol.snapshots import CLOUD, IMAGES, KEYPOINTS, SILHOUETTES, SessionSnapshot
 
@@ -99,7 +99,7 @@ def in_file(known: Setting, shown: float) -> float | int | bool:
     if known.optional and shown <= 0:
         return False
     if known.kind is float:
-        return round(shown * known.page_unit, 6)
+        return round(float(shown) * known.page_unit, 6)
     is_odd = known.slider is not None and known.slider[2] == 2
     return 2 * int(shown // 2) + 1 if is_odd else round(shown)
 
@@ -149,12 +149,9 @@ class BoxSliders:
         put(self.down, value=(y, y + height))
 
     @property
-    def value(self) -> Box | None:
-        """The box; None where the ranges hold no numbers."""
-        pairs = [clean_interval(s.value, s.min, s.max) for s in (self.across, self.down)]
-        if pairs[0] is None or pairs[1] is None:
-            return None
-        (left, right), (top, bottom) = pairs[0], pairs[1]
+    def value(self) -> Box:
+        """The box."""
+        (left, right), (top, bottom) = sorted(self.across.value), sorted(self.down.value)
         return int(left), int(top), int(right - left), int(bottom - top)
 
 

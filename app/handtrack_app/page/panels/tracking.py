@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from handtrack_app.page.page import Page, clean_interval, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.palette import FOUND, STATUS
 from handtrack_app.protocol.snapshots import (
     APART,
@@ -235,14 +235,14 @@ class TrackingPanel:
         if session is None or chosen is None:
             return
         first, last = session.start, session.stop - 1
-        low, high = clean_interval(chosen.value, first, last) or (first, last)
+        low, high = np.clip(sorted(chosen.value), first, last).tolist()
         if end == _ENDS[0]:
             low, high = frame, (high if high > frame else last)
         elif end == _ENDS[1]:
             low, high = (low if low < frame else first), frame
         else:
             low, high = first, last
-        chosen.value = int(low), int(high)
+        chosen.value = low, high
 
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
@@ -268,10 +268,7 @@ class TrackingPanel:
             return Order(frame, session.stop, frame)
         if which == "◀ backward":
             return Order(session.start, frame + 1, frame)
-        pair = clean_interval(self.range.value, session.start, session.stop - 1)
-        if pair is None:
-            return None
-        first, last = int(pair[0]), int(pair[1])
+        first, last = np.clip(sorted(self.range.value), session.start, session.stop - 1).tolist()
         return Order(first, last + 1, nearest_posed(self.strip, first, last, frame))
 
     def show(self, progress: ProgressSnapshot) -> None:

@@ -21,6 +21,7 @@ from handtrack_app.page.pins.grips import ROOT
 
 RootEdit = Callable[[dict[str, float], str, str, bool], None]
 """root parameters by name, what is done in words, the drag that it belongs to, and that it is one"""
+_FAR_M = 100.0  # nobody's hand is further from the world's origin
 _STILL_M, _STILL_RAD = 1e-5, np.deg2rad(0.01)
 """a control that is clicked comes back with its pose rounded; a pixel of a drag is a tenth of a millimetre and more"""
 
@@ -51,7 +52,7 @@ class RootHandle:
             self._drags, self._words = self._drags + 1, ""
         self.dragging, start = phase != "end", self._shown
         root = root_parameters(self.control.position, self.control.wxyz)
-        if root is None or start is None:
+        if start is None:
             return
         moved = np.linalg.norm(root[:3] - start[:3]) > _STILL_M
         turn = rotation_matrix(root[3:6]) @ rotation_matrix(start[3:6]).T
@@ -139,19 +140,9 @@ def add_root_handle(
     return handle
 
 
-def root_parameters(position: object, wxyz: object) -> Floats[D6] | None:
-    """Return the root parameters of a pose that came from a client; None if it is no pose."""
-    try:
-        place = np.asarray(position, dtype=float).reshape(3)
-        turn = np.asarray(wxyz, dtype=float).reshape(4)
-    except (TypeError, ValueError):
-        return None
-    length = float(np.linalg.norm(turn))
-    if not (
-        np.isfinite(place).all()
-        and np.isfinite(length)
-        and length > 1e-6
-        and np.abs(place).max() < 100
-    ):
-        return None
-    return np.concatenate([place, rotation_vector(matrix_from_quaternion(turn / length))])
+def root_parameters(position: object, wxyz: object) -> Floats[D6]:
+    """Return the root parameters of a control's pose, which the door has let pass: numbers, and a direction."""
+    turn = np.asarray(wxyz, dtype=float)
+    place = np.clip(np.asarray(position, dtype=float), -_FAR_M, _FAR_M)
+    rotation = matrix_from_quaternion(turn / np.linalg.norm(turn))
+    return np.concatenate([place, rotation_vector(rotation)])

@@ -390,9 +390,10 @@ class Stage:
         self,
         camera: str,
         client: viser.ClientHandle,
+        over: str,
         marked: Callable[[tuple[int, int, int, int]], None],
     ) -> None:
-        """Look through a camera, and hand over the next rectangle dragged over its image."""
+        """Look through a camera, and hand over the next rectangle dragged over its image. over: what it is to show, in words."""
         if self.cameras is None or camera not in self.cameras.cards:
             return
         self.look(camera, client, marking=True)
@@ -411,6 +412,8 @@ class Stage:
 
         self._marks[client.client_id] = once
         self.looking.boxed.add(client.client_id)
+        words = f"Press the mouse and drag over {over}. The model is hidden until then; key 0 returns to the orbit view."
+        self.page.notify("info", f"Drag a box in {camera}", words, client)
 
     def _end_mark(self, client: viser.ClientHandle) -> None:
         """Wait for a box no more: drags move the picture again."""
