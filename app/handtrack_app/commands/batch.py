@@ -36,7 +36,7 @@ from handtrack.parallel import thread_count
 from handtrack.session.layout import POSES_FILE, SESSION_FILE, TRACKS_FOLDER
 from handtrack.session.session import Session
 from handtrack.session.takes.take_about import files_read, versions_in_use
-from handtrack_app.commands.terminal.output import say, stoppable
+from handtrack_app.commands.terminal.output import answer, say, stoppable
 
 LEDGER_FILE = "ledger.jsonl"
 _MADE = {TRACKS_FOLDER, "versions"}
@@ -611,7 +611,5 @@ def _collect(came: Iterable[Outcome], ledger: Path, count: int) -> None:
 
 def _tell(args: argparse.Namespace, own: Sequence[Outcome], out: Path) -> None:
     files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(out / LEDGER_FILE)}  # fmt: skip
-    if args.json:
-        print(json.dumps({"recordings": [o.table() for o in own], **files}, indent=1), flush=True)
-    else:
-        print(f"{in_words(own)}. Report: {out / 'report.html'}", flush=True)
+    told = {"recordings": [outcome.table() for outcome in own], **files}
+    answer(args, told, f"{in_words(own)}. Report: {out / 'report.html'}")

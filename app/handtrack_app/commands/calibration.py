@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +33,7 @@ from handtrack.capture.images.video import VideoFile
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.files.atomic import replacing
 from handtrack.files.versions import keep_version
-from handtrack_app.commands.terminal.output import output_file, progress_bar, say
+from handtrack_app.commands.terminal.output import answer, output_file, progress_bar, say
 
 _WILD = "*?["
 _LEAST_VIEWS = 3
@@ -259,8 +258,5 @@ def _write_report(calibration: RigCalibration, board: Board, args: argparse.Name
     for path, content in files.items():
         with replacing(path) as part:
             part.write_bytes(content)
-    if args.json:
-        print(json.dumps(calibration.report.as_dict(), indent=1))
-    else:
-        print(text)
+    answer(args, calibration.report.as_dict(), text)
     say(f"wrote {', '.join(map(str, files))}")

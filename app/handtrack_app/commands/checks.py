@@ -184,14 +184,13 @@ def run_benchmarks(args: argparse.Namespace) -> int:
         measure = benchmark(name)
         say(f"{name} …")
         figures[name] = measure()
-    if args.json:
-        print(json.dumps(figures, indent=1))
-        return 0
+    lines = list[str]()
     for name, figure in figures.items():
-        print(name)
+        lines.append(name)
         for key, value in figure.items():
             shown = f"{value:.4g}" if isinstance(value, float) else value
-            print(f"  {key:24s} {shown}")
+            lines.append(f"  {key:24s} {shown}")
+    answer(args, figures, *lines)
     return 0
 
 

@@ -143,11 +143,8 @@ def _compare(
         overlap = _overlap(session, take, frames)
         if overlap is not None:
             found[f"take_{take.number}_overlap"] = overlap
-    if args.json:
-        print(json.dumps(found, indent=1))
-        return
-    for name, value in found.items():
-        print(f"{name:28s} {'-' if value is None else f'{value:.4g}'}")
+    shown = {name: "-" if value is None else f"{value:.4g}" for name, value in found.items()}
+    answer(args, found, *(f"{name:28s} {value}" for name, value in shown.items()))
 
 
 def _overlap(session: Session, take: Take, frames: range | None) -> float | None:
@@ -172,20 +169,14 @@ def _list(store: Store, session: Session, args: argparse.Namespace) -> None:
     spans, damage, holder = store.current(), store.damage(), holder_of(store.folder)
     foreign = foreign_takes(store, session)
     listed = [_listed(take, spans) for take in store.takes()]
-    if args.json:
-        takes = [asdict(entry) for entry in listed]
-        told = {
-            "takes": takes,
-            "damage": damage,
-            "foreign": foreign,
-            "writer": holder and str(holder),
-        }
-        print(json.dumps(told, indent=1))
-        return
-    if not listed:
-        print(f"{store.folder}: no takes yet; `handtrack track` makes one.")
-    for entry in listed:
-        print(entry)
+    told = {
+        "takes": [asdict(entry) for entry in listed],
+        "damage": damage,
+        "foreign": foreign,
+        "writer": holder and str(holder),
+    }
+    none = f"{store.folder}: no takes yet; `handtrack track` makes one."
+    answer(args, told, *([str(entry) for entry in listed] or [none]))
     if holder is not None:
         say(f"note: {holder} is writing here.")
     note(*foreign, *damage)

@@ -95,9 +95,7 @@ class LiveControl:
         recording, self._recording, self._feed.on_frame = self._recording, None, None
         if recording is None:
             return ""
-        run = self._document.run
-        assert isinstance(run, TrackingRun)
-        words = recording.close(run)
+        words = recording.close(self._document.run)
         self._publish(Notice("done", "Recorded", words))
         return words
 

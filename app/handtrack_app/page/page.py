@@ -299,10 +299,9 @@ class Page:
             self.redraw()
 
     def draw(self, option: str, value: object) -> None:
-        """Change how something is drawn: an option of Display; None, for what no widget offers, changes nothing."""
-        if value is not None:
-            setattr(self.state.display, option, value)
-            self.redraw()
+        """Change how something is drawn: an option of Display."""
+        setattr(self.state.display, option, value)
+        self.redraw()
 
     @property
     def gui(self) -> viser.GuiApi:

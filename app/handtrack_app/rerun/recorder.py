@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 from typing import NamedTuple
 
 import numpy as np
@@ -75,9 +75,8 @@ class ResidualRecorder:
         self._steps: list[Step] = []
         self._watched: tuple[_Entry, _Painter] | None = None
         self._failure = ""
-        self._waiting: deque[_Entry] = deque()
-        self._closing = False
-        self._changed = threading.Condition()
+        self._waiting: SimpleQueue[_Entry | None] = SimpleQueue()
+        """None: the end"""
         self._live = live
         self._stream = RerunStream(path, live, cameras=run.session.rig.cameras)
         self._thread = threading.Thread(target=self._paint_all, name="residuals", daemon=True)
@@ -96,7 +95,7 @@ class ResidualRecorder:
     @property
     def is_behind(self) -> bool:
         """Whether more frames wait than can be painted soon."""
-        return len(self._waiting) > _BEHIND
+        return self._waiting.qsize() > _BEHIND
 
     def watching(self, control: Control) -> Control:
         """Return the control to track with, so that the frame `closely` can be recorded.
@@ -114,13 +113,12 @@ class ResidualRecorder:
 
     def show(self, result: FrameResult) -> None:
         """Hand in a tracked frame; returns at once."""
-        with self._changed:
-            if not self._closing and not self._failure:
-                steps: list[Step] = []
-                if result.frame == self._closely:
-                    steps, self._steps = self._steps, steps
-                self._waiting.append(_Entry(self._run, result, steps))
-                self._changed.notify()
+        if self._failure:
+            return
+        steps: list[Step] = []
+        if result.frame == self._closely:
+            steps, self._steps = self._steps, steps
+        self._waiting.put(_Entry(self._run, result, steps))
 
     def go_on_with(self, run: TrackingRun) -> None:
         """Record what is handed in from now on as frames of another run of the same session."""
@@ -128,9 +126,7 @@ class ResidualRecorder:
 
     def close(self, keep_viewer: bool = False) -> None:
         """Record what waits and end. keep_viewer: leave the live viewer running until closed again."""
-        with self._changed:
-            self._closing = True
-            self._changed.notify()
+        self._waiting.put(None)
         self._thread.join()
         if not keep_viewer:
             self._stream.stop_viewer()
@@ -140,23 +136,13 @@ class ResidualRecorder:
     def _paint_all(self) -> None:
         try:
             with self._stream:
-                for entry in self._entries():
+                for entry in iter(self._waiting.get, None):
                     self._record(entry)
                 self._record_watched()
         except Exception as error:  # tracking goes on without the recording
             log.exception("recording residuals stopped")
-            with self._changed:
-                self._failure = f"recording residuals stopped: {error}"
-                self._waiting.clear()
-
-    def _entries(self) -> Iterator[_Entry]:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._closing)
-                if not self._waiting:
-                    return
-                entry = self._waiting.popleft()
-            yield entry
+            self._failure = f"recording residuals stopped: {error}"
+            self._waiting = SimpleQueue()
 
     def _record(self, entry: _Entry) -> None:
         model, result = entry.run.model, entry.result

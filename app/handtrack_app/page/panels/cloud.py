@@ -45,7 +45,6 @@ class CloudPanel:
     mark: Callable[..., None]
     """`Stage.mark_box`"""
     card: CloudCard | None = None
-    cloud: CloudSnapshot | None = None
     large: viser.PanelHandle | None = None
     large_image: viser.GuiImageHandle | None = None
     known: dict[str, SettingWidget] = field(default_factory=dict)
@@ -176,7 +175,6 @@ class CloudPanel:
 
     def show(self, cloud: CloudSnapshot) -> None:
         """Say what the filters did to a frame's cloud."""
-        self.cloud = cloud
         if self.card is not None:
             self.counts.content = counts_table(cloud)
             self.legend.content = ramp_legend(cloud)

@@ -273,9 +273,7 @@ class CorrectingWidgets:
             self.done = page.button(
                 "Done painting", self._end, "check", color=None, visible=False, by_page=True
             )
-            self.drop = page.button(
-                "Drop this frame's correction", self._drop, "eraser", by_page=True
-            )
+            page.button("Drop this frame's correction", self._drop, "eraser", by_page=True)
             self.before = gui.add_slider("Before", 0, _MOST, 1, 3)
             self.behind = gui.add_slider("After", 0, _MOST, 1, 3)
             page.button(

@@ -596,7 +596,7 @@ class NudgePanel:
         with gui.add_folder("Nudge as you see it", expand_by_default=False):
             for label, words in _ROWS.items():
                 row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
-                page.on(row, lambda e, words=words: self.nudge(words.get(e.value), e.client))
+                page.on(row, lambda e, words=words: self.nudge(words[e.value], e.client))
             words = tuple(self.steps)
             self.step = gui.add_dropdown(
                 "Step", words, initial_value=words[_USUAL],
@@ -605,16 +605,16 @@ class NudgePanel:
         for key, modifier, name in _KEYS:
             page.key(f"Nudge: {name}", key, partial(self.nudge, name), modifier, by_page=True)
 
-    def nudge(self, name: str | None, client: viser.ClientHandle | None) -> None:
+    def nudge(self, name: str, client: viser.ClientHandle | None) -> None:
         """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
         state, pivot = self.page.state, self.stage.hand_middle()
-        nudge, view = NUDGES.get(name or ""), self.stage.looking.view_axes(client)
-        if nudge is None or view is None or pivot is None or len(state.values) < 6:
+        view = self.stage.looking.view_axes(client)
+        if view is None or pivot is None or len(state.values) < 6:
             return
-        step_m, step_deg = self.steps.get(str(self.step.value), tuple(self.steps.values())[_USUAL])
+        step_m, step_deg = self.steps[self.step.value]
         root = np.array(state.values[:6])
         step_rad = float(np.deg2rad(step_deg))
-        edit = nudged(root, nudge, np.asarray(view), pivot, step_m, step_rad)
+        edit = nudged(root, NUDGES[name], np.asarray(view), pivot, step_m, step_rad)
         self.page.edit_pose(edit, f"Nudge {name}", f"nudge {name}")
 
 

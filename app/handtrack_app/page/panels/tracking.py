@@ -504,8 +504,8 @@ class TakesPanel:
     def frames(self) -> tuple[int, int]:
         """The chosen frames, first to last."""
         state = self.page.state
-        found = [f for f in map(state.clamp_frame, map(float, self.span.value)) if f is not None]
-        return (min(found), max(found)) if found else (state.start, state.stop - 1)
+        first, last = np.clip(sorted(self.span.value), state.start, state.stop - 1).tolist()
+        return first, last
 
     def _name_span(self) -> None:
         first, last = self.frames

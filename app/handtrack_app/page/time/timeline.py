@@ -99,7 +99,7 @@ class TimelinePanel:
         if how == _ZOOM[3]:
             self.every = not self.every
             self._redraw()
-        elif how in _ZOOM:
+        else:
             factor = {_ZOOM[0]: 1 / _FACTOR, _ZOOM[1]: _FACTOR}.get(how)
             frame = self.page.state.frame
             here = self.window
