@@ -134,8 +134,8 @@ def bundled(out: Path) -> None:
         taker.take("workbench_all")
         bench.page.draw("mode", "Flesh")
         bent = {"index_mcp_flex": 0.5, "little_mcp_flex": 0.6}
-        values = bench.state.value_of
-        bench.page.edit_pose({name: values(name) + more for name, more in bent.items()}, "picture")
+        now = dict(zip(bench.state.names, bench.state.values, strict=True))
+        bench.page.edit_pose({name: now[name] + more for name, more in bent.items()}, "picture")
         page.keyboard.press("2")
         bench.stage.looking.set_paint(client.client_id, "residual")
         bench.redraw()
