@@ -172,8 +172,8 @@ def measure_solve(rounds: int = 5) -> dict[str, Any]:
             least_squares(
                 residual,
                 scene.start,
-                dense.jacobian,
-                method=method,  # type: ignore[arg-type]
+                dense.jacobian,  # type: ignore[arg-type]
+                method=method,
                 x_scale="jac",
                 max_nfev=300,
                 ftol=1e-12,
