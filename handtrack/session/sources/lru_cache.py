@@ -20,10 +20,9 @@ K = TypeVar("K")
 V = TypeVar("V")
 _FRAMES_KEPT = FRAMES_AHEAD + 4  # those that a search may have solved anew are at hand
 _OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
-_CLOUDS_KEPT = _FRAMES_KEPT  # before filtering
 _PIXELS_KEPT = 400_000_000  # of all masks kept
 _BYTES_KEPT = 200_000_000  # of one camera's computed masks: the estimate of all frames reads each about ten times
-_POINTS_KEPT = 3_000_000  # of all clouds kept: some have a million
+_POINTS_KEPT = 12_000_000  # of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times
 
 
 class LRUCache(Generic[K, V]):
@@ -85,7 +84,7 @@ def most_masks(mask: CroppedMask | None) -> int:
 def most_clouds(cloud: PointCloud | None) -> int:
     """Return how many clouds like one are kept."""
     size = 1 if cloud is None else max(len(cloud), 1)
-    return min(max(_POINTS_KEPT // size, 1), _CLOUDS_KEPT)
+    return max(_POINTS_KEPT // size, 1)
 
 
 def most_observations(seen: Observation) -> int:
