@@ -34,7 +34,6 @@ from handtrack.model.model_file import write_scale
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.sequence import track_frames
 from handtrack.tracking.whole.refinement import Refinement
 
 DATA = "pose2sim_body_4cam"
@@ -191,8 +190,9 @@ def _errors(session: Session, every: Person, hypotheses: int) -> Floats:
     model = run.model
     true = {result.frame: result.joint_positions for result in every.refined}
     root = model.joint_names.index("pelvis")
+    refined = {result.frame: result for result in run.track(range(FRAMES), frame, start)}
     rows = []
-    for result in track_frames(run.tracker, run.observation, frame, start, range(FRAMES)):
+    for _, result in sorted(refined.items()):
         shown = [model.transform.solver_params(one.parameters) for one in result.alternatives]
         joints = [model.joint_positions(model.bones(params)) for params in shown[:hypotheses]]
         joints += [result.joint_positions] * (hypotheses - len(joints))
