@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Axes, C, Floats, H, N, W
+from handtrack.arrays import D2, D3, Array, Axes, C, Floats, H, N, W, array_dataclass
 from handtrack.observation.observation import Silhouette
 
 _SAMPLES = 100
@@ -69,7 +69,7 @@ def outlines_off(silhouettes: Sequence[Silhouette]) -> Floats[C]:
     return np.nan_to_num(np.where(np.isnan(both), np.inf, both).min(axis=1), posinf=0.0)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class _Hand:
     """What one silhouette calls hand."""
 

@@ -81,8 +81,8 @@ def _said(value: Any) -> tuple[str, int] | None:
     return None if value is None else (str(value[0]), int(value[1]))
 
 
-def count(changes: Iterable[Change], state: dict[str, Value]) -> None:
-    """Let changes count in a state."""
+def apply(changes: Iterable[Change], state: dict[str, Value]) -> None:
+    """Make changes in a state, in place: a value of None is taken out."""
     for change in changes:
         if change.after is None:
             state.pop(change.key, None)
@@ -220,4 +220,4 @@ class History:
 
     def _count(self, action: Action) -> None:
         self.said = action.said or self.said
-        count(action.changes, self.state)
+        apply(action.changes, self.state)

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from handtrack.errors import HandtrackError
-from handtrack.store.history import Action, Change, History, State, Value, count
+from handtrack.store.history import Action, Change, History, State, Value, apply
 from handtrack.store.lease import BEAT_S, Lease
 from handtrack.store.log import LogWriter, make_folders, read_log, segments, size_of
 from handtrack.store.spans import Span, beside_accepted, resolved, with_span
@@ -69,7 +69,7 @@ class Store:
         """Return what holds by all that was decided, of values whose names begin so."""
         state: dict[str, Value] = {}
         for action in self.actions(f'"{beginning}' if beginning else ""):
-            count((c for c in action.changes if c.key.startswith(beginning)), state)
+            apply((c for c in action.changes if c.key.startswith(beginning)), state)
         return state
 
     def current(self) -> tuple[Span, ...]:

@@ -75,6 +75,8 @@ def pull_back(sums, jacobian):  # pragma: no cover - compiled
     bones, width, count = jacobian.shape
     gradient, hessian = sums.gradient, sums.hessian
     g, h = np.zeros(count), np.zeros((count, count))
+    # sums of magnitudes, 0 where there is nothing, for these loops are vectorised: of J by bone, of one bone's rows of H by column
+    # (a whole block's at its first), and of J of the bones that these join
     moves, joined, used = np.zeros((bones, count)), np.empty(bones * width), np.empty(count)
     for b in range(bones):
         for i in range(width):
@@ -137,12 +139,14 @@ def pull_back(sums, jacobian):  # pragma: no cover - compiled
 
 
 @compiled
-def add_to_chosen(gradient, hessian, chosen, more, bent):  # pragma: no cover - compiled
-    """Add a system of some unknowns, gradient (K,) and Hessian (K, K), to one of all (N,), (N, N), in place. chosen: (K,) which they are."""
+def add_to_chosen(
+    gradient, hessian, chosen, chosen_gradient, chosen_hessian
+):  # pragma: no cover - compiled
+    """Add a system of some unknowns, (K,) and (K, K), to that of all, gradient (N,) and hessian (N, N), in place. chosen: (K,) which they are."""
     for k in range(len(chosen)):
-        gradient[chosen[k]] += more[k]
+        gradient[chosen[k]] += chosen_gradient[k]
         for m in range(len(chosen)):
-            hessian[chosen[k], chosen[m]] += bent[k, m]
+            hessian[chosen[k], chosen[m]] += chosen_hessian[k, m]
 
 
 @compiled

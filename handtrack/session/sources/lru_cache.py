@@ -5,13 +5,12 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import cv2
 import numpy as np
 
-from handtrack.arrays import Bytes, H, W
+from handtrack.arrays import Bytes, H, W, array_dataclass
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
@@ -21,7 +20,7 @@ V = TypeVar("V")
 _FRAMES_KEPT = FRAMES_AHEAD + 4  # those that a search may have solved anew are at hand
 _OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
 _PIXELS_KEPT = 400_000_000  # of all masks kept
-_BYTES_KEPT = 200_000_000  # of one camera's computed masks: the estimate of all frames reads each about ten times
+_MASK_BYTES_KEPT = 200_000_000  # of one camera's computed masks: the estimate of all frames reads each about five times
 _POINTS_KEPT = 12_000_000  # of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times
 
 
@@ -53,7 +52,7 @@ class LRUCache(Generic[K, V]):
             self._kept.clear()
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class CroppedMask:
     """A mask without the background around its hand: a tenth or less of its size."""
 
@@ -65,6 +64,7 @@ class CroppedMask:
 
     @classmethod
     def of(cls, mask: Bytes[H, W]) -> CroppedMask:
+        """Cut a mask uint8 to the smallest rectangle with all that is not 0."""
         x, y, width, height = cv2.boundingRect(mask)
         return cls(mask.shape, (y, x), mask[y : y + height, x : x + width].copy())
 
@@ -78,7 +78,7 @@ class CroppedMask:
 
 def most_masks(mask: CroppedMask | None) -> int:
     """Return how many masks like one are kept."""
-    return _BYTES_KEPT // max(mask.part.size if mask else 0, 1000)
+    return _MASK_BYTES_KEPT // max(mask.part.size if mask else 0, 1000)
 
 
 def most_clouds(cloud: PointCloud | None) -> int:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice, pairwise, product
 
 import numpy as np
 
-from handtrack.arrays import Floats, P, S
+from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.model.articulated import FINGERS, ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.parallel import in_parallel
@@ -34,7 +34,7 @@ _PLACES = 2  # of a finger that may be tried
 _ELSEWHERE_M = 0.02  # between fingertips, or forearms' ends: nearer places lead to the same
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FingerObjective:
     """One frame whose pose is nearly known; see engine.Objective. The pull to the prediction is left out."""
 

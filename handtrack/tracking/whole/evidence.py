@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, P
+from handtrack.arrays import F, Floats, P, array_dataclass
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
@@ -51,7 +51,7 @@ Observe = Callable[[int, BonePoses | None], Observation]
 """what is seen of a frame; see tracking.speculative.Observe"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Recording:
     """What the estimate of a whole recording is told."""
 
@@ -75,7 +75,7 @@ def frame_seconds(tracked: Sequence[FrameResult]) -> float:
     return lasted / max(len(tracked) - 1, 1) or 1.0
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class FrameEvidence(FrameProblem):
     """A frame as it was seen, and what it costs; its images are not kept, which take ten times as much."""
 

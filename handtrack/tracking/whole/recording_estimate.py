@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from handtrack.arrays import D3, Array, C, F, Floats, K, P, evenly_spread, runs
+from handtrack.arrays import D3, Array, C, F, Floats, K, P, array_dataclass, evenly_spread, runs
 from handtrack.geometry.rotation import closest_equivalent
 from handtrack.model.pose_changes import TURN, by_turn
 from handtrack.observation.observation import ImageKeypoints, Observation
@@ -72,7 +72,7 @@ _LATE_SAMPLES = 40
 """frames, evenly spread, that are looked at"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class RecordingEstimate:
     """What is known of a recording after a pass."""
 

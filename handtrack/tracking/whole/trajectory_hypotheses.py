@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, N, P
+from handtrack.arrays import F, Floats, N, P, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.doubt.mirrored import apart_m, flips_of_limbs, only_camera
@@ -21,7 +20,7 @@ _WIDTH, _ROUNDS = 3, 3
 of a real person the best hypothesis was two such steps away in one camera of four (docs/reports/results.md)"""
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class TrajectoryHypothesis:
     """Poses of all frames, refined together."""
 

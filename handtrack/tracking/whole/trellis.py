@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, Ints, K, L, P
+from handtrack.arrays import F, Floats, Ints, K, L, P, array_dataclass
 from handtrack.model.pose_changes import changes
 from handtrack.terms.bone_system import JointSystem
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Minimum:
     """A pose in which a frame's cost is about lowest nearby."""
 
@@ -30,7 +29,7 @@ class Minimum:
         return self.costs(self.pose)
 
 
-@dataclass(frozen=True, eq=False)
+@array_dataclass
 class Trellis:
     """Minima of frames that follow one another, at least one each, joined by what a frame may change.
 
