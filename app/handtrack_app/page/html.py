@@ -316,19 +316,19 @@ if (document.getElementById("handtrack-style") === null) {
     box.dispatchEvent(new Event("input", {bubbles: true}));
     box.blur();
   });
-  // the timeline's upper edge is dragged up for more lanes, down for few
+  // the timeline's upper edge is dragged up for more lanes, down for few; what was asked for comes later from the program
   let edge = null;
   document.addEventListener("pointerdown", (event) => {
     const panel = event.target instanceof Element && event.target.matches('.mantine-Paper-root:has(.handtrack-timeline)') ? event.target : null;
-    edge = panel && event.clientY - panel.getBoundingClientRect().top < 6 ? event.clientY : null;
+    const held = panel && event.clientY - panel.getBoundingClientRect().top < 6;
+    edge = held ? {y: event.clientY, every: panel.querySelector(".handtrack-every") !== null} : null;
   });
   document.addEventListener("pointermove", (event) => {
-    const by = edge === null || !event.buttons ? 0 : edge - event.clientY;
-    const panel = Math.abs(by) > 12 ? document.querySelector('.mantine-Paper-root:has(.handtrack-timeline)') : null;
-    if (panel === null) return;
-    edge = event.clientY;
-    const button = [...panel.querySelectorAll("button")].find((one) => one.textContent === "☰");
-    if ((by > 0) !== (panel.querySelector(".handtrack-every") !== null)) button?.click();
+    const by = edge === null || !event.buttons ? 0 : edge.y - event.clientY;
+    if (Math.abs(by) <= 12) return;
+    const buttons = document.querySelectorAll('.mantine-Paper-root:has(.handtrack-timeline) button');
+    if ((by > 0) !== edge.every) [...buttons].find((one) => one.textContent === "☰")?.click();
+    edge = {y: event.clientY, every: by > 0};
   });
   // what was pressed with the pointer does not keep the keys
   document.addEventListener("click", (event) => {

@@ -8,6 +8,16 @@ from tests.app.page.test_browser import browsing
 from tests.app.page.test_review_panel import _tracked
 from tests.app.waiting import eventually
 
+HOLD_BACK = """() => {
+  window.heldBack = 0;
+  document.addEventListener("click", (event) => {
+    if (event.target.textContent !== "☰") return;
+    event.stopPropagation();
+    window.heldBack += 1;
+  }, true);
+}"""
+"""no click on the button of the lanes arrives: they are counted"""
+
 
 @pytest.mark.browser
 def test_a_click_on_the_lanes_goes_there(tmp_path):
@@ -29,6 +39,14 @@ def test_a_click_on_the_lanes_goes_there(tmp_path):
             view.page.mouse.up()
             shown = view.page.locator(".handtrack-every")
             eventually(lambda every=every, shown=shown: shown.count() == every, f"every: {every}")
+        view.page.evaluate(HOLD_BACK)  # as where the program is slow
+        edge = panel.bounding_box()["y"] + 2
+        view.page.mouse.move(400, edge)
+        view.page.mouse.down()
+        for step in (20, 40, 60):
+            view.page.mouse.move(400, edge - step)
+        view.page.mouse.up()
+        assert view.page.evaluate("window.heldBack") == 1
         view.page.keyboard.press("Shift+Z")
         eventually(lambda: bench.state.frame == 7, "the worst one, by key")
         view.page.keyboard.press("Shift+Y")

@@ -21,7 +21,8 @@ from handtrack_app.page.pins.grips import ROOT
 
 RootEdit = Callable[[dict[str, float], str, str, bool], None]
 """root parameters by name, what is done in words, the drag that it belongs to, and that it is one"""
-_FAR_M = 100.0  # nobody's hand is further from the world's origin
+_FAR_M = 100.0
+"""nobody's hand is further from the world's origin: such a drag is no edit"""
 _STILL_M, _STILL_RAD = 1e-5, np.deg2rad(0.01)
 """a control that is clicked comes back with its pose rounded; a pixel of a drag is a tenth of a millimetre and more"""
 
@@ -52,7 +53,7 @@ class RootHandle:
             self._drags, self._words = self._drags + 1, ""
         self.dragging, start = phase != "end", self._shown
         root = root_parameters(self.control.position, self.control.wxyz)
-        if start is None:
+        if start is None or np.abs(root[:3]).max() > _FAR_M:
             return
         moved = np.linalg.norm(root[:3] - start[:3]) > _STILL_M
         turn = rotation_matrix(root[3:6]) @ rotation_matrix(start[3:6]).T
@@ -143,6 +144,5 @@ def add_root_handle(
 def root_parameters(position: object, wxyz: object) -> Floats[D6]:
     """Return the root parameters of a control's pose, which the door has let pass: numbers, and a direction."""
     turn = np.asarray(wxyz, dtype=float)
-    place = np.clip(np.asarray(position, dtype=float), -_FAR_M, _FAR_M)
     rotation = matrix_from_quaternion(turn / np.linalg.norm(turn))
-    return np.concatenate([place, rotation_vector(rotation)])
+    return np.concatenate([np.asarray(position, dtype=float), rotation_vector(rotation)])
