@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import evenly_spread
+from handtrack.arrays import D2, Floats, evenly_spread
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import ImageKeypoints
 from handtrack.session.sources.views import View
@@ -26,38 +26,52 @@ def joint_sigma_px(views: tuple[View, ...]) -> float | None:
     """Return the standard deviation of detected joints in each direction [px]; None where two cameras do not see enough.
 
     Triangulation takes three of a point's 2 V numbers in V cameras; what it leaves of them, squared and in units of the error, is
-    χ² with 2 V − 3 freedoms. The median of that is compared, since some points are simply elsewhere. What cameras agree on is no
-    better than a point of a hand is defined.
+    χ² with 2 V − 3 freedoms. The median of that is compared, since some points are simply elsewhere. By what all points of a camera
+    are off alike its calibration is, and no detector. What cameras agree on is no better than a point of a hand is defined.
     """
     last = min((v.keypoint_files.frames.stop for v in views if v.keypoint_files), default=0)
     found = [
-        pair
+        point
         for frame in evenly_spread(last, _FRAMES)
-        for pair in _squares([j for view in views for j in view.keypoints(frame, 1.0)])
+        for point in _misses([j for view in views for j in view.keypoints(frame, 1.0)])
     ]
     if len(found) < _FEWEST:
         return None
-    squares, pixels_per_m = np.median(found, axis=0)
+    alike = {
+        name: np.median([off[name] for off, _ in found if name in off], axis=0)
+        for name in {name for off, _ in found for name in off}
+    }
+    squares, pixels_per_m = np.median(
+        [(_square([off[name] - alike[name] for name in off]), scale) for off, scale in found],
+        axis=0,
+    )
     hands = set(keypoint_names())
     of_hand = all(hands >= set(v.keypoint_files.layout.points) for v in views if v.keypoint_files)
     least_m = _DEFINITION_M * (1.0 if of_hand else BODY_BY_HAND)
     return float(np.sqrt(squares + (least_m * pixels_per_m) ** 2))
 
 
-def _squares(seen: Sequence[ImageKeypoints]) -> list[tuple[float, float]]:
-    """Return the variance [px²] that each point of a frame says, as its median goes, and how many pixels a metre is there."""
-    squares: list[tuple[float, float]] = []
+def _misses(seen: Sequence[ImageKeypoints]) -> list[tuple[dict[str, Floats[D2]], float]]:
+    """Return by how much each camera misses each point of a frame [px], by the camera's name, and how many pixels a metre is there;
+    of points that two cameras see.
+    """
+    found: list[tuple[dict[str, Floats[D2]], float]] = []
     names = tuple(dict.fromkeys(name for one in seen for name in one.names))
     for name, point in zip(names, triangulated(seen, names), strict=True):
-        off, scale = [], []
+        off: dict[str, Floats[D2]] = {}
+        scale = []
         for one in seen:
             row = one.names.index(name) if name in one.names else -1
             missed = one.camera.project(point) - one.pixels[row] if row >= 0 else np.array([np.nan])
             if np.isfinite(missed).all():
-                off.append(missed)
+                off[one.camera.name] = missed
                 scale.append(float(one.camera.pixels_per_m(one.camera.to_camera(point)[2])))
-        freedoms = 2 * len(off) - 3
-        if freedoms > 0:
-            scaled = freedoms * (1 - 2 / (9 * freedoms)) ** 3
-            squares.append((float(np.square(off).sum()) / scaled, float(np.median(scale))))
-    return squares
+        if len(off) > 1:
+            found.append((off, float(np.median(scale))))
+    return found
+
+
+def _square(off: Sequence[Floats[D2]]) -> float:
+    """Return the variance [px²] that says a point's misses, as its median goes."""
+    freedoms = 2 * len(off) - 3
+    return float(np.square(off).sum()) / (freedoms * (1 - 2 / (9 * freedoms)) ** 3)
