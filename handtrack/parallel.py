@@ -51,7 +51,14 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 class _OneBlasThread(ContextDecorator):
     def __init__(self) -> None:
-        self._lock, self._inside, self._limit = threading.Lock(), 0, None
+        self._inside, self._limit = 0, None
+        self._unlock()
+        if hasattr(os, "register_at_fork"):
+            # a copy of this process has only the thread that forked, not the one that held the lock
+            os.register_at_fork(after_in_child=self._unlock)
+
+    def _unlock(self) -> None:
+        self._lock = threading.Lock()
 
     def __enter__(self) -> None:
         with self._lock:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.errors import HandtrackError, not_enough_memory, unknown_name
+from handtrack.export.registry import FORMATS
 from handtrack.version import VERSION
 
 EXIT_OK, EXIT_INTERNAL, EXIT_USAGE, EXIT_INTERRUPTED = 0, 1, 2, 130
@@ -108,6 +109,10 @@ class _Command(NamedTuple):
     """module of `commands`, and function"""
     help: str
     options: tuple[_Option, ...]
+
+
+def _listed(names: list[str], last: str) -> str:
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 _SESSION = _option("session", type=Path, help="session folder")
@@ -265,9 +270,9 @@ COMMANDS: dict[str, _Command] = {
     "size": _Command("person:fit_person", "The same as `person`, saved as hand.json or body.json.", _OF_PERSON),
     "export": _Command("results:export_poses", "Write a tracked sequence for other programs.", (
         _POSES,
-        _option("--to", metavar="FORMAT", help="csv, csv-long, npz, keypoints, openpose, mediapipe, bvh, bvh-humanik, glb, trc, mot, osim, c3d, urdf, mcap, mano, anipose, netcdf, nwb, mp4, html or report; without it, the formats are described"),
+        _option("--to", metavar="FORMAT", help=f"{_listed([f.name for f in FORMATS], 'or')}; without it, the formats are described"),
         _option("--out", type=Path, metavar="FILE", help="default: beside the poses"),
-        _option("--up", metavar="AXIS", help="which of the world's axes points up: x, y, z, or --up=-y where y points down; bvh, glb, trc, mot, c3d, urdf and mcap then stand upright (default: nothing is turned)"),
+        _option("--up", metavar="AXIS", help=f"which of the world's axes points up: x, y, z, or --up=-y where y points down; {_listed([f.name for f in FORMATS if f.up], 'and')} then stand upright (default: nothing is turned)"),
         _LANDMARKS,
         _option("--mano", type=Path, metavar="MODEL", help="your MANO_RIGHT.pkl or MANO_LEFT.pkl, which --to mano fits"),
         _option("--metadata", type=Path, metavar="FILE.toml", help="what archives (nwb) ask of subject and session: subject_id, species, sex, age, start, description, experimenter, institution, lab"),
