@@ -3,8 +3,8 @@
     python -m docs.figures measure [NAME…]   run the commands, and write what they print into the table and the pages
     python -m docs.figures check [NAME…]     run them, and report what differs from the table
 
-Without names, all entries. Recordings are those of HANDTRACK_DATA; each is copied first. A relative difference of more than 1 % is
-reported, 50 % for times.
+Without names, all entries. Recordings are those of HANDTRACK_DATA; each is copied first. `$NAME` in a command is an environment variable;
+MAKEHUMAN is a copy of that program's repository. A relative difference of more than 1 % is reported, 50 % for times.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import shlex
 import shutil
 import subprocess
@@ -41,9 +42,10 @@ def measured(entry: dict[str, Any]) -> dict[str, float]:
         if "session" in entry:
             shutil.copytree(data / "sessions" / entry["session"], Path(folder) / "session")
         # HANDTRACK_HOME: an installed detector would choose the hand's side and the masks
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "HANDTRACK_HOME": folder}
+        own = {"PYTHONPATH": str(ROOT), "HANDTRACK_HOME": folder, "HANDTRACK_DATA": str(data)}
+        environment = os.environ | own
         for command in entry["commands"]:
-            program, *words = shlex.split(command)
+            program, *words = shlex.split(_expanded(command, environment))
             run = [*PROGRAMS.get(program, [program]), *words]
             done = subprocess.run(run, cwd=folder, env=environment, check=True, stdout=subprocess.PIPE, text=True)  # fmt: skip
             if "--json" in words:
@@ -51,10 +53,19 @@ def measured(entry: dict[str, Any]) -> dict[str, float]:
     return {key: found[key] for key in entry["values"] if key in found}
 
 
-def _flat(printed: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield a JSON object's values; those of inner objects by names with dots."""
-    for name, value in printed.items():
-        if isinstance(value, dict):
+def _expanded(command: str, environment: dict[str, str]) -> str:
+    """Return a command with the values of its variables."""
+    for name in re.findall(r"\$(\w+)", command):
+        if name not in environment:
+            raise LookupError(f"set the environment variable {name}")
+        command = command.replace(f"${name}", environment[name])
+    return command
+
+
+def _flat(printed: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield a JSON object's values; those of inner objects and lists by names and numbers with dots."""
+    for name, value in enumerate(printed) if isinstance(printed, list) else printed.items():
+        if isinstance(value, dict | list):
             yield from _flat(value, f"{before}{name}.")
         else:
             yield f"{before}{name}", value
@@ -82,7 +93,7 @@ def main() -> int:
         try:
             found = measured(entry)
             lines = drift(name, entry["values"], found) if chosen.action == "check" else []
-        except (OSError, subprocess.CalledProcessError) as error:
+        except (OSError, LookupError, subprocess.CalledProcessError) as error:
             found, lines = None, [f"{name}: {error}"]
         differs |= bool(lines)
         print("\n".join(lines) or f"{name}: done", flush=True)

@@ -50,6 +50,7 @@ _EXPERIMENTS = {
     "papers": "papers",
     "freedoms": "clouds.freedoms",
     "combined": "clouds.combined",
+    "capture": "clouds.capture",
     "forearms": "silhouettes.forearms",
     "jumps": "jumps.minima",
     "auto_start": "starts.auto_start",

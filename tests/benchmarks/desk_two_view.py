@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from handtrack import Session, TrackResult, read_npz
+from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.simulation.render import pixel_rays, render_mask
 from handtrack.tracking.frame.tables.track_model import model_of
 
@@ -68,6 +69,16 @@ def compare_masks(session: Session, known_only: bool = False) -> dict[tuple[int,
                 hand = (mask > 0) & known
                 found[frame, name] = drawn_overlap(hand, polygon, known if known_only else None)
     return found
+
+
+def mask_figures(session: Session) -> dict[str, object]:
+    """Return the masks' mean IoU with the outlines drawn by eye, and where they commit themselves; by their method's name."""
+    masks = session.file.cameras[0].masks
+    name = "files" if isinstance(masks, str | None) else mask_method_table(masks)["method"]
+    return {
+        f"{name}_iou{words}": float(np.mean(list(compare_masks(session, known_only).values())))
+        for words, known_only in (("", False), ("_known", True))
+    }
 
 
 def hand_side(mask: np.ndarray, cut: list, inside: np.ndarray) -> np.ndarray:
@@ -152,7 +163,7 @@ def main() -> None:
     poses, *other = (word for word in sys.argv[1:] if word != "--json")
     session = Session.open(other[0] if other else data / "sessions" / "desk_two_view")
     if "--json" in sys.argv:
-        figures = compare(read_npz(Path(poses)), session)
+        figures = mask_figures(session) if poses == "-" else compare(read_npz(Path(poses)), session)
         print(json.dumps({name: n for name, n in figures.items() if not isinstance(n, dict)}))
         return
     print_drawn("masks", compare_masks(session))

@@ -17,11 +17,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.session.formats.truth import Truth
 from handtrack.tracking.sequence import track_frames
 
-RUNS = {
-    "stereo": "webxr_stereo_768",
-    "exact_depth": "webxr_exact_depth_768",
-    "depth": "webxr_depth_640",
-}
+RUNS = ("webxr_stereo_768", "webxr_exact_depth_768", "webxr_depth_640")
 KINDS = ("silhouettes", "cloud", "keypoints")
 SIGMA_M = 0.008
 """noise of the simulated keypoints, each coordinate: the tracker's `keypoints.sigma_mm`"""
@@ -39,7 +35,7 @@ def combined(frames: int = FRAMES) -> dict[str, float | int | str]:
 
 def compared(name: str, frames: int) -> Iterator[tuple[tuple[str, ...], float]]:
     """Yield what is looked at and the mean joint error [mm] of one of RUNS, all with one first pose and one hand size."""
-    run = TrackingRun.open(recording(RUNS[name]), {"model.fit_size": False})
+    run = TrackingRun.open(recording(name), {"model.fit_size": False})
     truth = run.session.truth
     assert truth is not None
     first, start = run.initial()

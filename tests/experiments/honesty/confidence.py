@@ -2,11 +2,13 @@
 
 RECORDINGS: what `python -m tests.experiments.honesty.recordings` wrote. TRACKS: gets what was tracked of each, with all that a judgement
 goes by; what is there already is not tracked again. HALF: of which; all unless given. Prints the numbers for
-`handtrack/tracking/frame/doubt/figures.py`, fitted to `tune`, and what they say of each half, beside those that are there now.
+`handtrack/tracking/frame/doubt/figures.py`, fitted to `tune`, and what they say of each half, beside those that are there now; with
+--json nothing but the latter.
 """
 
 from __future__ import annotations
 
+import json
 import pickle
 import sys
 from collections.abc import Sequence
@@ -242,17 +244,27 @@ def fit(half: Half) -> None:
     figures.PART = tuple(best.round(2).tolist())
 
 
+def shares(half: Half) -> dict[str, float]:
+    """Return which shares of a half's frames are wrong and of low confidence, and of its joints are in their 90 % region."""
+    wrong, known = half.wrong, half.known
+    low = half.said()[0] * figures.MISSED > 1.0
+    inside = half.distances()[0] < _CHI2_90
+    return {
+        "wrong": float(wrong.mean()),
+        "low_confidence": float(low.mean()),
+        "recall": float(low[wrong].mean()),
+        "precision": float(wrong[low].mean()),
+        "coverage90": float(inside[known].mean()),
+        "coverage90_high_confidence": float(inside[known & ~low].mean()),
+        "coverage90_fists": float(inside[half.fist].mean()),
+    }
+
+
 def table(half: Half) -> str:
     """Return in words how true it is what the figures say of a half."""
-    wrong, known, fist = half.wrong, half.known, half.fist
+    wrong, known = half.wrong, half.known
     chance, parts = half.said()
-    low = chance * figures.MISSED > 1.0
-    far = half.distances()[0] < _CHI2_90
-    lines = [
-        f"{len(wrong)} frames, wrong {wrong.mean():.3f}, low confidence {low.mean():.3f}, recall {low[wrong].mean():.2f}, "
-        f"precision {wrong[low].mean():.2f}, 90 % regions {far[known].mean():.2f}, of high confidence {far[known & ~low].mean():.2f}, "
-        f"in fists {far[fist].mean():.2f}"
-    ]  # fmt: skip
+    lines = [f"{len(wrong)} frames, " + ", ".join(f"{name} {v:.3f}" for name, v in shares(half).items())]  # fmt: skip
     edges = (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.01)
     for name, said, true in (("frame", chance[known], wrong[known]), ("part", parts[known].ravel(), half.parts_wrong[known].ravel())):  # fmt: skip
         rows = [(a, (said >= a) & (said < b)) for a, b in pairwise(edges)]
@@ -262,15 +274,19 @@ def table(half: Half) -> str:
 
 def main() -> None:
     """Track what is not there yet, fit, and print."""
-    recordings, tracks = map(Path, sys.argv[1:3])
-    for half in sys.argv[3:] or HALVES:
+    recordings, tracks, *chosen = [word for word in sys.argv[1:] if word != "--json"]
+    recordings, tracks = Path(recordings), Path(tracks)
+    for half in chosen or HALVES:
         (tracks / half).mkdir(parents=True, exist_ok=True)
         for session in sorted(p.parent for p in (recordings / half).glob(f"*/{SESSION_FILE}")):
             to = tracks / half / f"{session.name}.pickle"
             if not to.exists():
                 to.write_bytes(pickle.dumps(tracked(session)))
-                print(to, flush=True)
-    halves = {half: Half.read(tracks / half) for half in sys.argv[3:] or HALVES}
+                print(to, file=sys.stderr, flush=True)
+    halves = {half: Half.read(tracks / half) for half in chosen or HALVES}
+    if "--json" in sys.argv:
+        print(json.dumps({f"{half}_{name}": share for half, read in halves.items() for name, share in shares(read).items()}))  # fmt: skip
+        return
     for half, read in halves.items():
         print(f"{half}, as it is: {table(read)}", flush=True)
     if "tune" not in halves:

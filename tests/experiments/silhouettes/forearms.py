@@ -25,14 +25,14 @@ from tests.experiments.tracked_frames import mean_mm, tracked
 
 ARMS: dict[str, tuple[float, float]] = {
     "none": (0.0, 1.0),
-    "20mm": (0.02, 1.0),
-    "30mm": (0.03, 1.0),
-    "60mm": (0.06, 1.0),
+    "20": (0.02, 1.0),
+    "30": (0.03, 1.0),
+    "60": (0.06, 1.0),
     "long": (0.28, 1.0),
-    "sleeve_50mm": (0.28, 0.05),
+    "sleeve": (0.28, 0.05),
 }
-"""where an arm ends, and where a sleeve half as wide again begins [m from the wrist]"""
-RIGS = ("near_pair", "3_cameras")
+"""where an arm ends (names in mm), and where a sleeve half as wide again begins [m from the wrist]"""
+RIGS = ("pair", "three")
 FRAMES, OF = 14, 40  # of an opening and closing hand
 # along the arm: half-widths
 _TUBE = 1e-3 * np.array([[0, 28, 19], [60, 30, 22], [120, 38, 32], [200, 43, 40], [300, 46, 43]])
@@ -44,7 +44,7 @@ def forearms(seeds: Sequence[int] = (11,), frames: int = FRAMES) -> dict[str, fl
     for rig in RIGS:
         for arm in ARMS:
             found = np.array([list(_errors(rig, arm, seed, frames)) for seed in seeds])
-            for way, error in zip(("false", "true", "auto"), found.mean(axis=0), strict=True):
+            for way, error in zip(("without", "with", "auto"), found.mean(axis=0), strict=True):
                 figures[f"{rig}_{arm}_{way}_mm"] = float(error)
     return figures
 
@@ -71,7 +71,7 @@ def _error(
 
 def cameras(rig: str) -> list[Camera]:
     """Return three cameras in an arc, or two that are 7 cm apart, 0.6 m before the hand's back."""
-    if rig == "3_cameras":
+    if rig == "three":
         return list(simulated_rig(3, distance_m=0.6).cameras)
     one = simulated_rig(1, distance_m=0.6).cameras[0]
     beside = [one.translation - [x, 0.0, 0.0] for x in (-0.035, 0.035)]

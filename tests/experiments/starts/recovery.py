@@ -74,7 +74,7 @@ def recovery(seeds: int = 50) -> dict[str, float | str]:
         "bar": f"with jumps ≥ 90 % of {seeds} seeds back within {BACK_MM:g} mm"
     }
     runs = [gap_runs(seed) for seed in range(seeds)]
-    for name, jumps in (("jumps", True), ("without", False)):
+    for name, jumps in (("with", True), ("without", False)):
         gaps = [run[jumps] for run in runs]
         last = np.array([gap.error_mm[-1] for gap in gaps])
         figures |= {

@@ -47,28 +47,30 @@ def start_trial(number: int, seed: int = SEED) -> StartTrial:
     return StartTrial(frame.kind, best.confidence, error, seconds)
 
 
-def reliability(rows: Sequence[StartTrial]) -> dict[str, float | str]:
+def reliability(rows: Sequence[StartTrial]) -> dict[str, float]:
     """Return for each stretch of confidence how many frames, what was said and what was so; Brier's score."""
     said = np.array([row.confidence for row in rows])
     right = np.array([row.is_right for row in rows], float)
-    figures: dict[str, float | str] = {
+    figures: dict[str, float] = {
         "frames": len(rows),
         "brier": float(np.mean((said - right) ** 2)),
     }
     for low, high in pairwise(BINS):
         here = (said >= low) & ((said < high) | (high == BINS[-1]))
         if here.any():
-            figures[f"{low:g}_to_{high:g}"] = (
-                f"{int(here.sum())} frames, said {said[here].mean():.2f}, was {right[here].mean():.2f}"
-            )
+            name = f"reported_{100 * low:.0f}_{100 * high:.0f}"
+            figures[f"{name}_frames"] = int(here.sum())
+            figures[f"{name}_mean"] = float(said[here].mean())
+            figures[f"{name}_right"] = float(right[here].mean())
     for kind in KINDS:
         here = np.array([row.kind == kind for row in rows])
         if here.any():
-            figures[kind] = f"said {said[here].mean():.2f}, was {right[here].mean():.2f}"
+            figures[f"{kind}_reported"] = float(said[here].mean())
+            figures[f"{kind}_right"] = float(right[here].mean())
     figures["slowest_s"] = max(row.seconds for row in rows)
     return figures
 
 
-def start_confidence(frames: int = FRAMES) -> dict[str, float | str]:
+def start_confidence(frames: int = FRAMES) -> dict[str, float]:
     """Return how sure the automatic start was of simulated frames, and how often it was right."""
     return reliability([start_trial(number) for number in range(frames)])
