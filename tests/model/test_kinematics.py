@@ -6,6 +6,7 @@ import pytest
 from handtrack import load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.kinematics import bone_poses, linearize
+from handtrack.model.pose_changes import TURN, by_turn, moved
 from tests.model import kinematics_reference as reference
 
 
@@ -27,6 +28,14 @@ def test_compiled_poses_equal_the_plain_form(rng, side, forearm):
         )
         np.testing.assert_allclose(fast.rotation, plain.rotation, atol=1e-13)
         np.testing.assert_allclose(fast.position, plain.position, atol=1e-13)
+
+
+@pytest.mark.parametrize("spread", [1e-5, 0.5, 1.0])
+def test_a_small_turn_in_world_axes_changes_the_rotation_vector_by_the_matrix(rng, spread):
+    pose, turns = rng.normal(scale=spread, size=(1, 26)), np.zeros((3, 1, 26))
+    turns[range(3), 0, range(3, 6)] = 1e-5
+    differences = [(moved(pose, turn) - moved(pose, -turn))[0, TURN] / 2e-5 for turn in turns]
+    np.testing.assert_allclose(by_turn(pose[0]), np.transpose(differences), atol=1e-9)
 
 
 @pytest.mark.parametrize("spread", [0.0, 1e-6, 0.5, 2.0])
