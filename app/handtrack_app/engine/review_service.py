@@ -39,24 +39,30 @@ class ReviewService(Service):
             self.publish(pose_snapshot(self.document))
             self.opened.announce(timeline_snapshot(self.document))
 
-    @command(edits=True, words="the correction of camera {camera}")
-    def correct_camera(self, camera: str, on: bool = True) -> None:
-        """Use a camera as the estimate of the whole recording found it, from now on; or as it was calibrated."""
+    @command(edits=True, words="the correction of cameras")
+    def correct_cameras(self, cameras: tuple[str, ...], on: bool = True) -> None:
+        """Use cameras as the estimate of the whole recording found them, from now on; or as they were calibrated."""
         self.jobs.require_idle()
-        document, found = self.document, self.document.camera_errors.get(camera)
-        if on and found is not None and found.error.is_of_time_alone:
+        document = self.document
+        edit = (
+            edits.corrected_cameras(document, cameras)
+            if on
+            else decide(camera=dict.fromkeys(cameras))
+        )
+        if on and any(document.camera_errors[name].error.is_of_time_alone for name in cameras):
             other = inconsistency_of_cameras(document.run, document.some_results())
             if other:
                 raise HandtrackError(
-                    f"Camera '{camera}' is not corrected: the joint estimate found a time offset alone, but {other}"
+                    f"Nothing is corrected: the joint estimate found time offsets alone, but {other}"
                 )
-        edit = edits.corrected_camera(document, camera) if on else decide(camera={camera: None})
-        words = f"Correction of camera {camera}"
-        self.opened.see_cameras(lambda: self.store.do(words if on else f"{words} removed", edit))
-        figures = self.document.run.session.corrected.get(camera, "")
-        done = f"Corrected by {figures}" if on else "Its calibration counts again"
+        named = f"{'' if len(cameras) == 1 else 's'} {', '.join(cameras)}"
+        words = f"Correction of camera{named}{'' if on else ' removed'}"
+        self.opened.see_cameras(lambda: self.store.do(words, edit))
+        known = document.run.session.corrected
+        figures = [f"{name} by {known[name]}" for name in cameras if on and name in known]
+        done = f"Corrected: {'; '.join(figures)}" if on else "The calibration counts again"
         again = f"{done}. Frames tracked so far stay; track again to use it."
-        self.publish(Notice("done", f"Camera {camera}", again))
+        self.publish(Notice("done", f"Camera{named}", again))
 
     @command(view=True, latest=())
     def want_curves(self, names: tuple[str, ...]) -> None:

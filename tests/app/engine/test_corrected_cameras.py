@@ -48,9 +48,9 @@ def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder
     calibrated = store.document.run.session.view(NAME)
     error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.5, LATE, (0.1,) * 9)
     _refined(store, error)
-    store.do("Correction", edits.corrected_camera(store.document, NAME))
+    store.do("Correction", edits.corrected_cameras(store.document, [NAME]))
     with pytest.raises(HandtrackError, match=NAME):
-        edits.corrected_camera(store.document, NAME)
+        edits.corrected_cameras(store.document, [NAME])
     store.close()
     for session in (Session.open(folder), _opened(folder).document.run.session):
         view = session.view(NAME)
@@ -75,7 +75,7 @@ def test_what_a_later_estimate_finds_adds_to_a_correction(folder):
     error = CameraError(NAME, (0.0, 1.5, 0.0), (4.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
     for _ in range(2):
         _refined(store, error)
-        store.do("Correction", edits.corrected_camera(store.document, NAME))
+        store.do("Correction", edits.corrected_cameras(store.document, [NAME]))
     known = store.document.run.session.corrections[NAME].error
     assert known.turn_deg == pytest.approx((0.0, 3.0, 0.0), abs=1e-3) and known.shift_mm[0] == 8.0
     _refined(store, replace(error, turn_deg=(0.0, 0.1, 0.0), shift_mm=(0.1, 0.0, 0.0)))
@@ -86,7 +86,7 @@ def test_what_a_later_estimate_finds_adds_to_a_correction(folder):
 def test_a_correction_of_another_calibration_does_not_apply(folder):
     store = _opened(folder)
     _refined(store, CameraError(NAME, (0.0, 1.5, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9))
-    store.do("Correction", edits.corrected_camera(store.document, NAME))
+    store.do("Correction", edits.corrected_cameras(store.document, [NAME]))
     store.close()
     edit(folder / "session.toml", f'name = "{NAME}"', f'name = "{NAME}"\nlag_s = 0.25')
     session = Session.open(folder)
@@ -103,10 +103,10 @@ def test_a_time_offset_is_not_applied_where_a_turned_camera_explains_more(tmp_pa
         worker.engine.track(0, 12, 3)
         listener.wait(TimelineSnapshot, lambda strip: "side" in strip.cameras_off)
         listener.told("Tracking finished")
-        worker.engine.correct_camera("side")
+        worker.engine.correct_cameras(("side",))
         assert "is turned" in listener.refused().text
         assert not worker.document.state.camera
         monkeypatch.setattr(looks, lambda run, results: "")
-        worker.engine.correct_camera("side")
-        listener.told("Corrected by time -1.50 frames")
+        worker.engine.correct_cameras(("side",))
+        listener.told("side by time -1.50 frames")
         assert worker.document.state.camera["side"].error == late

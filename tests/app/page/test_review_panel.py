@@ -1,5 +1,6 @@
 """The review queue on the page: next, previous, accept by button and key; frames accepted are said to be."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -85,6 +86,23 @@ def test_a_camera_that_is_surely_off_is_corrected_by_a_button_and_undo_takes_it_
         eventually(lambda: review.correct.visible and not turned(), "offered again")
         back = document.run.session.rig["side"].rotation
         np.testing.assert_array_equal(back, calibrated.rotation)
+
+
+def test_one_button_corrects_all_cameras_that_are_named_in_one_step(tmp_path):
+    other = replace(OFF, name="front", turn_deg=(1.0, 0.0, 0.0))
+    opener = partial(fake_document, step_s=0.0, refined_by=0.1, refined_cameras=(other, OFF))
+    with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
+        review = bench.layout.review
+        bench.engine.track(0, FRAMES, 3)
+        eventually(lambda: review.correct.visible, "offered")
+        assert "front, side" in review.correct.label
+        client.set_value(review.correct, True)
+        eventually(lambda: set(review.strip.cameras_corrected) == {"front", "side"}, "both")
+        assert not review.strip.cameras_off
+        eventually(lambda: "front, side" in review.restore.label, "both can be taken back")
+        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(lambda: set(review.strip.cameras_off) == {"front", "side"}, "one step of undo")
+        assert not review.strip.cameras_corrected
 
 
 def _card(first: int, last: int, brief: str = "thumb") -> Stretch:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import msgspec
 import numpy as np
@@ -13,6 +13,7 @@ from handtrack.model.size import with_number
 from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.session_state import (
     NOTHING,
+    CameraCorrection,
     CloudTable,
     DecidedSize,
     Edit,
@@ -120,17 +121,20 @@ def clouds(settings: CloudSettings | None) -> Edit:
     return decide(clouds=CloudTable(None if settings is None else settings.table))
 
 
-def corrected_camera(document: Document, camera: str) -> Edit:
-    """Correct a camera by what the estimate of the whole recording found of it. Raises HandtrackError."""
-    found = document.camera_errors.get(camera)
-    if found is None:
-        raise HandtrackError(
-            f"Nothing is known to be wrong with camera '{camera}', or it is corrected already."
-        )
-    earlier = document.run.session.corrections.get(camera)
-    if earlier is not None:
-        found = msgspec.structs.replace(found, error=found.error.after(earlier.error))
-    return decide(camera={camera: found})
+def corrected_cameras(document: Document, cameras: Sequence[str]) -> Edit:
+    """Correct cameras by what the estimate of the whole recording found of them. Raises HandtrackError."""
+    known, earlier = document.camera_errors, document.run.session.corrections
+    found = dict[str, CameraCorrection]()
+    for camera in cameras:
+        if camera not in known:
+            raise HandtrackError(
+                f"Nothing is known to be wrong with camera '{camera}', or it is corrected already."
+            )
+        found[camera] = known[camera]
+        if camera in earlier:
+            error = known[camera].error.after(earlier[camera].error)
+            found[camera] = msgspec.structs.replace(known[camera], error=error)
+    return decide(camera=found)
 
 
 def seen_arm(document: Document) -> Edit:

@@ -46,12 +46,12 @@ class ReviewPanel:
             self.off = gui.add_html("", visible=False)
             self.correct = page.button(
                 "Apply correction", self._correct, "tool",
-                "Uses the camera as the estimate of all frames found it. calibration.toml stays as it is; undo takes it back. "
+                "Uses the cameras as the estimate of all frames found them. calibration.toml stays as it is; undo takes it back. "
                 "Then track again.", visible=False,
             )  # fmt: skip
             self.restore = page.button(
                 "Remove correction", partial(self._correct, on=False), "x",
-                "The camera counts as it was calibrated. Then track again.", visible=False,
+                "The cameras count as they were calibrated. Then track again.", visible=False,
             )  # fmt: skip
             self.head = gui.add_html(head_words(NO_TIMELINE, None))
             self.accept_next = page.button(
@@ -155,8 +155,8 @@ class ReviewPanel:
 
     def _correct(self, on: bool = True) -> None:
         known = self.strip.cameras_off if on else self.strip.cameras_corrected
-        for camera in list(known)[:1]:
-            self.page.engine.correct_camera(camera, on)
+        if known:
+            self.page.engine.correct_cameras(tuple(known), on)
 
     # ---- showing
 
@@ -215,7 +215,7 @@ class ReviewPanel:
         self.show_frame()
 
     def _show_cameras(self, strip: TimelineSnapshot) -> None:
-        """Say which cameras are off or corrected, and by how much; the first of each can be changed."""
+        """Say which cameras are off or corrected, and by how much: all of each can be changed."""
         off, corrected = strip.cameras_off, strip.cameras_corrected
         lines = [f"Estimated error of camera '{name}': {off[name]}." for name in off]
         lines += [f"Camera '{name}' is corrected by {corrected[name]}." for name in corrected]
@@ -227,7 +227,7 @@ class ReviewPanel:
             (self.restore, "Remove correction of", list(corrected)),
         ):
             if names:
-                put(button, label=f"{words} {names[0]}")
+                put(button, label=f"{words} {', '.join(names)}")
             put(button, visible=bool(names))
 
 
