@@ -44,10 +44,15 @@ def missed_mm(scale, joint):
     return float(np.linalg.norm(np.subtract(scale.offsets_mm[joint], OFFSETS[joint])))
 
 
-def test_offsets_are_found_though_the_size_is_given(folder):
-    run = TrackingRun.open(
+@pytest.fixture(scope="module")
+def run(folder):
+    """What opens the session: it fits the offsets."""
+    return TrackingRun.open(
         Session.open(folder), {"keypoints.sigma_px": 1.0, "silhouettes.weight": 0}
     )
+
+
+def test_offsets_are_found_though_the_size_is_given(run):
     assert (run.scale.overall, set(run.scale.parts.values()) | {1.0}) == (1.0, {1.0})
     for joint, true in OFFSETS.items():
         assert missed_mm(run.scale, joint) < 0.6 * np.linalg.norm(true), joint
@@ -66,10 +71,8 @@ def test_offsets_are_found_again_with_all_frames(folder):
     assert found.overall == run.scale.overall, "the size was given"
 
 
-def test_results_have_landmarks_where_the_detector_sees_the_joints(folder, tmp_path):
+def test_results_have_landmarks_where_the_detector_sees_the_joints(run, tmp_path):
     """They lie nearer to what was filmed of the detector's points than the joint centres, of which two are 9 mm off."""
-    settings = {"keypoints.sigma_px": 1.0, "silhouettes.weight": 0}
-    run = TrackingRun.open(Session.open(folder), settings)
     frame, start = run.initial()
     found = run.result(run.track(range(4), frame, start))
     write_npz(tmp_path / "poses.npz", found)
