@@ -124,6 +124,9 @@ def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatc
     np.testing.assert_allclose(best.first_pose.xyz, keypoints(), atol=1e-5)
     assert find_first_poses(run, 0) == []
     assert find_first_poses(run.with_values({"keypoints.weight": 0.0})) == []
+    (best,) = find_first_poses(run.with_values({"silhouettes.weight": 0.0}), 0)  # no masks
+    posed = best.model.keypoints21(best.model.bones(best.params))
+    assert np.median(np.abs(rig["cam0"].project(posed) - pixels["cam0"])) < 1.0
 
 
 class SeesTheTruth(FakeDetector):
