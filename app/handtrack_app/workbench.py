@@ -146,15 +146,10 @@ class Workbench:
         state = self.state
         with state.lock:
             target = state.clamp_frame(frame)
-            if target is None or target == state.frame:
-                target = None
-            else:
-                state.frame, state.follow = target, False
-        if target is None:
-            self.layout.timeline.show_frame(state.frame)
-            return
-        self.layout.timeline.show_frame(target)
-        self.engine.show_frame(target)
+            if target is not None and target != state.frame:
+                state.frame, state.awaited, state.follow = target, target, False
+                self.engine.show_frame(target)  # what another thread asks for later comes later
+        self.layout.timeline.show_frame(state.frame)
 
     def _ask_for(self, frame: int) -> None:
         """Ask for a frame that is played. The page stays at the one shown until all of it comes."""
@@ -225,7 +220,7 @@ class Workbench:
     def _show_session(self, session: snapshots.SessionSnapshot) -> None:
         with self.state.lock:
             known = self.state.names == session.parameter_names
-            self.state.names = session.parameter_names
+            self.state.names, self.state.awaited = session.parameter_names, None
             self.state.start, self.state.stop = session.start, session.stop
             if not known:
                 self.state.values = ()
@@ -277,9 +272,9 @@ class Workbench:
         if len(pose.values) != len(self.state.names):
             return  # of a model that is about to be told, with this pose again
         with self.state.lock:
-            newest = pose.version >= self.state.version
+            newest = pose.version >= self.state.version and not self.state.is_late(pose.frame)
             if newest:
-                self.state.frame = pose.frame
+                self.state.frame, self.state.awaited = pose.frame, None
                 self.state.looks_before = pose.origin == snapshots.BEFORE
                 if not self.state.looks_before:  # edits go on from what is
                     self.state.values_at = pose.frame

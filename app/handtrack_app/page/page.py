@@ -89,6 +89,8 @@ class UserState:
 
     names: tuple[str, ...] = ()
     frame: int = 0
+    awaited: int | None = None
+    """the frame that the user went to, until it shows: a pose of another that comes meanwhile leads nobody back"""
     start: int = 0
     stop: int = 1
     values: tuple[float, ...] = ()
@@ -138,7 +140,13 @@ class UserState:
         with self.lock:
             self.version += 1
             self.follow = self.playing = False  # no frame comes over who edits
+            self.awaited = None
             return self.version
+
+    def is_late(self, frame: int) -> bool:
+        """Return whether a pose of a frame comes after the user has gone to another."""
+        waits = self.awaited is not None and not (self.follow or self.playing)
+        return waits and frame != self.awaited
 
     def clamp_frame(self, frame: float) -> int | None:
         """Return a frame of the session for any number from a client; None for no number."""

@@ -3,6 +3,7 @@
 import time
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,6 +97,17 @@ def test_the_hand_follows_a_slider_while_tracking(tmp_path):
                 came = client.wait_for(sent, "/hand/flesh", "batched_positions")
                 assert came is not None, "the hand did not move"
         assert tracking.progress.state == "tracking"
+
+
+def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatch):
+    late, state, asked = bench.stage.pose, bench.state, list[Any]()
+    monkeypatch.setattr(bench.worker, "send", asked.append)
+    for frame in (5, 6):
+        bench.go_to(frame)
+    assert [call.arguments["frame"] for call in asked] == [5, 6]
+    for frame, stands in ((late.frame, 6), (5, 6), (6, 6), (7, 7)):  # at last the engine leads on
+        bench.page.show(replace(late, frame=frame))
+        assert state.frame == stands
 
 
 def test_a_page_that_comes_late_is_told_what_was_said(bench, wire):
