@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from handtrack_app.viser_internals import KeyModifier
 
 _KEPT_AS = "handtrack.toured"  # in the browser's storage
+_LEAVE = "Leave"
 _GESTURES = (
     ("Drag", "Turns the free view; moves the picture of a camera"),
     ("Wheel", "Nearer and farther; through a camera: larger and smaller"),
@@ -119,10 +120,12 @@ class Help:
         title, words = (self.page.words.of(one) for one in TOUR[number])
         with client.gui.add_folder(f"{number + 1} of {len(TOUR)}: {title}", order=0.2) as folder:
             client.gui.add_html(text(words, faint=False))
-            on = client.gui.add_button("Skip this", color="gray")
-            leave = client.gui.add_button("Leave the tour", color="gray")
-        on.on_click(lambda _: self._step(client, number + 1))
-        leave.on_click(lambda _: self._step(client, len(TOUR)))
+            go_on = client.gui.add_button_group("Tour", ("Skip", _LEAVE))
+        go_on.on_click(
+            lambda event: self._step(
+                client, len(TOUR) if event.target.value == _LEAVE else number + 1
+            )
+        )
         self._steps[client.client_id] = folder, number, self.marks[number]()
 
     def watch(self) -> None:

@@ -96,7 +96,7 @@ div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root { height: 100%; 
 div:has(> .handtrack-timeline) + div + div > .mantine-Flex-root > div:first-child { visibility: hidden; width: 172px !important;
   padding: 0 !important; }
 div:has(> .handtrack-timeline) + div + div .mantine-Flex-root .mantine-Flex-root { height: 100%; align-items: flex-end;
-  padding-right: 80px; }
+  padding-right: 90px; }
 div:has(> .handtrack-timeline) + div + div .mantine-InputWrapper-root { position: absolute; left: 4px; top: 56px; margin: 0 !important;
   width: 64px !important; }
 div:has(> .handtrack-timeline) + div + div :is(.mantine-InputWrapper-root, .mantine-Slider-root) { pointer-events: auto; }
@@ -120,7 +120,7 @@ div:has(> .handtrack-timeline) ~ div:nth-last-child(-n+3) .mantine-Button-root {
 .handtrack-lane { position: absolute; left: 4px; display: flex; align-items: center; gap: .6em; line-height: 1.1; font-size: 11px;
   white-space: nowrap; pointer-events: none; text-shadow: 0 0 3px var(--mantine-color-body), 0 0 3px var(--mantine-color-body); }
 /* the next step: over an empty timeline in its middle, else at its right end */
-div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 80px; top: 3px; z-index: 6;
+div:has(> .handtrack-next), div:has(> .handtrack-next) + div { position: absolute; left: 172px; right: 90px; top: 3px; z-index: 6;
   padding: 0 !important; text-align: center; font-size: 13px; pointer-events: none; }
 div:has(> .handtrack-next) + div { top: 24px; }
 .handtrack-next:not(:empty) { display: inline-block; padding: 0 .6em; border-radius: 4px; background: var(--mantine-color-body); }

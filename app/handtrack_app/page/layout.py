@@ -13,7 +13,7 @@ import viser
 
 from handtrack_app.page.help import Help, add_work_keys
 from handtrack_app.page.html import dress, escaped
-from handtrack_app.page.page import Page, put
+from handtrack_app.page.page import GUIDE, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.copying import Library
 from handtrack_app.page.panels.export import ExportPanel
@@ -207,7 +207,6 @@ class PageLayout:
 # ---- What was said to the user: it stays to be read; and what is to be done or known stands until it is put away
 
 
-GUIDE = "guide"
 _COLOURS = {GUIDE: "#56b4e9", "info": "#56b4e9", "done": "#009e73", "warning": "#e69f00", "error": "#d55e00"}  # fmt: skip
 _STANDS = (GUIDE, "warning", "error")
 _FRAME, _LINK = re.compile(r"\b(frame) (\d+)", re.I), r"<a href='#' data-frame='\2'>\1 \2</a>"

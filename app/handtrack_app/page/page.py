@@ -23,6 +23,9 @@ from handtrack_app.protocol.snapshots import Notice, SessionSnapshot
 if TYPE_CHECKING:
     from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
 
+GUIDE = "guide"
+"""level of what is said before there is a pose"""
+
 
 @dataclass
 class Display:
@@ -344,13 +347,13 @@ class Page:
     def notify(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
     ) -> None:
-        """Show a notification for a while, on one client or on all; it can be read later, too."""
+        """Show a notification for a while, on one client or on all; it can be read later, too. Guidance stands in the panel alone."""
         colour = {"done": "teal", "warning": "orange", "error": "red"}.get(level, "blue")
         close = 8.0 if level in ("info", "done") else 15.0
         for hear in self.heard:
             hear(Notice(level, title, text))
         clients = [client] if client is not None else list(self.server.get_clients().values())
-        for target in clients:
+        for target in clients if level != GUIDE else ():
             target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
 
     def remembered(

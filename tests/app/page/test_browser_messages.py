@@ -22,6 +22,8 @@ def test_what_matters_is_read_whole_and_stays(tmp_path):
         bench.page.notify("guide", "What to do first", "Press the button that finds the hand.")
         bench.page.notify("error", "A title that is longer than some", LONG)
         assert eventually(lambda: page.evaluate(CUT), "a notice") == [False]
+        guide = page.locator(".mantine-Notification-root", has_text="What to do first")
+        assert not guide.count(), "guidance stands in the panel alone"
         notices = page.locator(".mantine-Notification-closeButton")
         while notices.count():
             notices.first.click()

@@ -73,11 +73,12 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path):
         looks = lambda: view.page.evaluate(LAYOUT)  # noqa: E731
         usual = looks()
         bench.layout.room.change(client, colours=LIGHT, text=LARGE)
-        eventually(lambda: looks()["scale"] != usual["scale"], "as chosen")
-        view.page.wait_for_timeout(500)
+        for what in ("scale", "ground"):
+            eventually(lambda what=what: looks()[what] != usual[what], f"{what} as chosen")
         before = looks()
         bench.layout.room.fold(client, folded=True)
-        view.page.wait_for_timeout(1000)
+        rail = view.page.get_by_role("tab", name="Review", exact=True)
+        eventually(lambda: not rail.is_visible(), "folded")
         assert looks() == before
         assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"
 

@@ -237,8 +237,8 @@ def head(session: SessionSnapshot | None, progress: ProgressSnapshot, saved: str
         title = "No session"
     return (
         "<div class='handtrack-head' style='padding:.2em .9em 0;font-size:.9em;line-height:1.4'>"
-        "<div style='display:flex;justify-content:space-between;align-items:baseline'>"
-        f"<span class='handtrack-title' style='font-size:1.1em;font-weight:600'>{title}</span>"
+        "<div style='display:flex;gap:.6em;justify-content:space-between;align-items:baseline'>"
+        f"<span class='handtrack-title' style='overflow-wrap:anywhere;font-size:1.1em;font-weight:600'>{title}</span>"
         f"<span style='white-space:nowrap'><span style='display:inline-block;width:.65em;height:.65em;"
         f"border-radius:50%;background:{colour};margin-right:.4em'></span>{word}</span></div>{facts}"
         f"{_activity(progress)}</div>"

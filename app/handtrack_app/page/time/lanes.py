@@ -104,7 +104,7 @@ def extremes(
     return place, np.where(none, np.nan, low), np.where(none, np.nan, high)
 
 
-LEFT, RIGHT = 172, 80  # [px] where viser's slider begins and ends: it lies over the lanes
+LEFT, RIGHT = 172, 90  # [px] where viser's slider begins and ends: it lies over the lanes
 _CURVE, _STATUS, _LOW, _THIN, _TERM, _AXIS = 34, 14, 14, 14, 14, 18  # heights [px]
 _REST, _LEAST = 2, 82  # [px]: the panel's edge; what the transport beside the lanes needs
 _FOUND = 5  # beside the codes of contracts §5: a search's pose, which no frame was tracked from
