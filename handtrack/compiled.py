@@ -1,10 +1,92 @@
-"""How loops are compiled: to machine code that is kept beside the source and holds no lock, so that threads run it at once."""
+"""How loops are compiled: to machine code that is kept, and that holds no lock, so that threads run it at once.
+
+Numba knows kept code by the function's own file. It contains what the function calls, too, from any file: here it is known by
+all that it was made of. So no code of another version runs, and nothing is compiled anew where nothing changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any
 
 import numba
+from numba import config
+from numba.core.caching import FunctionCache, _CacheLocator
+from numba.core.dispatcher import Dispatcher
+from numba.misc.appdirs import AppDirs
 
-compiled = numba.njit(cache=True, nogil=True)
+_FOLDER = Path(AppDirs("handtrack", appauthor=False).user_cache_dir) / "kernels"
+
+
+class _Locator(_CacheLocator):
+    """Keeps machine code by what it was made of, in the folder NUMBA_CACHE_DIR or else in the user's cache."""
+
+    def __init__(self, py_func: FunctionType, py_file: str) -> None:
+        self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
+        self._stamp = _sources(py_func)
+        chosen = config.CACHE_DIR  # pyright: ignore[reportAttributeAccessIssue]
+        self._path = Path(chosen or _FOLDER) / py_func.__module__
+
+    def get_cache_path(self) -> str:
+        return str(self._path)
+
+    def get_source_stamp(self) -> str:
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        return f"{self._lineno}-{self._stamp[:16]}"
+
+    @classmethod
+    def from_function(cls, py_func: FunctionType, py_file: str) -> _Locator | None:
+        """Return it; None for a function of no file, or without a folder to write to: Numba's own ways are next."""
+        if not Path(py_file).exists():
+            return None
+        found = cls(py_func, py_file)
+        try:
+            found.ensure_cache_path()
+        except OSError:
+            return None
+        return found
+
+
+class _Files(FunctionCache._impl_class):
+    _locator_classes = (_Locator, *FunctionCache._impl_class._locator_classes)
+
+
+class _Cache(FunctionCache):
+    _impl_class = _Files
+
+
+@cache
+def _sources(function: FunctionType) -> str:
+    """Return a hash of a function's file, and of what this has from others: compiled functions, numbers, the fields of tuples."""
+    told = [Path(function.__code__.co_filename).read_bytes()]
+    for name, value in sorted(function.__globals__.items()):
+        if isinstance(value, Dispatcher) and value.py_func.__module__ != function.__module__:
+            told.append(_sources(value.py_func).encode())
+        elif isinstance(value, int | float | str) and not name.startswith("__"):
+            told.append(f"{name} {value!r}".encode())
+        elif isinstance(value, type) and hasattr(value, "_fields"):
+            told.append(f"{name} {value._fields}".encode())
+    return hashlib.sha256(b"\0".join(told)).hexdigest()
+
+
+def _kept(**options: Any) -> Callable[[Any], Any]:
+    def decorate(function: FunctionType) -> Any:
+        dispatcher: Any = numba.njit(nogil=True, **options)(function)
+        dispatcher._cache = _Cache(function)
+        return dispatcher
+
+    return decorate
+
+
+compiled = _kept()
 """a division by zero raises, as in Python"""
-compiled_as_numpy = numba.njit(cache=True, nogil=True, error_model="numpy")
+compiled_as_numpy = _kept(error_model="numpy")
 """a division by zero is infinite, as in NumPy: no check in the loop"""
-inlined = numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+inlined = _kept(error_model="numpy", inline="always")
 """written into its callers, whose divisions it shares"""

@@ -1,0 +1,32 @@
+"""Kept machine code is that of its sources."""
+
+import os
+import subprocess
+import sys
+
+INNER = "from handtrack.compiled import compiled\n\n@compiled\ndef inner(x):\n    return x + {}\n"
+OUTER = "from handtrack.compiled import compiled\nfrom inner import inner\n\n@compiled\ndef outer(x):\n    return 2 * inner(x)\n"
+ASKED = "from outer import outer; print(outer(1), *outer.stats.cache_hits.values())"
+
+
+def called(folder, cache):
+    said = subprocess.run(
+        [sys.executable, "-c", ASKED], cwd=folder, env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    return said.stdout.split()
+
+
+def test_machine_code_is_made_anew_where_a_function_that_it_calls_changed_in_another_file(tmp_path):
+    one, other, cache = tmp_path / "one", tmp_path / "other", tmp_path / "kept"
+    for folder, added in ((one, 1), (other, 1)):
+        folder.mkdir()
+        (folder / "inner.py").write_text(INNER.format(added))
+        (folder / "outer.py").write_text(OUTER)
+    assert called(one, cache) == ["4"]
+    assert called(other, cache) == ["4", "1"], (
+        "the same sources in another place: nothing is compiled"
+    )
+    (other / "inner.py").write_text(INNER.format(2))
+    assert called(other, cache) == ["6"]
+    assert called(one, cache) == ["4", "1"], "both versions are kept"
