@@ -77,7 +77,7 @@ def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
     return alone("handtrack.bench.cloud_speed", "lm_iteration")
 
 
-def measure_lm_iteration(rounds: int = 40) -> dict[str, Any]:
+def measure_lm_iteration() -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = cloud_scene(1)
     problem = Problem(
@@ -89,13 +89,13 @@ def measure_lm_iteration(rounds: int = 40) -> dict[str, Any]:
         return solve(problem, scene.start, ten).iterations
 
     count, (rows, width) = solved(), (len(scene.points), len(scene.start))
-    ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], rounds)
+    ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], 40)
     ours = Timing(ours.median / count, ours.least / count)
     words = f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian, the quicker of two layouts"
     return ratio_figures(ours, blas, words) | {"iterations": count}
 
 
-def measure_iteration(rounds: int = 60) -> dict[str, Any]:
+def measure_iteration() -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = cloud_scene(1)
     term = CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)
@@ -115,7 +115,7 @@ def measure_iteration(rounds: int = 60) -> dict[str, Any]:
         return lambda: matrix.T @ matrix
 
     ours, trial, *reference = alternating_medians(
-        [step, step_and_trial, *(blas(j) for j in layouts)], rounds
+        [step, step_and_trial, *(blas(j) for j in layouts)], 60
     )
     best = min(reference)
     count, width = jacobian.shape
@@ -132,7 +132,7 @@ def measure_iteration(rounds: int = 60) -> dict[str, Any]:
     }
 
 
-def measure_solve(rounds: int = 5) -> dict[str, Any]:
+def measure_solve() -> dict[str, Any]:
     """Return the time to come within 1e-6 of the converged cost, ours and scipy's; start and Jacobian are the same."""
     scene = cloud_scene(1)
     dense = DenseCloud(scene)
@@ -186,9 +186,9 @@ def measure_solve(rounds: int = 5) -> dict[str, Any]:
             reached = True
         return 1e3 * (time.perf_counter() - begin), calls[0], reached
 
-    own = alternating_medians([ours], rounds, 1)[0]
+    own = alternating_medians([ours], 5, 1)[0]
     methods = {"lm": "no bounds", "trf": "with the limits as bounds"}
-    runs = {method: [scipy(method) for _ in range(rounds)] for method in methods}
+    runs = {method: [scipy(method) for _ in range(5)] for method in methods}
     figures: dict[str, Any] = {}
     for method, results in runs.items():
         figures[f"scipy_{method}_ms"] = float(np.median([r[0] for r in results]))

@@ -18,6 +18,7 @@ from handtrack.bench.three_views import WIDE_PX, ThreeViews
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
 
+_ROUNDS = 40
 _TEN = SolverSettings(iterations=10, cost_tolerance=0.0, step_tolerance=0.0)
 _REFERENCE = "BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian (the pixels that the model covers), the quicker of two layouts"
 _MODULE = "handtrack.bench.iterations"
@@ -43,10 +44,10 @@ def pixels_64x_prepare() -> dict[str, Any]:
     return alone(_MODULE, "pixels_64x_prepare")
 
 
-def measure(what: str, rounds: int = 40) -> dict[str, Any]:
+def measure(what: str) -> dict[str, Any]:
     """Return a benchmark's figures, measured in this process; call with one BLAS thread."""
     if what.startswith("pixels"):
-        return _growth(what, rounds)
+        return _growth(what)
     scene = ThreeViews.of()
     rows, width = scene.rows(), len(scene.start)
     seen = scene.prepared()
@@ -63,7 +64,7 @@ def measure(what: str, rounds: int = 40) -> dict[str, Any]:
     if what == "lm_iteration":
         shares = [ten(problem) for problem in problems]
         chosen = [lambda: ten(problems[0]), lambda: ten(problems[1])]
-    timings = alternating_timings([*chosen, *normal_equations(rows, width)], rounds)
+    timings = alternating_timings([*chosen, *normal_equations(rows, width)], _ROUNDS)
     ours, of_all = (
         Timing(timing.median / share, timing.least / share)
         for timing, share in zip(timings, shares, strict=False)
@@ -73,7 +74,7 @@ def measure(what: str, rounds: int = 40) -> dict[str, Any]:
     return figures | {"ratio_with_all_rows": of_all_rows, "iterations": chosen[0]()}
 
 
-def _growth(what: str, rounds: int) -> dict[str, Any]:
+def _growth(what: str) -> dict[str, Any]:
     """Return the time with images 8 times as wide and high, the reference being that of 320 × 240.
 
     The band keeps its width in the world, so it is 8 times as many pixels, as in tracking; rows are as far apart as there.
@@ -89,7 +90,7 @@ def _growth(what: str, rounds: int) -> dict[str, Any]:
             lambda problem=problem, start=start: problem.linearize(start)
             for problem, start in zip(problems, starts, strict=True)
         )
-    ours, reference = alternating_timings([large, small], rounds // 2)
+    ours, reference = alternating_timings([large, small], _ROUNDS // 2)
     return ratio_figures(
         ours, [reference], "the same with 3 × 320 × 240 pixels instead of 2560 × 1920"
     )

@@ -28,11 +28,11 @@ def jump_polish_1024() -> dict[str, Any]:
     return alone("handtrack.bench.jump_polish")
 
 
-def measure(starts: int = STARTS, subset: int = SUBSET) -> dict[str, Any]:
+def measure() -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = full_scene(collision=False)
     drawn = covariance_scaled(
-        scene.start, scene.covariance, SCALE, starts, np.random.default_rng(0).standard_normal
+        scene.start, scene.covariance, SCALE, STARTS, np.random.default_rng(0).standard_normal
     )
     drawn = projected(scene.model, drawn)
     scene.polished(drawn[:1])
@@ -52,9 +52,9 @@ def measure(starts: int = STARTS, subset: int = SUBSET) -> dict[str, Any]:
             least_squares(
                 dense.residual, start, ftol=1e-10, xtol=1e-10, gtol=1e-10, max_nfev=500, **given
             )
-            for start in drawn[:subset]
+            for start in drawn[:SUBSET]
         ]
-        return ends, 1e3 * (time.process_time() - begin) * starts / subset
+        return ends, 1e3 * (time.process_time() - begin) * STARTS / SUBSET
 
     ends, reference = scipy("trf", bounds=(low, high))
     _, without_limits = scipy("lm")
@@ -65,14 +65,14 @@ def measure(starts: int = STARTS, subset: int = SUBSET) -> dict[str, Any]:
         "ours_ms": own,
         "reference_ms": reference,
         "reference": (
-            f"processor time of one thread; scipy least_squares (the quicker of trf, limits as bounds, and lm without limits) with the same analytic Jacobian, compiled and dense, on {subset} of "
-            f"the starts, scaled to {starts}; covariance-scaled starts (scale {SCALE:g}) of body34, "
+            f"processor time of one thread; scipy least_squares (the quicker of trf, limits as bounds, and lm without limits) with the same analytic Jacobian, compiled and dense, on {SUBSET} of "
+            f"the starts, scaled to {STARTS}; covariance-scaled starts (scale {SCALE:g}) of body34, "
             f"{len(scene.seen.names)} image joints, priors, no collisions"
         ),
         "ours_converged": float(ours.is_minimum.mean()),
         "ours_iterations_median": float(np.median(ours.iterations)),
-        "ours_lower_or_same": float((ours.cost[:subset] <= costs + _SAME).mean()),
-        "same_minimum": float((np.abs(ours.cost[:subset] - costs) <= _SAME).mean()),
+        "ours_lower_or_same": float((ours.cost[:SUBSET] <= costs + _SAME).mean()),
+        "same_minimum": float((np.abs(ours.cost[:SUBSET] - costs) <= _SAME).mean()),
         "scipy_trf_ms": bounded,
         "scipy_lm_without_limits_ms": without_limits,
         "scipy_converged": float(np.mean([end.status > 0 for end in ends])),

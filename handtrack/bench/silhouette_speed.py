@@ -14,13 +14,13 @@ def silhouette_iteration_vs_blas() -> dict[str, Any]:
     return alone("handtrack.bench.silhouette_speed")
 
 
-def measure(rounds: int = 60) -> dict[str, Any]:
+def measure() -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = ThreeViews.of()
     rows, width = scene.rows(), len(scene.start)
     problem = scene.problem(scene.prepared(), all_rows=True)
     ours, *reference = alternating_medians(
-        [lambda: problem.linearize(scene.start), *normal_equations(rows, width)], rounds
+        [lambda: problem.linearize(scene.start), *normal_equations(rows, width)], 60
     )
     best = min(reference)
     camera, flesh = scene.silhouettes[0].camera, scene.model.flesh["fine"]

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 _JOINED = 5
 """frames without that doubt between two with it that are looked at as one stretch: a fifth of a second at 25 frames a second"""
+_NAMED = 3
+"""stretches that a summary names"""
 _UNKNOWN = 0.5
 """how probably a doubtful frame is off of which no probability is stated, as a body's: as probably as not"""
 
@@ -126,10 +128,10 @@ def _stretch(run: list[FrameHead]) -> Stretch:
     return Stretch(run[0].frame, run[-1].frame, worst.frame, expected, brief, words)
 
 
-def queue_words(stretches: list[Stretch], most: int = 3) -> str:
+def queue_words(stretches: list[Stretch]) -> str:
     """Return the head of the queue in a sentence; empty where nothing is worth a look."""
     if not stretches:
         return ""
-    named = "; ".join(map(str, stretches[:most]))
-    more = f"; {len(stretches) - most} more" if len(stretches) > most else ""
+    named = "; ".join(map(str, stretches[:_NAMED]))
+    more = f"; {len(stretches) - _NAMED} more" if len(stretches) > _NAMED else ""
     return f"worth a look, worst first: frames {named}{more}."

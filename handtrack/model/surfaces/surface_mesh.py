@@ -99,10 +99,9 @@ def sample_surface(
     bones: BonePoses,
     count: int,
     rng: np.random.Generator,
-    spacing_m: float = 0.004,
 ) -> tuple[Floats[N, D3], Floats[N, D3]]:
     """Return points (count, 3) spread evenly over the surface, world [m], and its unit normals there (count, 3)."""
-    mesh = surface_mesh(surface, bones, spacing_m)
+    mesh = surface_mesh(surface, bones)
     corners = mesh.vertices[mesh.faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(across, axis=1)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from types import MappingProxyType
 
 import numpy as np
 
@@ -70,19 +69,6 @@ class JumpScene:
 
 
 @lru_cache(maxsize=4)
-def body(name: str = "body34", limits: bool = True) -> ArticulatedModel:
-    """Return a body; without limits the hinges of its arms and legs turn all the way round."""
-    model = load_model(name)
-    if limits:
-        return model
-    interval = model.limits.interval.copy()
-    for limb in LIMBS:
-        chain = limb_chains(model)[limb]
-        interval[chain.columns[chain.own]] = (-np.pi, np.pi)
-    return replace(model, limits=replace(model.limits, interval=interval))
-
-
-@lru_cache(maxsize=4)
 def limb_chains(model: ArticulatedModel) -> dict[str, PreparedChain]:
     """Return a body's chains by name."""
     return {chain.name: prepare(model, chain) for chain in chains_of(model)}
@@ -101,18 +87,12 @@ def front_camera() -> Camera:
     return Camera("front", (1280, 960), matrix, np.zeros(5), turn, -turn @ [0.0, 0.2, 4.0])
 
 
-def frontal_pose(
-    model: ArticulatedModel,
-    rng: np.random.Generator,
-    flat: float = FLAT,
-    steep: float = STEEP,
-    flips: Mapping[str, int] = MappingProxyType({}),
-) -> Floats[P]:
+def frontal_pose(model: ArticulatedModel, rng: np.random.Generator) -> Floats[P]:
     """Return parameters of a body that faces the camera and holds its limbs anyhow within limits.
 
-    Each link of arms and legs is 30° to 64° off the plane across its viewing ray (sine between `flat` and `steep`): a
+    Each link of arms and legs is 30° to 64° off the plane across its viewing ray (sine between `FLAT` and `STEEP`): a
     link in that plane has no flip, one along the viewing ray no direction. Trunk, head and shoulders are near rest. No part passes
-    through another. flips: how many of a limb's flips are within limits, at least.
+    through another.
     """
     through = CollisionTerm.of(model)
     while True:
@@ -121,10 +101,7 @@ def frontal_pose(
         for name, width in _NEAR_REST.items():
             params[model.transform.names.index(name)] += rng.normal(scale=width)
         for limb in LIMBS:
-            chain = limb_chains(model)[limb]
-            _hold(model, chain, params, rng, flat, steep)
-            while limb in flips and not _flips(model, params, chain, flips[limb]):
-                _hold(model, chain, params, rng, flat, steep)
+            _hold(model, limb_chains(model)[limb], params, rng)
         params = model.clipped(params)
         if through.cost(model.bones(params)) == 0.0:
             return params
@@ -143,8 +120,6 @@ def _hold(
     chain: PreparedChain,
     params: Floats,
     rng: np.random.Generator,
-    flat: float,
-    steep: float,
 ) -> None:
     """Draw a limb's angles into params, evenly within the middle 80 % of their limits, until its links are steep enough."""
     own = indices(model.transform.names, chain.chain.parameters)
@@ -157,34 +132,19 @@ def _hold(
         link, ray = np.diff(points, axis=0), points[:-1] - centre
         along = np.abs((link * ray).sum(axis=1))
         leaves = along / (np.linalg.norm(link, axis=1) * np.linalg.norm(ray, axis=1))
-        if leaves.min() > flat and leaves.max() < steep:
+        if leaves.min() > FLAT and leaves.max() < STEEP:
             return
 
 
-def _flips(model: ArticulatedModel, params: Floats[P], chain: PreparedChain, least: int) -> bool:
-    """Return whether at least so many flips of a limb are within limits, and none passes through another part."""
-    through = CollisionTerm.of(model)
-    leaves = interpretation_tree(model, params, [chain], front_camera()).params
-    return len(leaves) >= least and all(through.cost(model.bones(leaf)) == 0.0 for leaf in leaves)
-
-
-def jump_scene(
-    seed: int,
-    collision: bool = True,
-    noise_px: float = NOISE_PX,
-    flat: float = FLAT,
-    steep: float = STEEP,
-    model: ArticulatedModel | None = None,
-    flips: Mapping[str, int] = MappingProxyType({}),
-) -> JumpScene:
-    """Return a scene with a random frontal pose; the joints are seen with noise (standard deviation, each axis). model: body34, unless given."""
+def jump_scene(seed: int, collision: bool = True) -> JumpScene:
+    """Return a scene with a random frontal pose of body34; the joints are seen with noise (standard deviation, each axis)."""
     rng = np.random.default_rng(seed)
-    model, camera = model or body(), front_camera()
-    truth = frontal_pose(model, rng, flat, steep, flips)
+    model, camera = load_model("body34"), front_camera()
+    truth = frontal_pose(model, rng)
     names = joints_seen(model)
     chosen = indices(model.joint_names, names)
     points = model.joint_positions(model.bones(truth))[chosen]
-    pixels = camera.project(points) + noise_px * rng.normal(size=(len(names), 2))
+    pixels = camera.project(points) + NOISE_PX * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)
     priors, apart = body_priors(model), CollisionTerm.of(model) if collision else None
     empty = np.zeros((len(truth), len(truth)))
