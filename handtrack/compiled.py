@@ -75,7 +75,9 @@ def _sources(function: FunctionType) -> str:
     return hashlib.sha256(b"\0".join(told)).hexdigest()
 
 
-def _kept(**options: Any) -> Callable[[Any], Any]:
+def compiled_with(**options: Any) -> Callable[[Any], Any]:
+    """Return the decorator for options of `numba.njit`."""
+
     def decorate(function: FunctionType) -> Any:
         dispatcher: Any = numba.njit(nogil=True, **options)(function)
         dispatcher._cache = _Cache(function)
@@ -84,9 +86,9 @@ def _kept(**options: Any) -> Callable[[Any], Any]:
     return decorate
 
 
-compiled = _kept()
+compiled = compiled_with()
 """a division by zero raises, as in Python"""
-compiled_as_numpy = _kept(error_model="numpy")
+compiled_as_numpy = compiled_with(error_model="numpy")
 """a division by zero is infinite, as in NumPy: no check in the loop"""
-inlined = _kept(error_model="numpy", inline="always")
+inlined = compiled_with(error_model="numpy", inline="always")
 """written into its callers, whose divisions it shares"""

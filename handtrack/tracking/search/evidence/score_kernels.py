@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
-from handtrack.compiled import compiled_as_numpy, inlined
+from handtrack.compiled import compiled_as_numpy, compiled_with, inlined
 
 FAR_M = 0.025
 """from which a point counts as not explained at all"""
@@ -181,7 +180,7 @@ def _share(values, spacing, x, y, z):  # pragma: no cover - compiled
     return share * share
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
+@compiled_with(error_model="numpy", fastmath=True)
 def _off_disc(across, down, count, u, v, radius, least):  # pragma: no cover - compiled
     """Lower least (count,) to how far pixels lie outside a disc; all float32."""
     for k in range(count):
