@@ -103,7 +103,7 @@ def tables_in(folder: Path) -> dict[str, dict]:
     {"mtx": "K", "D": "dist", "rotation_matrix": "R", "translation_vector": "t", "image_size": "size"},
     {"intrinsics": "K", "distortion": "dist", "rotation": "R", "translation": "t", "imageSize": "size"},
 ])  # fmt: skip
-@pytest.mark.parametrize("shape", ["table", "list", "below cameras", "keys with names"])
+@pytest.mark.parametrize("shape", ["table", "list", "below cameras", "keys with names", "rows"])
 def test_usual_names_and_shapes_are_known(turn, shape, tmp_path):
     rig = rig_of_two()
     tables = tables_in(tmp_path)
@@ -114,6 +114,10 @@ def test_usual_names_and_shapes_are_known(turn, shape, tmp_path):
         "below cameras": {"cameras": tables, "unit": "m"},
         "keys with names": {
             f"{key}_{name}": v for name, t in tables.items() for key, v in t.items()
+        },
+        "rows": {
+            "names": [*tables][::-1],  # by order alone they would be exchanged
+            **{key: [t[key] for t in tables.values()][::-1] for key in turn},
         },
     }
     path = tmp_path / "c.json"
