@@ -30,6 +30,7 @@ def test_tracking_tells_where_the_hand_is_expected_unless_it_was_lost(rng):
 
     results = list(track_frames(tracker, observe, 0, posed(model), range(5)))
     assert [r.status for r in results] == [Status.TRACKED] * 3 + [Status.LOST, Status.TRACKED]
+    assert results[3].reason.kind == "unseen"
     expected = [None if bones is None else bones.position[0, 0] for bones in handed]
     np.testing.assert_allclose(expected[:4], [0.0, 0.0, 0.024, 0.036], atol=0.005)
     assert expected[4] is None
