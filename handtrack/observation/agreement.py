@@ -8,7 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, Axes, C, Floats, H, N, W, array_dataclass
+from handtrack.arrays import D2, D3, Array, Axes, C, Floats, N, array_dataclass
+from handtrack.geometry.triangulation import triangulated
 from handtrack.observation.observation import Silhouette
 
 _SAMPLES = 100
@@ -59,7 +60,7 @@ def outlines_off(silhouettes: Sequence[Silhouette]) -> Floats[C]:
     whom any other camera confirms is right.
     """
     hands = [_Hand.of(s) for s in silhouettes]
-    lengths = [_outline_px(s.mask > 0.5) for s in silhouettes]
+    lengths = [s.outline_px for s in silhouettes]
     off = np.full((len(hands), len(hands)), np.nan)
     for i, one in enumerate(hands):
         for j, other in enumerate(hands):
@@ -102,7 +103,13 @@ class _Hand:
 def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     """Return the share of a hand's pixels on whose lines of sight no point may be hand in all of the others."""
     camera = one.seen.camera
-    middles = np.array([_meeting_point(one, other) for other in others])
+    met = [
+        triangulated([camera, other.seen.camera], np.array([[one.middle], [other.middle]]), 0.0)[0]
+        for other in others
+    ]
+    middles = np.array([middle for middle in met if np.isfinite(middle).all()])
+    if not len(middles):  # they look along one line
+        return 0.0
     ways = camera.rays(one.pixels)
     along = (middles - camera.centre) @ ways.T
     steps = np.arange(-_REACH_M, _REACH_M + np.ptp(along, axis=0).max() + _STEP_M / 2, _STEP_M)
@@ -111,20 +118,3 @@ def _contradicted(one: _Hand, others: Sequence[_Hand]) -> float:
     for other in others:
         possible[possible] = other.may_show(points[possible])
     return float((~possible.any(axis=1)).mean())
-
-
-def _outline_px(mask: Array[H, W]) -> float:
-    """Return how long the outline is [px]: Crofton, by crossings of rows and columns."""
-    down, across = mask[1:] != mask[:-1], mask[:, 1:] != mask[:, :-1]
-    return 0.25 * np.pi * float(np.count_nonzero(down) + np.count_nonzero(across))
-
-
-def _meeting_point(one: _Hand, other: _Hand) -> Floats[D3]:
-    """Return the point nearest to the lines of sight of two hands' middles, world [m]."""
-    sums, sides = np.zeros((3, 3)), np.zeros(3)
-    for hand in (one, other):
-        camera = hand.seen.camera
-        way = camera.rays(hand.middle)
-        across = np.eye(3) - np.outer(way, way)
-        sums, sides = sums + across, sides + across @ camera.centre
-    return np.asarray(np.linalg.lstsq(sums, sides, rcond=None)[0])

@@ -140,6 +140,14 @@ class Silhouette:
         seen = (column >= self.valid[:, :1]) & (column < self.valid[:, 1:])
         return seen & (self.mask >= 0)
 
+    @property
+    def outline_px(self) -> float:
+        """How long the outline is where it was observed [px]: Crofton, by crossings of rows and columns."""
+        hand, known = self.mask > 0.5, self.known
+        down = (hand[1:] != hand[:-1]) & known[1:] & known[:-1]
+        across = (hand[:, 1:] != hand[:, :-1]) & known[:, 1:] & known[:, :-1]
+        return 0.25 * np.pi * float(down.sum() + across.sum())
+
 
 @array_dataclass
 class ImageView:

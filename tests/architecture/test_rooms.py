@@ -36,7 +36,7 @@ ARROWS: dict[str, set[str]] = {
         "tracking.size",
     },
     "tracking.whole": {
-        "geometry", "observation", "model", "terms", "solver", "tracking.frame", "tracking.search",
+        "geometry", "observation", "model", "terms", "solver", "sampling", "tracking.frame", "tracking.search",
         "tracking.size",
     },
     "tracking": {

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
-from handtrack.arrays import Floats, K, P
+from handtrack.arrays import Array, Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame.constants import APART_MM
 from handtrack.tracking.frame.doubt import figures
 from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
@@ -80,15 +82,17 @@ def _shown(
     order = [k for k in np.argsort(-share, kind="stable").tolist() if k != own]
     kept: list[int] = []
     if most > 0:
-        shapes = [result.joint_positions - result.joint_positions[0]]
-        for k in order:
-            places = model.joint_positions(model.bones(poses[k]))
-            off = np.array(shapes) - (places - places[0])
-            if np.linalg.norm(off, axis=2).mean(axis=1).min() >= 1e-3 * APART_MM:
-                kept.append(k)
-                shapes.append(places - places[0])
-            if len(kept) == most:
-                break
+        places = [result.joint_positions]
+        places += [model.joint_positions(model.bones(poses[k])) for k in order]
+        shapes = np.array([here - here[0] for here in places])
+
+        def differ(row: int, others: Ints) -> Array:
+            return (
+                np.linalg.norm(shapes[others] - shapes[row], axis=2).mean(axis=1) >= 1e-3 * APART_MM
+            )
+
+        differing = islice(apart(range(len(shapes)), differ), 1, 1 + most)
+        kept = [order[row - 1] for row in differing]
     more = [k for n, k in enumerate(order) if share[k] > _LEAST or n < most - len(kept)]
     return kept + [k for k in more if k not in kept]
 

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from handtrack.arrays import F, Floats, N, P, array_dataclass
+from handtrack.arrays import Array, F, Floats, Ints, N, P, array_dataclass
 from handtrack.geometry.camera import Camera
+from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.doubt.mirrored import apart_m, flips_of_limbs, only_camera
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
@@ -115,17 +116,17 @@ def _far(rows: Floats[N, P], pose: Floats[P]) -> Floats[N]:
 
 def _unlike(hypotheses: Sequence[TrajectoryHypothesis]) -> list[TrajectoryHypothesis]:
     """Return the hypotheses of which no better one is the same: all joints of all frames near each other."""
-    kept: list[TrajectoryHypothesis] = []
-    places: list[Floats] = []
-    for hypothesis in hypotheses:
-        model = hypothesis.evidence.model
-        own = np.array(
-            [model.joint_positions(model.bones(pose)) for pose in hypothesis.found.poses]
-        )
-        if all(np.linalg.norm(own - one, axis=2).max() > apart_m(own[0]) for one in places):
-            kept.append(hypothesis)
-            places.append(own)
-    return kept
+    model = hypotheses[0].evidence.model
+    places = np.array(
+        [[model.joint_positions(model.bones(p)) for p in one.found.poses] for one in hypotheses]
+    )
+    near_m = np.array([apart_m(own[0]) for own in places])
+
+    def differ(row: int, others: Ints) -> Array:
+        moved = np.linalg.norm(places[others] - places[row], axis=3).max(axis=(1, 2))
+        return moved > near_m[others]
+
+    return [hypotheses[row] for row in apart(range(len(hypotheses)), differ)]
 
 
 def _refined(

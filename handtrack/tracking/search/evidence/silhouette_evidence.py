@@ -152,16 +152,8 @@ class SilhouetteEvidence:
             boxed = _boxed(silhouette, middle[None], shape.reach)
             if boxed is not None:
                 metre = silhouette.camera.focal_px / float(silhouette.camera.to_camera(middle)[2])
-                count += _outline_px(boxed) / (metre * PIECE_M)
+                count += boxed.outline_px / (metre * PIECE_M)
         return count
-
-
-def _outline_px(silhouette: Silhouette) -> float:
-    """Return how long the mask's outline is where it was observed [px]: Crofton, by crossings of rows and columns."""
-    mask, seen = silhouette.mask > 0.5, silhouette.known
-    down = (mask[1:] != mask[:-1]) & seen[1:] & seen[:-1]
-    across = (mask[:, 1:] != mask[:, :-1]) & seen[:, 1:] & seen[:, :-1]
-    return 0.25 * np.pi * float(down.sum() + across.sum())
 
 
 def silhouette_evidence(silhouettes: Sequence[Silhouette]) -> SilhouetteEvidence | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, N, array_dataclass
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.triangulation import triangulated
 from handtrack.observation.observation import Silhouette
 
 _REACH_M = 0.4  # of the box around where the lines of sight meet: a hand and some arm
@@ -77,23 +78,18 @@ def _inside(
 
 
 def _meeting_point(seen: Sequence[Silhouette]) -> Floats:
-    """Return (3,) the point closest to the lines of sight through the silhouettes' middles, world [m].
+    """Return (3,) the point nearest to the lines of sight of the silhouettes' middles, world [m]; NaN where they look along one line.
 
     With one camera, the point on its line at which the silhouette has a hand's area.
     """
-    lines = []
-    for silhouette in seen:
-        row, column = np.nonzero(silhouette.mask > 0.5)
-        pixel = np.array([np.median(column), np.median(row)])
-        lines.append((silhouette.camera.centre, silhouette.camera.rays(pixel), len(row)))
-    if len(lines) == 1:
-        (centre, way, area), camera = lines[0], seen[0].camera
-        return centre + way * np.sqrt(
-            HAND_AREA_M2 * camera.matrix[0, 0] * camera.matrix[1, 1] / area
-        )
-    across = [np.eye(3) - np.outer(way, way) for _, way, _ in lines]
-    right = sum(a @ centre for a, (centre, _, _) in zip(across, lines, strict=True))
-    return np.linalg.lstsq(np.sum(across, axis=0), right, rcond=None)[0]
+    shown = [np.argwhere(silhouette.mask > 0.5)[:, ::-1] for silhouette in seen]
+    middles = np.array([np.median(pixels, axis=0) for pixels in shown])
+    cameras = [silhouette.camera for silhouette in seen]
+    if len(seen) > 1:
+        return triangulated(cameras, middles[:, None], 0.0)[0]
+    per_rad = cameras[0].matrix[0, 0] * cameras[0].matrix[1, 1]
+    depth = np.sqrt(HAND_AREA_M2 * per_rad / len(shown[0]))
+    return cameras[0].centre + cameras[0].rays(middles[0]) * depth
 
 
 def _depth(centres: Floats) -> Floats:
