@@ -74,6 +74,7 @@ def test_unreadable_files_are_misses_with_a_warning(suffix, damage, tmp_path, rn
     path = tmp_path / f"3{suffix}"
     cv2.imwrite(str(path), rng.integers(0, 255, (48, 64, 3), dtype=np.uint8))
     whole = path.read_bytes()
+    assert ImageFiles([path]).read(3) is not None
     path.write_bytes({"cut": whole[: len(whole) * 2 // 3], "empty": b"", "text": b"hello"}[damage])
     source = ImageFiles([path])
     assert source.read(3) is None
