@@ -72,6 +72,10 @@ HALVES: Mapping[str, Sequence[Row]] = {
         (2, "sleeve", "umetrack", "spread"),
         (3, "joints", "makehuman0", "pinches"),
         (2, "ragged", "makehuman1", "animbank_a:180"),
+        (6, "", "umetrack", "fist"),
+        (4, "ragged", "makehuman3", "fist"),
+        (6, "ragged", "makehuman0", "letters"),
+        (6, "", "webxr", "pinches"),
     ),
     "apart": (
         (2, "", "umetrack", "fist"),
@@ -94,6 +98,10 @@ HALVES: Mapping[str, Sequence[Row]] = {
         (2, "sleeve", "makehuman2", "spread"),
         (3, "joints", "makehuman5", "pinches"),
         (2, "ragged", "makehuman7", "animbank_a:720"),
+        (6, "", "makehuman7", "fist"),
+        (4, "ragged", "makehuman5", "fist"),
+        (6, "ragged", "makehuman2", "pinches"),
+        (6, "", "umetrack", "letters"),
     ),
 }
 
