@@ -200,9 +200,13 @@ class Worded:
 
 
 log = logging.getLogger(__name__)
-_OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => [...document.querySelectorAll('[role="tab"]')].find(
-  (one) => one.textContent.trim() === name)?.click(), 300 * n));"""
-"""viser opens tabs by clicks alone; one within another is drawn after it"""
+_OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => {
+  const tab = [...document.querySelectorAll('[role="tab"]')].find((one) => one.textContent.trim() === name);
+  const sends = (Kind, kind) => tab?.dispatchEvent(new Kind(kind, {bubbles: true, button: 0, isPrimary: true, pointerId: 1}));
+  sends(PointerEvent, "pointerdown"); sends(MouseEvent, "mousedown"); sends(PointerEvent, "pointerup"); sends(MouseEvent, "mouseup");
+  tab?.click();
+}, 300 * n));"""
+"""viser opens tabs by the pointer alone; one within another is drawn after it"""
 _ASKED_S = 60.0  # a browser is waited for
 _MODIFIERS = {
     "cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift", "alt": "Alt", "alt+shift": "Alt Shift",

@@ -51,3 +51,6 @@ def test_a_click_on_the_lanes_goes_there(tmp_path):
         eventually(lambda: bench.state.frame == 7, "the worst one, by key")
         view.page.keyboard.press("Shift+Y")
         eventually(lambda: bench.worker.document.accepted == {7}, "accepted, by key")
+        view.press("Export …")  # the next step
+        opened = view.page.get_by_role("tab", name="Export", exact=True, selected=True)
+        eventually(opened.count, "its tab is opened")
