@@ -7,6 +7,7 @@ import pytest
 
 from handtrack_app.engine.document_snapshots import timeline_snapshot
 from handtrack_app.engine.posing_service import pose as pose_edit
+from handtrack_app.page.panels.pose import ink_on
 from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture, whole
 from handtrack_app.protocol import snapshots
@@ -66,3 +67,12 @@ def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
     assert nearest_posed(snapshots.NO_TIMELINE, 12, 25, 3) == 12
     tracked = replace(strip, status=np.where(np.arange(20) > 12, 0, -1))
     assert nearest_posed(tracked, 12, 25, 24) == 24
+
+
+@pytest.mark.parametrize(
+    ("ground", "ink"),
+    [((240, 228, 66), "#000"), ((47, 75, 110), "#fff"), ((107, 122, 96), "#000"), ((200, 0, 0), "#fff")],
+)  # fmt: skip
+def test_words_on_a_colour_can_be_read(ground, ink):
+    """By a contrast of 4.5 and more: of the third black has 4.8, white 4.4; of the last black has 3.6."""
+    assert ink_on(ground) == ink

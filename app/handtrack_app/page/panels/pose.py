@@ -346,14 +346,16 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
         "<div class='handtrack-score' style='padding:.2em .9em .3em;font-size:.9em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:center'>"
         f"<b class='handtrack-frame' style='font-size:1.1em'>Frame {pose.frame}</b>"
-        f"<span style='background:{colour};color:{_ink(colour)};border-radius:1em;padding:0 .7em'>"
+        f"<span style='background:{colour};color:{ink_on(list(bytes.fromhex(colour[1:])))};border-radius:1em;padding:0 .7em'>"
         f"{html.escape(word)}</span></div>{rows}</div>"
     )
 
 
-def _ink(colour: str) -> str:
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return "#111" if 0.3 * red + 0.59 * green + 0.11 * blue > 130 else "#fff"
+def ink_on(ground: Sequence[int] | Floats[D3]) -> str:
+    """Return the text's colour on a ground of red, green and blue, 0 … 255: one of the two has a contrast above 4.5 (WCAG 2.2)."""
+    share = np.asarray(ground) / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return "#000" if linear @ (0.2126, 0.7152, 0.0722) > 0.179 else "#fff"
 
 
 def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
@@ -399,11 +401,10 @@ def _cell(name: str, std: float) -> str:
     )
     share = 1.0 if not math.isfinite(std) else min(shown / 20.0, 1.0)
     low, high = np.array([47, 75, 110]), np.array([240, 228, 66])
-    ground = rgb(low + share * (high - low))
-    ink = "#111" if share > 0.3 else "#fff"
+    ground = low + share * (high - low)
     title = html.escape(f"{name}: ± {text}")
     return (
-        f"<td title='{title}' style='background:{ground};color:{ink};border-radius:3px;"
+        f"<td title='{title}' style='background:{rgb(ground)};color:{ink_on(ground)};border-radius:3px;"
         f"text-align:center;padding:.1em .2em'>{text}</td>"
     )
 
