@@ -26,23 +26,24 @@ def joint_sigma_px(views: tuple[View, ...]) -> float | None:
     """Return the standard deviation of detected joints in each direction [px]; None where two cameras do not see enough.
 
     Triangulation takes three of a point's 2 V numbers in V cameras; what it leaves of them, squared and in units of the error, is
-    χ² with 2 V − 3 freedoms. The median of that is compared, since some points are simply elsewhere. By what all points of a camera
-    are off alike its calibration is, and no detector. What cameras agree on is no better than a point of a hand is defined.
+    χ² with 2 V − 3 freedoms. The median of that is compared, since some points are simply elsewhere. Each camera's median
+    residual is taken out first: it is an error of the calibration, not of the detector. What cameras agree on is no better than a point
+    of a hand is defined.
     """
     last = min((v.keypoint_files.frames.stop for v in views if v.keypoint_files), default=0)
     found = [
         point
         for frame in evenly_spread(last, _FRAMES)
-        for point in _misses([j for view in views for j in view.keypoints(frame, 1.0)])
+        for point in _residuals([j for view in views for j in view.keypoints(frame, 1.0)])
     ]
     if len(found) < _FEWEST:
         return None
-    alike = {
+    constant = {
         name: np.median([off[name] for off, _ in found if name in off], axis=0)
         for name in {name for off, _ in found for name in off}
     }
     squares, pixels_per_m = np.median(
-        [(_square([off[name] - alike[name] for name in off]), scale) for off, scale in found],
+        [(_variance([off[name] - constant[name] for name in off]), scale) for off, scale in found],
         axis=0,
     )
     hands = set(keypoint_names())
@@ -51,9 +52,9 @@ def joint_sigma_px(views: tuple[View, ...]) -> float | None:
     return float(np.sqrt(squares + (least_m * pixels_per_m) ** 2))
 
 
-def _misses(seen: Sequence[ImageKeypoints]) -> list[tuple[dict[str, Floats[D2]], float]]:
-    """Return by how much each camera misses each point of a frame [px], by the camera's name, and how many pixels a metre is there;
-    of points that two cameras see.
+def _residuals(seen: Sequence[ImageKeypoints]) -> list[tuple[dict[str, Floats[D2]], float]]:
+    """Return each point's residuals after triangulation [px], by camera, and how many pixels a metre is there; of points that two
+    cameras see.
     """
     found: list[tuple[dict[str, Floats[D2]], float]] = []
     names = tuple(dict.fromkeys(name for one in seen for name in one.names))
@@ -71,7 +72,7 @@ def _misses(seen: Sequence[ImageKeypoints]) -> list[tuple[dict[str, Floats[D2]],
     return found
 
 
-def _square(off: Sequence[Floats[D2]]) -> float:
-    """Return the variance [px²] that says a point's misses, as its median goes."""
+def _variance(off: Sequence[Floats[D2]]) -> float:
+    """Return the variance [px²] in each direction of which a point's residuals are the median."""
     freedoms = 2 * len(off) - 3
     return float(np.square(off).sum()) / (freedoms * (1 - 2 / (9 * freedoms)) ** 3)

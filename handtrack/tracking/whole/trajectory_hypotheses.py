@@ -120,11 +120,10 @@ def _unlike(hypotheses: Sequence[TrajectoryHypothesis]) -> list[TrajectoryHypoth
     places = np.array(
         [[model.joint_positions(model.bones(p)) for p in one.found.poses] for one in hypotheses]
     )
-    near_m = np.array([apart_m(own[0]) for own in places])
 
     def differ(row: int, others: Ints) -> Array:
         moved = np.linalg.norm(places[others] - places[row], axis=3).max(axis=(1, 2))
-        return moved > near_m[others]
+        return moved > apart_m(places[row, 0])
 
     return [hypotheses[row] for row in apart(range(len(hypotheses)), differ)]
 
