@@ -1,6 +1,5 @@
 """Independent work on several threads."""
 
-import os
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -62,12 +61,3 @@ def test_linear_algebra_takes_one_thread_whichever_of_ours_begins_or_ends():
         assert threads() == {1}
         one_blas_thread.__exit__()
         assert threads() == before
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="a system without fork")
-def test_a_copy_of_the_process_does_not_wait_for_a_thread_it_has_not():
-    with one_blas_thread._lock:
-        child = os.fork()
-        if child == 0:
-            os._exit(0 if one_blas_thread._lock.acquire(blocking=False) else 1)
-    assert os.waitpid(child, 0)[1] == 0

@@ -19,7 +19,7 @@ from handtrack.session.doctor.check_joints import check_joints
 from handtrack.session.doctor.check_outlines import check_outlines
 from handtrack.session.doctor.check_tracked import check_tracked_cameras, inconsistency_of_cameras
 from handtrack.session.doctor.check_views import SEVERITIES
-from handtrack.session.doctor.examine import examine
+from handtrack.session.doctor.examine import examine, examine_start
 from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
 from handtrack.simulation.motion import MOTIONS
@@ -193,6 +193,13 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "no truth.npz: the tracking's error",
     ),
 }
+
+
+def test_before_tracking_only_what_would_make_it_vain_is_said(folder):
+    (folder / "truth.npz").unlink()
+    assert examine_start(Session.open(folder)) == []
+    edit(folder / "calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, 0.0, 0.0]")
+    assert any("'cam0' and 'cam1'" in text for text in examine_start(Session.open(folder)))
 
 
 @pytest.mark.parametrize("case", ODD)

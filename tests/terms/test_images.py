@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack import Camera
+from handtrack.diagnostics.residual_points import image_residuals
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.render import render
@@ -124,6 +125,17 @@ def test_edges_are_where_the_picture_changes(rng):
     assert seen.found > 0.9
     assert abs(np.median(best)) < 0.3
     assert np.percentile(np.abs(best), 80) < 1.0
+
+
+def test_pieces_without_an_edge_tell_nothing_of_how_far_edges_are(rng):
+    bones, _, mesh, views = scene(rng, cameras=1, parts=1)
+    seen = edges_of(mesh, bones, views[0][0], drawn(mesh, bones, views[0][0]))
+    seen.strength[5] = 0.0
+    (told,) = image_residuals(OutlineEdgesTerm([seen], sigma_px=2.0), bones)
+    there = seen.strength.max(axis=1) > 0.0
+    assert 0 < len(told.pixels) == there.sum() < len(there)
+    np.testing.assert_allclose(told.pixels, seen.outline.pixel[there], atol=1e-6)
+    assert np.percentile(np.abs(told.sigmas), 80) < 0.5
 
 
 def test_clutter_far_from_the_outline_does_not_pull(rng):

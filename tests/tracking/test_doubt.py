@@ -37,14 +37,18 @@ def test_the_tail_is_a_normal_distribution_s(rng):
 def test_what_fits_badly_and_fingers_that_are_closed_are_known_less():
     joint, raw = HAND.rest.copy(), flat(0.002)
     fist = joint.copy()
-    fist[["index" in n and "flex" in n for n in HAND.parameter_names]] = 1.3
+    fist[[n.startswith(("index", "thumb")) and "flex" in n for n in HAND.parameter_names]] = 1.3
     tip, wrist = HAND.joint_names.index("index_tip"), HAND.joint_names.index("wrist")
     straight, bent = curls(HAND, joint), curls(HAND, fist)
     good, bad = (stated_covariance(HAND, straight, raw, m, by_cloud=True) for m in (0.5, 2.0))
     closed = stated_covariance(HAND, bent, raw, 2.0, by_cloud=True)
     assert np.trace(good[tip]) < np.trace(bad[tip]) < np.trace(closed[tip])
-    along = [np.trace(closed[HAND.joint_names.index(f"index_{j}")]) for j in ("mcp", "pip", "dip", "tip")]  # fmt: skip
-    assert (np.diff(along) > 0).all(), "hidden bends add up towards the tip"
+    for finger, joints in (
+        ("index", ("mcp", "pip", "dip", "tip")),
+        ("thumb", ("mcp", "ip", "tip")),
+    ):
+        along = [np.trace(closed[HAND.joint_names.index(f"{finger}_{j}")]) for j in joints]
+        assert (np.diff(along) > 0).all(), "hidden bends add up towards the tip"
     still = HAND.joint_names.index("middle_pip")
     assert np.trace(bad[wrist]) < np.trace(closed[wrist]) < 1.5 * np.trace(bad[wrist])
     assert np.trace(closed[still]) < np.trace(closed[tip])

@@ -21,6 +21,18 @@ def test_saving_is_offered_where_something_is_not_saved(cloudy):
     assert "voxel_m = 0.008  # fine" in text
 
 
+def test_the_difference_to_the_background_is_set_in_halves_from_1_to_40(cloudy):
+    panel = cloudy.layout.masks
+    masks = lambda: cloudy.worker.document.run.session.view("cam0").settings.masks  # noqa: E731
+    eventually(lambda: panel.built, "built")
+    with WireClient(cloudy.url) as client:
+        client.set_value(panel.method, "before the usual image")
+        eventually(lambda: getattr(masks(), "threshold", None) == 8.0, "in force")
+        for chosen, taken in ((1.5, 1.5), (50.0, 40.0), (0.5, 1.0)):
+            client.set_value(panel.settings["background_median"]["threshold"].widget, chosen)
+            eventually(lambda taken=taken: masks().threshold == taken, "within its limits")
+
+
 def test_nothing_stands_before_the_image_while_a_box_is_dragged(cloudy):
     stage, skin, wide = cloudy.stage, cloudy.layout.cloud.skin, cloudy.layout.cloud.wide
     hand, root, points = stage.hand.flesh, stage.root.control, stage.cloud.points
