@@ -3,16 +3,14 @@
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from handtrack import ImageKeypoints, Session, bundled_session
+from handtrack import Session, bundled_session
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.session.bundled import bundled_names
-from handtrack.session.sources.views import View
 from handtrack_app.door.access import LARGEST_FILE
 from handtrack_app.start.found_files import find_files
-from handtrack_app.start.import_progress import ImportProgress, joints_found, preview
+from handtrack_app.start.import_progress import ImportProgress, preview
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.start_page import StartPage
 from tests.app.commands.test_new_project import project
@@ -206,18 +204,6 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
     with WireClient(start.door.url) as client:
         client.press("Open what is done")
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
-
-
-def test_pictures_show_the_joints_that_were_detected(tmp_path, monkeypatch):
-    session = Path(shutil.copytree(BUNDLED, tmp_path / "session"))
-    plain = joints_found(session)
-    assert {name: picture.shape[0] for name, picture in plain.items()} == dict.fromkeys(plain, 240)
-    at = np.array([[100.0, 100.0], [np.nan, np.nan]])
-    monkeypatch.setattr(View, "keypoints", lambda self, *_: (ImageKeypoints(self.camera, ("a", "b"), at, 1.0),))  # fmt: skip
-    drawn = joints_found(session)
-    scale = 240 / read_rig(session / "calibration.toml").cameras[0].size[1]
-    rows, columns, _ = np.nonzero(plain["cam0"] != drawn["cam0"])
-    assert np.allclose([columns.mean(), rows.mean()], 100 * scale, atol=1.0)
 
 
 def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import scipy.linalg
 
 from handtrack import (
     Camera,
@@ -207,29 +206,6 @@ def test_terms_and_priors_of_ones_own_count():
     assert np.linalg.norm(result.joint("thumb_tip") - result.joint("index_tip")) < 0.006
     assert result.angle("ring_pip_flex", degrees=False)[0] == pytest.approx(1.2, abs=0.05)
     assert {"touch", "bent"} <= set(result.energy_names or ())
-
-
-def test_linear_algebra_takes_one_thread_while_we_work_and_as_many_as_before_afterwards():
-    pools = pytest.importorskip("threadpoolctl")
-    scipy.linalg.inv(np.eye(2))  # its BLAS is loaded before threads are counted
-
-    def threads() -> set[int]:
-        known = pools.threadpool_info()
-        return {one["num_threads"] for one in known if one["user_api"] == "blas"}
-
-    seen = []
-
-    def look(at):
-        if not seen:  # it takes a while
-            seen.append(threads())
-        return (at[0] - at[1]) / 0.01
-
-    start = posed()
-    with pools.threadpool_limits(2, user_api="blas"):
-        before = threads()
-        track(HAND, [points(start)], start, terms=[JointPositionTerm(HAND, TIPS, look)])
-        assert threads() == before
-    assert seen == [{1}]
 
 
 def test_a_recording_of_masks_becomes_observations_in_one_call():

@@ -92,12 +92,6 @@ def in_images(session, cameras, frame=0):
     )
 
 
-def test_joints_in_several_images_are_points_in_space(session):
-    first = in_images(session, ("cam0", "cam2"))
-    run = TrackingRun.open(session, {}, first)
-    assert run.first.xyz == pytest.approx(points(session, 0), abs=1e-6)
-
-
 def test_joints_in_one_image_are_settled_by_the_silhouettes(session):
     first = in_images(session, ("cam0",), 30)
     found = given_in_images(session, TrackerSettings(), first)

@@ -12,8 +12,7 @@ from tests.session.test_offsets_of_joints import seen_points
 SIGMA_PX = 6.0
 
 
-@pytest.mark.parametrize("cameras", [2, 4])
-@pytest.mark.parametrize("off_px", [(0.0, 0.0), (20.0, -12.0)])
+@pytest.mark.parametrize(("cameras", "off_px"), [(2, (0.0, 0.0)), (4, (20.0, -12.0))])
 def test_joints_are_as_exact_as_they_scatter_however_a_camera_is_turned(tmp_path, cameras, off_px):
     what = Simulation(cameras=cameras, frames=16, size=(320, 240), images=False, seed=3)
     folder = simulate(tmp_path / "session", what)

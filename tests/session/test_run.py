@@ -24,7 +24,7 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.model.size import POPULATION_SIGMA, hand_length_mm
 from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.run import size_of_frames, tracked_for_size, who_is_open
-from handtrack.session.session_file import BODY_TRACKING, CameraSettings
+from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
 from handtrack.tracking.frame.doubt.judgement import Judgement, judged
@@ -261,11 +261,3 @@ class Recording:
 )
 def test_only_what_is_idle_is_named(values, seen, said):
     assert ineffective_settings(TrackerSettings().with_values(values), seen, "hand") == said
-
-
-def test_what_a_new_session_of_a_body_has_is_not_named():
-    settings = TrackerSettings().with_values(
-        {f"{g}.{key}": v for g, table in BODY_TRACKING.items() for key, v in table.items()}
-    )
-    assert ineffective_settings(settings, Recording(masks=None), "body") == []
-    assert "outline_sigma_mm" in ineffective_settings(settings, Recording(masks=None), "hand")[0]

@@ -67,17 +67,6 @@ def test_masks_start_from_joints(folder):
     assert not [finding for finding in found if finding.severity == "error"]
 
 
-def test_a_mask_is_computed_once_and_anew_by_another_method(folder):
-    view = opened(folder, '{ method = "seeded" }', JOINTS).view("cam0")
-    computed, later = view.given_mask(2).copy(), view.given_mask(4)
-    view.given_mask(2)[:] = 0  # whoever changes it, changes a mask of their own
-    (folder / "cam0" / "002.png").unlink()
-    np.testing.assert_array_equal(view.given_mask(2), computed)
-    other = opened(folder, '{ method = "skin_ycrcb" }').view("cam0").settings.masks
-    assert (view.with_masks(other, None).given_mask(4) != later).any()
-    assert view.given_mask(10) is None
-
-
 def test_files_of_masks_may_say_that_nobody_knows(folder):
     (folder / "masks").mkdir()
     mask = np.zeros(SIZE[::-1], np.uint8)

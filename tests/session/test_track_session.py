@@ -118,11 +118,6 @@ def test_each_fixed_frame_starts_a_segment(first, fixed, expected):
     assert _segments(range(12), first, fixed) == expected
 
 
-def test_each_guide_starts_a_segment_and_is_tracked_itself():
-    assert _segments(range(12), 5, (), (1, 8)) == [(2, 8, 5, 0), (8, 12, 8, 8), (0, 2, 1, 1)]
-    assert _segments(range(12), 5, (8,), (9,))[-1] == (9, 12, 9, 9)
-
-
 @pytest.mark.parametrize("fixed", [(), (0,), (5,), (2, 3, 9), (0, 11), tuple(range(12))])
 @pytest.mark.parametrize("first", [0, 5, 11])
 def test_every_other_frame_is_tracked_once(first, fixed):

@@ -51,16 +51,6 @@ def test_kernel_equals_the_plain_form(rng, model, form, loss):
     assert term.cost(bones) == pytest.approx(plain.cost, rel=1e-9)
 
 
-@pytest.mark.parametrize(("sharpness", "flesh"), [(50.0, "metaballs"), (3000.0, "fine")])
-def test_soft_and_hard_surfaces_of_many_ellipsoids(rng, model, flesh, sharpness):
-    """Several ellipsoids on one bone, and weights of many at once."""
-    points, bones = hand_cloud(rng, model, 700)
-    surface = MetaballSurface.of(model, sharpness, flesh=flesh)
-    term = CloudDistanceTerm(prepare_cloud(points), surface)
-    plain = cloud_rows(surface, bones, points, term.sigma_m, quadratic())
-    assert_same_system(term.linearize(bones), system_of(plain, len(bones.position)))
-
-
 @pytest.mark.parametrize(("loss", "form"), [*zip(LOSSES, (*FORMS, "d3"), strict=True)])
 def test_derivatives_by_every_bone(rng, model, form, loss):
     points, bones = hand_cloud(rng, model, 300)
@@ -171,12 +161,11 @@ def test_kernel_equals_rows(rng, model, scene, loss):
     assert term.cost(moved) == pytest.approx(plain.cost, rel=1e-12)
 
 
-@pytest.mark.parametrize("loss", LOSSES)
-def test_derivatives_by_every_bone_cloud_emptiness(rng, model, scene, loss):
+def test_derivatives_by_every_bone_cloud_emptiness(rng, model, scene):
     points, _, mesh = scene
     moved = model.bones(model.rest_params() + 0.05 * rng.normal(size=len(model.rest_params())))
-    start = CloudEmptinessTerm.at_start(points, mesh, loss=loss)
-    term = CloudEmptinessTerm(start.distances, start.bone, start.local, loss=loss)
+    start = CloudEmptinessTerm.at_start(points, mesh, loss=geman_mcclure(2.0))
+    term = CloudEmptinessTerm(start.distances, start.bone, start.local, loss=geman_mcclure(2.0))
     check_observation_term(term, moved, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
 
 

@@ -185,30 +185,6 @@ def test_tiny_huge_and_cut_ellipses_equal_the_dense_jacobian_coverage(rng, antis
         assert_same_system(term.linearize(bones), dense)
 
 
-@pytest.mark.parametrize(("antisymmetric", "expected"), [(True, 0.0), (False, 6.0**2 / 60.0)])
-def test_a_finger_seen_from_one_side_is_placed_without_bias_by_the_antisymmetric_form(
-    antisymmetric, expected
-):
-    """The wide form is −½ − α/4 at the outline: one edge alone comes to lie w²/2R off."""
-    band, radius, far = 6.0, 30.0, 20.0
-    camera = Camera(
-        "c", (121, 41), np.array([[1000.0, 0, 0.3], [0, 1000.0, 20], [0, 0, 1]]), np.zeros(5), np.eye(3), np.zeros(3)
-    )  # fmt: skip
-    u = np.arange(121.0)
-    mask = np.tile(np.clip(radius - (u - 0.3) + 0.5, 0, 1), (41, 1)).astype(np.float32)
-    silhouette = Silhouette(camera, mask, np.tile(np.array([0, 121], np.int32), (41, 1)))
-    radii = np.array([[radius, 10 * radius, radius]]) * far / 1000.0
-    flesh, _ = parts_at(radii, [[0, 0, far]])
-
-    def at(shift_px):
-        return parts_at(radii, [[shift_px * far / 1000.0, 0, far]])[1]
-
-    term = CoverageTerm([silhouette], flesh, band, at(0.0), antisymmetric)
-    shifts = np.linspace(-2, 2, 81)
-    best = shifts[np.argmin([term.cost(at(s)) for s in shifts])]
-    assert abs(best) == pytest.approx(expected, abs=0.1)
-
-
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_coverage_by_pose_shape_and_outline(rng, side):
     """Pixels change hands between ellipsoids: steps are short, as for twists."""

@@ -1,14 +1,9 @@
 """A finger in the wrong place, and a hand one finger off, are found again; nothing ever gets worse."""
 
-from dataclasses import replace
-from itertools import pairwise
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from handtrack import Observation, PointCloud, TrackerSettings, load_model
-from handtrack.model.articulated import FINGERS
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
@@ -18,12 +13,9 @@ from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms
-from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round, improved
+from handtrack.tracking.search.engine import Candidate
 from handtrack.tracking.search.lost_finger import (
-    LOST_FINGER,
     FingerObjective,
-    finger_grid,
-    finger_shift,
     finger_shifts,
     with_fingers_found,
 )
@@ -123,7 +115,6 @@ def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
 
 
 BENDS = ("mcp_flex", "pip_flex", "dip_flex")
-TRUE = dict(zip(FINGERS[1:], (0.1, 0.5, 0.9, 1.2), strict=True))
 
 
 def bent(model, joint, by_finger):
@@ -132,95 +123,3 @@ def bent(model, joint, by_finger):
         for bend in BENDS:
             joint[model.skeleton.parameter(f"{finger}_{bend}")] = angle
     return joint
-
-
-def knuckles(model, joint):
-    places = model.joint_positions(model.bones(model.transform.solver_params(joint)))
-    return places[[model.joint_names.index(f"{finger}_mcp") for finger in FINGERS[1:]]]
-
-
-def moved(model, joint, side):
-    """Return the hand moved by a knuckle: side 1 puts the index finger where the middle one was."""
-    at = knuckles(model, joint)
-    joint = joint.copy()
-    joint[:3] += side * (at[1] - at[0])
-    return joint
-
-
-def handed(by_finger, side):
-    """Return the bends by finger, each taken from its neighbour on the little finger's side (1) or the thumb's (−1)."""
-    given = dict(by_finger)
-    for one, other in pairwise(FINGERS[1:]):
-        to, source = (one, other) if side > 0 else (other, one)
-        given[to] = by_finger[source]
-    return given
-
-
-def cost_of(model, truth):
-    """Return the cost of a pose: all joints' squared distances to where they are seen, σ = 5 mm."""
-    seen = model.joint_positions(model.bones(model.transform.solver_params(truth)))
-
-    def cost(params):
-        return 0.5 * float(
-            (((model.joint_positions(model.bones(params)) - seen) / 0.005) ** 2).sum()
-        )
-
-    return cost
-
-
-def found_from(model, cost, start):
-    """Return what the search takes where fingers are shifted and nothing descends: one of the starts, or where it began."""
-
-    def measured(objective, candidates, iterations, control):
-        return [replace(c, cost=cost(c.params)) for c in candidates]
-
-    rounds = (Round((Propose(finger_shift),), keep=0, fits=(Fit(measured),)),)
-    search, standing = replace(LOST_FINGER, rounds=rounds), Candidate(model, start, cost(start))
-    nothing_kept = SimpleNamespace(distinct=lambda candidates, most: [])
-    return improved(search, nothing_kept, standing, Control(), 0, "a test").params
-
-
-@pytest.mark.parametrize("hand", ["right", "left"])
-@pytest.mark.parametrize("side", [1, -1])
-def test_the_hand_goes_back_and_each_finger_takes_its_neighbours_bends(hand, side):
-    """The palm is a knuckle off and each finger is bent as the one whose place it took: undone by the opposite of both."""
-    model = load_model(side=hand)
-    truth = bent(model, np.zeros(26), TRUE)
-    off = bent(model, moved(model, truth, side), handed(TRUE, side))
-    cost = cost_of(model, truth)
-    ways = {
-        (way, bends): cost(bent(model, moved(model, off, way), handed(handed(TRUE, side), bends) if bends else handed(TRUE, side)))
-        for way in (1, 0, -1)
-        for bends in (1, 0, -1)
-    }  # fmt: skip
-    assert min(ways, key=ways.__getitem__) == (-side, -side), "the scene is as it is meant"
-    least = min(ways.values())
-    start = model.transform.solver_params(off)
-    found = found_from(model, cost, start)
-    assert cost(found) <= least + 1.0
-    names = model.parameter_names
-    # all but the one at the end, whose own bends were overwritten
-    for finger in FINGERS[2:] if side > 0 else FINGERS[1:4]:
-        pip = names.index(f"{finger}_pip_flex")
-        assert model.joint_params(found)[pip] == pytest.approx(TRUE[finger], abs=1e-6)
-
-
-@pytest.mark.parametrize(("better_by", "taken"), [(1.9, False), (2.1, True)])
-def test_a_finger_is_taken_only_where_the_pose_is_two_log_likelihoods_better(better_by, taken):
-    assert LOST_FINGER.is_better(50.0 - better_by, 50.0) == taken
-
-
-def test_a_finger_is_put_at_shares_of_its_joints_ranges():
-    """Asked for one place of the grid, 60 % flexed, half spread, 40 % curled, the search proposes just that."""
-    model = load_model()
-    names = ["index_mcp_flex", "index_mcp_abd", "index_pip_flex", "index_dip_flex"]
-    at = [model.skeleton.parameter(name) for name in names]
-    start = model.transform.solver_params(named_pose(model, "open"))
-    bent = model.joint_params(start)
-    low, high = model.limits.bounds(bent)[at].T
-    bent[at] = low + np.array([0.6, 0.5, 0.4, 0.4]) * (high - low)
-    wanted = model.clipped(model.transform.solver_params(bent))
-    far = SimpleNamespace(model=model, cost=lambda x: float(((x - wanted) ** 2).sum()))
-    finger, found = finger_grid(far, start, 4)[0]
-    assert finger == "index"
-    np.testing.assert_allclose(found, wanted, atol=1e-12)

@@ -21,7 +21,6 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.size import FOREARM_END
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
-from handtrack.observation.observation import UNKNOWN
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
@@ -95,24 +94,6 @@ def test_the_length_of_a_forearm_is_told_by_two_near_cameras(length):
     found = forearm_length(HAND, HAND.bones(without_arm(joint)), seen.silhouettes)
     assert found == pytest.approx(min(length, 0.1), abs=0.012)
     assert (forearm_in_view(HAND, [(without_arm(joint), seen)]) > 0) is (length > 0)
-
-
-def test_where_nobody_knows_a_forearm_may_go_on():
-    """Masks that say nothing from 5 cm behind the wrist on show the whole arm; as background, they show its end there."""
-    views = list(seen_with_arm(posed(), 0.1, near_pair()).silhouettes)
-    bones, lengths = WHOLE.bones(WHOLE.transform.solver_params(posed())), []
-    for value in (UNKNOWN, 0.0):
-        cut = []
-        for seen in views:
-            near, far = seen.camera.project(
-                bones.to_world(ARM, np.array([[0, 0, 0], [0, 0.05, 0]]))
-            )
-            v, u = np.mgrid[: seen.mask.shape[0], : seen.mask.shape[1]]
-            beyond = (np.stack([u, v], axis=-1) - far) @ (near - far) < 0
-            cut.append(replace(seen, mask=np.where(beyond, value, seen.mask)))
-        lengths.append(forearm_length(HAND, HAND.bones(without_arm(posed())), cut))
-    assert lengths[0] > 0.09
-    assert lengths[1] < 0.06
 
 
 def test_a_cloud_shows_an_arm_where_it_goes_on_behind_the_wrist(rng):

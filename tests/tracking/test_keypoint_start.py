@@ -37,14 +37,6 @@ def error_mm(params, points):
     return 1e3 * np.linalg.norm(points_of(params) - points, axis=1).mean()
 
 
-def test_two_cameras_give_points_in_space(rng):
-    points = points_of(posed("rest", [0.3, 0.5, -0.2]))
-    found = triangulated(seen_by(CAMERAS[:2], points, rng, 0.0), keypoint_names())
-    assert found == pytest.approx(points, abs=1e-9)
-    alone = triangulated(seen_by(CAMERAS[:1], points, rng), keypoint_names())
-    assert np.isnan(alone).all(), "one is not enough"
-
-
 def test_a_wrong_view_of_a_point_is_dropped(rng):
     points = points_of(posed("rest", [0.3, 0.5, -0.2]))
     seen = seen_by(CAMERAS, points, rng, 0.0)

@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-import pytest
 
 from handtrack import ImageKeypoints, Observation, PointCloud, Status, Tracker, TrackerSettings
 from handtrack.model.articulated import keypoint_names
@@ -60,8 +59,8 @@ def live_error_mm(later, known):
     return 1e3 * np.linalg.norm(found - points_at(np.arange(float(FRAMES))), axis=2)[5:].mean()
 
 
-@pytest.mark.parametrize("later", [(0.0, -0.5, 0.0), (0.0, 0.4, -0.4)])
-def test_a_camera_that_is_known_to_be_late_is_predicted_at_its_own_time(later):
+def test_a_camera_that_is_known_to_be_late_is_predicted_at_its_own_time():
+    later = (0.0, 0.4, -0.4)
     in_step, told, untold = (
         live_error_mm((0.0, 0.0, 0.0), False),
         live_error_mm(later, True),

@@ -1,7 +1,6 @@
 """Recovery: a lost hand is found again, and nothing else ever changes."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -22,16 +21,10 @@ from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.frame_result import Solved
-from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.search import lost_hand
-from handtrack.tracking.search.engine import Candidate, Fit, Propose, Round
-from handtrack.tracking.search.evidence.hand_shapes import shape_of
-from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective, tracker
-from handtrack.tracking.search.lost_hand import with_hand_found
+from handtrack.tracking.search.global_search import GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
-from tests.experiments.starts.recovery import gap_runs
 
 MODEL = load_model()
 RIG = simulated_rig(3, (320, 240))
@@ -64,26 +57,20 @@ def known():
     return first_of(seen)
 
 
-def test_a_hand_that_moved_on_unseen_is_found_again():
-    """Faults C32, C33."""
-    runs = gap_runs(0, (160, 120))
-    without, jumps = runs[False], runs[True]
-    assert without.moved_mm > 100.0
-    assert not without.is_back
-    assert jumps.is_back
-
-
-def test_a_cloud_that_is_elsewhere_is_found_again(rng):
-    """After a gap the hand is further away than the crop: without jumps not one point is looked at."""
+@pytest.mark.parametrize("by", ["masks", "cloud"])
+def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
+    """Faults C32, C33. Further away than clouds are cropped: without jumps not one point is looked at."""
     truth = posed("open", (0.2, 0.3, 0.0), (0.15, 0.05, 0.1))
 
-    def cloud_at(params, frame):
+    def seen_at(params, frame):
+        if by == "masks":
+            return mask_views(MODEL, params, RIG.cameras, frame)
         bones = MODEL.bones(params)
         points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 2500, rng)
         return Observation(frame, frame / 25.0, cloud=PointCloud(points))
 
-    first = first_of(cloud_at(posed(), 0))
-    seen = cloud_at(truth, 1)
+    first = first_of(seen_at(posed(), 0))
+    seen = seen_at(truth, 1)
     plain, jumps = (followed(s, first, seen) for s in (PLAIN, JUMPS))
     assert plain.status == Status.LOST
     assert jumps.status == Status.TRACKED
@@ -141,21 +128,6 @@ def aside(metres):
     return params
 
 
-@cache
-def objective():
-    return GlobalObjective.of(SEEN, NO_SEARCH)
-
-
-@cache
-def standing_cost():
-    return cost_of(aside(0.015))
-
-
-def cost_of(params):
-    shape = shape_of(MODEL, MODEL.joint_params(params), "test")
-    return objective().measured(Candidate(MODEL, params, shape=shape)).cost
-
-
 @pytest.fixture(scope="module")
 def before():
     begun = TrackerState.beginning_at(TRUTH)
@@ -167,57 +139,6 @@ def standing(before):
     """A doubtful frame 15 mm aside."""
     there = MODEL.joint_params(aside(0.015))
     return replace(before, frame=1, status=Status.DOUBTFUL, parameters=there)
-
-
-@cache
-def costing(share):
-    """Return a pose (P,) that costs this share of what the standing one costs, found by halving."""
-    wanted, low, high = share * standing_cost(), 0.0, 0.015
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if cost_of(aside(middle)) < wanted else (low, middle)
-    assert cost_of(aside(low)) == pytest.approx(wanted, rel=0.01)
-    return aside(low)
-
-
-@pytest.fixture
-def chosen(standing, before, monkeypatch):
-    """Return what is taken where the search finds starts here and there, and solving from them ends at given poses in turn."""
-    shape = shape_of(MODEL, MODEL.joint_params(TRUTH), "test")
-    starts = [Candidate(MODEL, aside(0.03 * n), float(n), "a test", shape) for n in range(1, 6)]
-    rounds = (Round((Propose(lambda *_: starts),), keep=0, enter=3, fits=(Fit(tracker),)),)
-    monkeypatch.setattr(lost_hand, "LOST_HAND", replace(LOST_HAND, rounds=rounds))
-
-    def choose(*poses, result=standing, model=MODEL):
-        ends = iter([replace(result, parameters=MODEL.joint_params(pose)) for pose in poses])
-        monkeypatch.setattr(lost_hand, "solve_frame", lambda _: Solved(next(ends)))
-        start = MODEL.transform.solver_params(result.parameters)
-        task = FrameTask(model, NO_SEARCH, SEEN, start, (before,))
-        return with_hand_found(task, Solved(result)).result
-
-    return choose
-
-
-@pytest.mark.parametrize(("share", "taken"), [(0.7, True), (0.93, True), (0.97, False)])
-def test_another_pose_is_taken_at_95_percent_of_the_cost(standing, chosen, share, taken):
-    pose = costing(share)
-    found = chosen(pose, pose, pose)
-    assert (found is not standing) == taken
-    if taken:
-        np.testing.assert_allclose(found.parameters[0], pose[0])
-
-
-@pytest.mark.parametrize("order", [(0.8, 0.5, 0.6), (0.5, 0.8, 0.6), (0.8, 0.6, 0.5)])
-def test_of_three_that_are_solved_the_cheapest_is_taken(chosen, order):
-    poses = {share: costing(share) for share in order}
-    found = chosen(*(poses[share] for share in order))
-    assert found.parameters[0] == pytest.approx(poses[0.5][0])
-
-
-def test_a_poor_cloud_and_a_hand_without_fingers_are_left_alone(standing, chosen):
-    poor = replace(standing, reason=Reason("poor cloud", number=0.5, other=0.5))
-    assert chosen(TRUTH, result=poor) is poor
-    assert chosen(TRUTH, model=load_model("glove9")) is standing
 
 
 def tried(results, first):

@@ -8,8 +8,6 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from concurrent.futures import Future
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,7 +15,6 @@ import pytest
 from handtrack_app.commands import batch
 from handtrack_app.commands.batch import (
     DONE,
-    FAILED,
     INTERRUPTED,
     STARTED,
     Outcome,
@@ -144,33 +141,6 @@ def test_a_torn_line_of_the_ledger_costs_that_line_alone(tmp_path):
         torn.write(b'{"recording": "c", "fold')
     append(file, second)
     assert read_ledger(file) == [first, second]
-
-
-def test_a_recording_whose_dask_workers_are_lost_fails_and_the_others_go_on(tmp_path, monkeypatch):
-    lost, other = (Recording(name, tmp_path / name, "5f0c") for name in ("lost", "done"))
-    outcome = Outcome("done", str(tmp_path / "done"), "5f0c", DONE, 0)
-
-    class Cluster:
-        """Stands for dask's client."""
-
-        def submit(self, _task, recording, *_more, **_options):
-            future: Future[Outcome] = Future()
-            if recording is lost:
-                future.set_exception(RuntimeError("3 workers died over it"))
-            else:
-                future.set_result(outcome)
-            return future
-
-        def close(self):
-            pass
-
-    monkeypatch.setattr(batch, "_client", lambda _address: Cluster())
-    came = batch.on_dask(
-        "tcp://x:1", [lost, other], partial(batch.track_one, (), tmp_path, 1), lambda: False
-    )
-    by_name = {found.recording: found for found in came}
-    assert by_name["done"] == outcome
-    assert (by_name["lost"].state, by_name["lost"].cause) == (FAILED, "dask: 3 workers died over it")  # fmt: skip
 
 
 def test_what_is_stopped_before_it_listens_was_interrupted_and_did_not_fail(tmp_path, quick):

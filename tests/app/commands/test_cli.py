@@ -103,13 +103,6 @@ def test_the_seed_is_a_setting_and_the_name_that_scripts_rely_on_is_read(
     assert sum("cloud.crop_mm has no effect" in note for note in notes) == 1
 
 
-def test_a_start_in_the_middle_is_tracked_both_ways(handtrack, session):
-    init = json.loads((session / "init.json").read_text())
-    (session / "init.json").write_text(json.dumps(init | {"frame": 2}))
-    handtrack.does("track", session)
-    assert read_npz(session / "tracks/poses.npz").frame.tolist() == [0, 1, 2, 3, 4]
-
-
 def test_track_tells_how_it_went_as_json(handtrack, session):
     ended = handtrack.does(
         "track", session, "--frames", "0:2", "--set", "cloud.crop_mm=99", "--explain", "1", "--json"

@@ -14,7 +14,6 @@ from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, region_of_hand
 from handtrack.detector.weights import read_weights
-from handtrack_app.start.import_progress import PREVIEW, previews
 from tests.app.command_line import refused
 from tests.session.small_session import FRAMES, edit, keypoints, make_session
 
@@ -69,27 +68,6 @@ def scene(folder, monkeypatch):
     scene = Scene(folder)
     monkeypatch.setattr(HandDetector, "open", lambda *_: scene)
     return scene
-
-
-def test_a_page_that_waits_is_shown_what_is_detected(
-    handtrack, folder, scene, tmp_path, monkeypatch
-):
-    shown = tmp_path / "shown"
-    shown.mkdir()
-    monkeypatch.setenv(PREVIEW, str(shown))
-    handtrack.does("detect", folder)
-    pictures = previews(shown)
-    assert set(pictures) == {view.name for view in scene.session.views}
-    for number, view in enumerate(scene.session.views):
-        picture = pictures[view.name].astype(int)
-        (hand,) = scene._hands(view.image(0))
-        rows, columns, _ = np.nonzero(abs(picture - (number + 1)) > 20)
-        scale = picture.shape[0] / view.camera.size[1]
-        seen = scale * np.clip(hand.points, 0, np.array(view.camera.size) - 1)
-        apart = np.linalg.norm(np.stack([columns, rows], axis=1)[:, None] - seen, axis=2)
-        assert len(rows) and apart.min(axis=1).max() < 5
-    shutil.rmtree(shown)
-    handtrack.does("detect", folder)  # a page that has gone is no matter
 
 
 def test_joints_are_written_and_the_session_reads_them(handtrack, folder, scene):

@@ -45,16 +45,6 @@ def test_c11_scaled_videos_are_taken_where_that_is_said(handtrack, tmp_path):
     assert Session.open(tmp_path / "made").rig["cam0"].size == (width // 2, height // 2)
 
 
-def test_c7_videos_of_different_rates_are_joined_by_time(handtrack, tmp_path):
-    slow, fast = (video(tmp_path / f"{fps}.avi", fps, fps // 5, SIZE) for fps in (25, 100))
-    videos = ["--video", f"cam0={slow}", "--video", f"cam1={fast}"]
-    handtrack.does(*new(tmp_path / "made", "--masks", "none", *videos))
-    session = Session.open(tmp_path / "made")
-    assert [camera.fps for camera in session.file.cameras] == [None, 100.0]
-    levels = [round(session.image(name, 4).mean() / 8) for name in session.camera_names]
-    assert levels == [4, 16]
-
-
 def pictures(folder: Path, count: int) -> Path:
     """Write numbered images; number n is n grey levels bright, times 8."""
     folder.mkdir(parents=True)

@@ -1,7 +1,5 @@
 """`handtrack new` with fisheye lenses: images, masks and joints as pinhole views show them."""
 
-import json
-
 import cv2
 import numpy as np
 
@@ -55,28 +53,3 @@ def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them
             assert np.abs(middle + [round(u) - u, round(v) - v]).max() < 0.4
             shown.add(i)
     assert len(shown) == len(SPOTS)
-
-
-def test_joints_of_a_fisheye_choose_its_view(handtrack, tmp_path):
-    tables, (rig,) = fisheyes(), sample("calibration/fisheye_json", tmp_path)
-    hand = np.random.default_rng(0).uniform([-0.06, -0.06, 0.48], [0.1, 0.08, 0.56], (21, 3))
-    options = []
-    for name, table in tables.items():
-        points = np.column_stack([taken(table, hand), np.ones(21)])
-        people = [{"hand_right_keypoints_2d": points.ravel().tolist()}]
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "x_000000000000_keypoints.json").write_text(
-            json.dumps({"people": people})
-        )
-        options += ["--keypoints", f"{name}={tmp_path / name}"]
-    handtrack.does(
-        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", rig, "--side", "right"
-    )  # fmt: skip
-    session = Session.open(tmp_path / "s")
-    assert session.rig.names == tuple(tables)
-    for view in session.views:
-        written = json.loads(
-            next((tmp_path / "s" / "joints" / view.name).glob("*.json")).read_text()
-        )
-        found = np.array(written["people"][0]["hand_right_keypoints_2d"]).reshape(21, 3)
-        assert np.abs(found[:, :2] - view.camera.project(hand)).max() < 1e-3

@@ -39,7 +39,7 @@ def short_material(tmp_path_factory, monkeypatch):
     if WHOLE:
         return
     shelf = tmp_path_factory.mktemp("shelf")
-    simulate(shelf / "another_hand", Simulation(frames=FRAMES, size=(320, 240)))
+    simulate(shelf / "another_hand", Simulation(frames=FRAMES, size=(160, 120)))
     monkeypatch.setattr(bundled, "_CHECKOUT", shelf)
     monkeypatch.setattr(bundled, "_INSTALLED", shelf / "none")
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from handtrack import Camera
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, smaller
-from tests.app.fake_run import fake_document
+from handtrack_app.engine.pictures.camera_pictures import smaller
 
 
 def test_a_smaller_camera_sees_the_same():
@@ -13,13 +12,3 @@ def test_a_smaller_camera_sees_the_same():
     point = np.array([0.03, -0.02, 0.1])
     half = smaller(camera, 320, 240).project(point)
     np.testing.assert_allclose(half, (camera.project(point) + 0.5) / 2 - 0.5, atol=1e-9)
-
-
-def test_a_thumbnail_has_the_models_outline(tmp_path):
-    document = fake_document(tmp_path)
-    maker = CameraPictures(document.run.session)
-    bones = document.model.bones(document.model.params_within_limits(document.shown))
-    flesh = document.model.flesh["fine"].posed(bones)
-    plain = maker.thumbnail("front", 0)
-    assert np.ptp(plain) == 0
-    assert np.ptp(maker.thumbnail("front", 0, "outline", flesh)) > 100

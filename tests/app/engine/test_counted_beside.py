@@ -1,12 +1,8 @@
 """The workbench opens by what a video announces, and goes by its true frames as soon as they are counted."""
 
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 import handtrack.session.sources.video_audits as video_audits
@@ -51,24 +47,3 @@ def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
     assert strip.start == 0
     worker.stop()
     assert (tmp_path / "tracks" / "videos.json").is_file()
-
-
-def test_a_program_that_ends_while_frames_are_counted_ends_in_order(tmp_path):
-    size = (320, 240)
-    writer = cv2.VideoWriter(
-        str(tmp_path / "long.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, size
-    )
-    image = np.random.default_rng(0).integers(0, 255, (*size[::-1], 3), np.uint8)
-    for _ in range(800):
-        writer.write(image)
-    writer.release()
-    program = (
-        "import sys; from pathlib import Path; from handtrack.capture.images.video import VideoFile; "
-        "from handtrack.session.sources.video_audits import count_beside; "
-        "folder = Path(sys.argv[1]); count_beside(folder, [VideoFile(folder / 'long.avi')])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=False
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    assert not (tmp_path / "tracks" / "videos.json").exists(), "half a count is not kept"

@@ -25,15 +25,6 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path):
         assert document.results[7].parameters[ring] < 0.9
 
 
-def test_frames_that_are_all_set_by_hand_are_not_tracked(tmp_path):
-    for worker, listener in a_desk(tmp_path, step_s=0.0):
-        for frame in (4, 5):
-            worker.engine.set_pose(frame, pose_with(listener, ring_pip_flex=1.0), frame)
-            listener.pose(frame)
-        worker.engine.track(4, 6, 4)
-        listener.refused()
-
-
 @pytest.mark.parametrize(
     ("by_hand", "accepted", "frame", "ends"),
     [

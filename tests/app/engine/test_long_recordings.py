@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from handtrack.session.session_state import DecidedPose, decide
+from handtrack.session.session_state import decide
 from handtrack.store.current_track import TakeFrames
 from handtrack.store.spans import Span
 from handtrack_app.engine.document_snapshots import (
@@ -13,10 +12,7 @@ from handtrack_app.engine.document_snapshots import (
     timeline_snapshot,
 )
 from handtrack_app.engine.posing_service import pose as pose_edit
-from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import fake_document
-
-LENGTHS = (100, 2_000)
 
 
 def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
@@ -36,16 +32,3 @@ def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
     np.testing.assert_array_equal(strip.terms["priors"], whole.terms["priors"])
     other = replace(timeline_change(document), frames=range(99))
     assert other.over(strip) is strip, "of a recording that is counted anew meanwhile"
-
-
-@pytest.mark.parametrize("known", LENGTHS)
-def test_c60_an_edit_is_written_alone(tmp_path, known):
-    document = fake_document(tmp_path)
-    (tmp_path / "session.toml").write_text("")
-    store = Persistence.open(document)
-    document.apply(decide(pose={1000 + n: DecidedPose({}) for n in range(known)}))
-    store.do("Pose", pose_edit(document, 5, (document.start + 0.01).tolist()), waits=True)
-    store.flush()
-    store.close()
-    (log,) = (tmp_path / "tracks" / "actions").iterdir()
-    assert log.stat().st_size < 4000

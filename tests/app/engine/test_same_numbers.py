@@ -19,26 +19,15 @@ from tests.app.command_line import FRAMES as WHOLE
 from tests.app.command_line import small_recording
 from tests.app.desk import working
 from tests.app.waiting import eventually
-from tests.session.small_session import edit
 
 COUNT = 2
 FRAMES = range(COUNT)
 
-MASKS, DEPTH = "another_hand", "webxr_depth_640"
-
 
 @pytest.fixture
-def folder(request, tmp_path):
-    """The first frames of a recording of another hand, whose size is to be fitted: masks, or clouds."""
-    name = getattr(request, "param", MASKS)
-    target = tmp_path / "session"
-    if name == MASKS:
-        return small_recording(target, name, COUNT, more="")
-    source = request.getfixturevalue("data_dir") / "sessions" / name
-    late = {f"{frame:06d}.png" for frame in range(FRAMES.stop, 1000)}
-    shutil.copytree(source, target, ignore=lambda _, names: late & set(names) | {"truth.npz"})
-    edit(target / "session.toml", 'scale = "fit"', "scale = 1.0")
-    return target
+def folder(tmp_path):
+    """The first frames of a recording of another hand, whose size is to be fitted."""
+    return small_recording(tmp_path / "session", "another_hand", COUNT, more="")
 
 
 def tracked_by(worker, seen, order):
@@ -49,7 +38,6 @@ def tracked_by(worker, seen, order):
     return dict(worker.document.results)
 
 
-@pytest.mark.parametrize("folder", [MASKS, DEPTH], indirect=True)
 def test_the_workbench_gives_the_numbers_of_a_headless_run(folder):
     run = TrackingRun.open(Session.open(folder))
     first, params = run.initial()

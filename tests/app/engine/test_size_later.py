@@ -50,15 +50,6 @@ def test_the_size_is_fitted_after_tracking_and_offered(desk):
     assert document.by_hand[8][index] == pytest.approx(0.3), "a pose set by hand is not lost"
 
 
-def test_a_single_frame_fits_nothing(desk):
-    worker, listener = desk
-    worker.engine.take_size(3)
-    listener.told("No size was fitted")
-    worker.engine.track(0, 1, 0)  # a single frame tells no size
-    listener.told("Frame 0 is fitted")
-    assert worker.document.offered_scale is None
-
-
 def test_frames_are_seen_while_they_are_tracked_for_the_size(tmp_path):
     sizing = threading.Event()
     for worker, listener in a_desk(tmp_path, size_pending=True, sizing=sizing.wait, step_s=0.0):

@@ -4,11 +4,10 @@ import os
 
 import pytest
 
-from handtrack import HandtrackError, bundled_session
+from handtrack import HandtrackError
 from handtrack_app.engine.store import saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.command_line import listing
-from tests.app.desk import in_threads
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed
 
@@ -50,24 +49,3 @@ def test_c43_a_second_workbench_that_takes_over_writes_and_the_first_is_told(
     third = opened(tmp_path)
     assert sorted(third.document.by_hand) == [5, 7]
     third.close()
-
-
-def test_c43_the_command_hands_the_wish_to_take_over_on_to_the_store(
-    handtrack, tmp_path, monkeypatch
-):
-    asked: dict[str, bool] = {}
-    monkeypatch.setattr(
-        "handtrack_app.workbench.run_workbench", lambda plan, *_: asked.update(vars(plan))
-    )
-    for words, wanted in ((["--take-over"], True), ([], False)):
-        handtrack.does("open", bundled_session(), *words)
-        assert asked["take_over"] is wanted
-    holder = Persistence.open(fake_document(tmp_path))
-    worker = in_threads(tmp_path, opener=fake_document, take_over=True).worker
-    worker.start()
-    assert worker.wait_opened(30.0) is None
-    with pytest.raises(HandtrackError):
-        posed(holder, 5)
-    with pytest.raises(HandtrackError):
-        holder.close()
-    worker.stop()

@@ -3,7 +3,6 @@
 import threading
 import time
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Call, Mailbox
-from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
 from tests.app.desk import Listener, a_desk, pose_with
 from tests.app.fake_run import FRAMES, FakeRun
@@ -65,18 +63,6 @@ def test_pause_holds_and_goes_on(tmp_path):
         assert sorted(worker.document.results) == [3, 4]
         worker.engine.pause(False)
         listener.told("Tracking finished")
-
-
-def test_a_drag_holds_the_job_and_stays_in_sight(tmp_path):
-    for worker, listener in a_desk(tmp_path, stuck=lambda _: True):
-        held: list[int] = []
-        worker.engine.track(0, FRAMES, 3)
-        listener.wait(snapshots.ProgressSnapshot, lambda p: p.state in ("tracking", "preparing"))
-        session = worker.session
-        session.jobs.give_way = partial(held.append, 1)  # type: ignore[method-assign]
-        worker.engine.set_pin(3, "front", (40.0, 40.0), 1, Hold("index_tip"))
-        assert held and not session.jobs.follow, "what is tracked is not shown over it"
-        worker.engine.cancel()
 
 
 def test_a_mistake_of_ours_ends_the_job_and_not_the_worker(tmp_path):
@@ -135,19 +121,6 @@ def test_a8_saving_the_first_pose_while_tracking_leaves_the_jobs_model_alone(tmp
         )
 
 
-def test_a_coupling_makes_joints_follow(worker, listener):
-    worker.engine.set_setting("model.coupling", "21")
-    session = listener.wait(snapshots.SessionSnapshot, lambda s: bool(s.driven))
-    assert set(session.driven) == {"thumb_ip_flex"} | {
-        f"{f}_dip_flex" for f in ("index", "middle", "ring", "little")
-    }
-    worker.engine.set_pose(3, pose_with(listener, index_pip_flex=0.6), 9)
-    pose = listener.pose(9)
-    values = dict(zip(session.parameter_names, pose.values, strict=True))
-    assert values["index_pip_flex"] == pytest.approx(0.6)
-    assert values["index_dip_flex"] == pytest.approx(0.4)
-
-
 def test_the_size_is_fitted_before_the_first_tracking(tmp_path):
     for worker, listener in a_desk(tmp_path, size_pending=True):
         worker.engine.track(0, FRAMES, 3)
@@ -170,17 +143,6 @@ def test_a_pose_of_the_library_moves_the_fingers_only(worker, listener):
     assert pose.values[session_index(listener, "index_pip_flex")] > 1.0
 
 
-def test_a_keyframe_has_the_pose_of_its_own_frame_whatever_is_shown(worker, listener):
-    worker.engine.track(0, FRAMES, 0)
-    listener.told("Tracking finished")
-    worker.engine.show_frame(0)
-    tracked = worker.document.results[6].parameters.copy()
-    assert not np.allclose(tracked, worker.document.results[0].parameters)
-    worker.engine.take_pose(6, "shown", 5)
-    np.testing.assert_array_equal(listener.pose(5).values, tracked)
-    np.testing.assert_array_equal(worker.document.by_hand[6], tracked)
-
-
 def test_a_camera_that_the_others_contradict_is_named_when_a_track_is_opened_again(
     tmp_path, monkeypatch
 ):
@@ -201,24 +163,6 @@ def test_a_camera_that_the_others_contradict_is_named_when_a_track_is_opened_aga
 
 def session_index(listener: Listener, name: str) -> int:
     return listener.wait(snapshots.SessionSnapshot).parameter_names.index(name)
-
-
-def test_without_a_first_pose_the_size_is_fitted_from_the_pose_that_was_set(tmp_path):
-    go_on = threading.Event()
-    for worker, listener in a_desk(tmp_path, size_pending=True, sizing=lambda: go_on.wait(60.0)):
-        document = worker.document
-        document.run = replace(document.run, first=None)
-        worker.engine.set_pose(5, pose_with(listener, index_mcp_flex=0.3), 1)
-        worker.engine.track(0, FRAMES, 5, anew=True)
-        told = listener.wait(
-            snapshots.ProgressSnapshot, lambda p: "5 of 10 frames tracked" in p.text
-        )
-        assert (told.done, told.total) == (50, 100)
-        go_on.set()
-        listener.told("Size fitted")
-        listener.told("Tracking finished")
-        assert document.run.first.frame == document.first_frame == 5
-        assert not (tmp_path / "init.json").exists()
 
 
 def test_a_pose_that_does_not_fit_is_asked_about_before_it_is_the_first(tmp_path):

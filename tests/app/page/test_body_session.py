@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from handtrack import load_model
-from handtrack.session.session_state import decide
 from handtrack.simulation.simulate import Simulation, simulate
-from handtrack_app.engine.document_snapshots import pose_snapshot, truth_at
 from handtrack_app.engine.inverse_kinematics import reach, stem_bones
-from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.protocol.palette import limb_of
 from tests.app.desk import shown
 from tests.app.waiting import eventually
@@ -50,20 +47,6 @@ def test_a_slider_moves_the_limb(opened):
             lambda: np.linalg.norm(np.array(hand.parts[foot].position) - before) > 0.3,
             "the foot moved",
         )
-
-
-def test_the_error_against_true_joints_is_told(opened):
-    document = opened.worker.document
-    assert truth_at(document, 0).shape == (len(BODY.joint_names), 3)
-    document.apply(pose_edit(document, 0, document.start.tolist()))
-    document.show(0)
-    assert pose_snapshot(document).error_mm < 1.0  # it started from the exact pose
-    moved = document.start.copy()
-    moved[0] += 0.05
-    document.apply(pose_edit(document, 0, moved.tolist()))
-    document.show(0)
-    assert pose_snapshot(document).error_mm == pytest.approx(50.0, abs=1.0)
-    document.apply(decide(pose={0: None}))
 
 
 def pulled(model, params, name, target):

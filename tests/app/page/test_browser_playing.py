@@ -39,12 +39,12 @@ def test_a_slow_page_shows_all_of_one_frame(tmp_path):
         bench.page.edit_pose({"root_tx": 0.02}, "Move")
         eventually(lambda: 5 in bench.layout.timeline.strip.by_hand, "set by hand")
         slow = view.page.context.new_cdp_session(view.page)
-        slow.send("Emulation.setCPUThrottlingRate", {"rate": 4})
+        slow.send("Emulation.setCPUThrottlingRate", {"rate": 2})
         bench.page.play(True)
         rng, samples = np.random.default_rng(0), list[dict[str, Any]]()
         for tab in ("Pose", "View"):
             view.show_tab(tab)
-            for _ in range(10):
+            for _ in range(5):
                 view.page.wait_for_timeout(float(rng.uniform(100, 500)))
                 samples.append(view.page.evaluate(SAMPLE))
         bench.page.play(False)
@@ -55,8 +55,8 @@ def test_a_slow_page_shows_all_of_one_frame(tmp_path):
             assert one["word"] in (None, word)
             assert word in one["lanes"].splitlines()
         for part in ("card", "sheet"):
-            assert sum(one[part] is not None for one in samples) >= 8, f"the {part} is shown"
-        assert len({one["cursor"] for one in samples}) >= 5, "it plays"
+            assert sum(one[part] is not None for one in samples) >= 4, f"the {part} is shown"
+        assert len({one["cursor"] for one in samples}) >= 3, "it plays"
 
 
 def test_no_more_than_two_frames_are_on_their_way(bench):

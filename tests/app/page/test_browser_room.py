@@ -1,12 +1,11 @@
 """The page at 1280 × 800 in a real browser: how large scene and hand are, where notices stand, and what the browser remembers."""
 
 import re
-import threading
 
 import numpy as np
 import pytest
 
-from handtrack_app.page.panels.view import DARK, LARGE, LIGHT, WIDTH, Taste
+from handtrack_app.page.panels.view import DARK, LARGE, LIGHT, USUAL, WIDTH, Taste
 from handtrack_app.page.scene.model_view import hand_balls
 from handtrack_app.workbench import Workbench
 from tests.app.desk import in_threads
@@ -14,7 +13,7 @@ from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.page.test_browser_zoom import CANVAS
 from tests.app.waiting import eventually
-from tests.experiments.workbench.chromium import CHROMIUM, PROJECT, chromium, there_is_one
+from tests.experiments.workbench.chromium import PROJECT
 
 NOTICE = """() => {
   const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();
@@ -67,81 +66,58 @@ def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path):
 
 
 @pytest.mark.browser
-def test_the_page_keeps_its_style_whatever_is_folded(tmp_path):
+def test_the_page_keeps_its_style_its_room_and_its_names(tmp_path):
     bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
-        (client,) = bench.server.get_clients().values()
-        looks = lambda: view.page.evaluate(LAYOUT)  # noqa: E731
-        is_light = lambda: sum(map(int, re.findall(r"\d+", looks()["ground"])[:3])) > 382  # noqa: E731
-        usual = looks()
-        room = bench.layout.room
-        eventually(lambda: room.tastes, "it has the system's colours, whichever these are")
-        for chosen in (DARK, LIGHT):
-            room.change(client, colours=chosen)
-            eventually(lambda chosen=chosen: is_light() == (chosen == LIGHT), chosen)
-        room.change(client, text=LARGE)
-        eventually(lambda: looks()["scale"] != usual["scale"], "large")
-        before = looks()
-        room.fold(client, folded=True)
-        rail = view.page.get_by_role("tab", name="Review", exact=True)
-        eventually(lambda: not rail.is_visible(), "folded")
-        assert looks() == before
-        assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"
+        _has_names_for_a_screen_reader(bench, view)
+        _keeps_its_style_whatever_is_folded(bench, view)
+        view.page.set_viewport_size({"width": 853, "height": 533})  # at 150 %
+        _panel_hides_nothing_of_a_narrow_and_low_scene(view)
 
 
-@pytest.mark.browser
-def test_in_a_narrow_and_low_window_the_panel_hides_nothing_of_the_scene(tmp_path):
-    bench = in_threads(tmp_path, opener=fake_document)
-    with browsing(bench, size=(853, 533)) as view:  # 1280 × 800 at 150 %
-        ends = lambda: sum(view.page.evaluate(CANVAS)[::2])  # noqa: E731
-        panel = view.page.get_by_role("tab", name="Review", exact=True)
-        assert panel.is_visible()
-        eventually(lambda: 853 - ends() >= WIDTH, "it ends where the panel begins")
-        assert share(view, (853, 533)) >= 0.55
-        history = view.page.get_by_text("Edit joints of").bounding_box()
-        assert history["y"] + history["height"] < 533 - 82, "the tab has room beneath the card"
-        view.page.keyboard.press("t")
-        eventually(lambda: not panel.is_visible(), "the panel is hidden by a key")
-        eventually(lambda: ends() > 800, "and leaves its place to the scene")
+def _keeps_its_style_whatever_is_folded(bench: Workbench, view: PageUnderTest) -> None:
+    (client,) = bench.server.get_clients().values()
+    looks = lambda: view.page.evaluate(LAYOUT)  # noqa: E731
+    is_light = lambda: sum(map(int, re.findall(r"\d+", looks()["ground"])[:3])) > 382  # noqa: E731
+    usual = looks()
+    room = bench.layout.room
+    eventually(lambda: room.tastes, "it has the system's colours, whichever these are")
+    for chosen in (DARK, LIGHT):
+        room.change(client, colours=chosen)
+        eventually(lambda chosen=chosen: is_light() == (chosen == LIGHT), chosen)
+    room.change(client, text=LARGE)
+    eventually(lambda: looks()["scale"] != usual["scale"], "large")
+    before = looks()
+    room.fold(client, folded=True)
+    rail = view.page.get_by_role("tab", name="Review", exact=True)
+    eventually(lambda: not rail.is_visible(), "folded")
+    assert looks() == before
+    assert (before["below"], before["thumb"]) == ([0, 1280, 0], 2), "along the lower edge"
+    room.change(client, text=USUAL)
+    room.fold(client, folded=False)
 
 
-@pytest.mark.browser
-def test_a_screen_reader_has_a_name_for_each_control_and_for_the_page(tmp_path):
-    bench = in_threads(tmp_path, opener=fake_document)
-    with browsing(bench, size=(1024, 768)) as view:
-        for tab in ("Pose", "Track", "View", "Export", "Masks"):
-            view.show_tab(tab)
-            eventually(lambda: view.page.evaluate(NAMELESS) == [], f"names in {tab}")
-        assert view.page.get_by_role("main").get_by_role("heading", level=1).count() == 1
-        bench.page.go_to(5)
-        eventually(lambda: "Frame 5 " in view.page.title(), "for screen readers, too")
+def _panel_hides_nothing_of_a_narrow_and_low_scene(view: PageUnderTest) -> None:
+    ends = lambda: sum(view.page.evaluate(CANVAS)[::2])  # noqa: E731
+    panel = view.page.get_by_role("tab", name="Review", exact=True)
+    eventually(lambda: 853 - ends() >= WIDTH, "it ends where the panel begins")
+    assert panel.is_visible()
+    assert share(view, (853, 533)) >= 0.55
+    view.show_tab("Pose")
+    history = view.page.get_by_text("Edit joints of").bounding_box()
+    assert history["y"] + history["height"] < 533 - 82, "the tab has room beneath the card"
+    view.page.keyboard.press("t")
+    eventually(lambda: not panel.is_visible(), "the panel is hidden by a key")
+    eventually(lambda: ends() > 800, "and leaves its place to the scene")
 
 
-@pytest.mark.browser
-def test_a_page_that_comes_while_the_session_opens_is_laid_out(tmp_path):
-    opens = threading.Event()
-
-    def opener(folder):
-        opens.wait(60.0)
-        return fake_document(folder)
-
-    if not there_is_one():
-        pytest.skip(f"no browser at {CHROMIUM}; set CHROMIUM")
-    bench = in_threads(tmp_path, opener=opener).start()
-    try:
-        with chromium((1280, 800)) as (page, errors):
-            page.goto(f"{bench.url}&fixedDpr=0.5")
-            page.wait_for_function(
-                f"() => {{ const at = ({BELOW})(); return at && at[1] === innerWidth; }}"
-            )
-            assert page.evaluate(BELOW) == [0, 1280, 0] and not errors
-            taste = eventually(
-                lambda: list(bench.layout.room.tastes.values()), "the system's colours"
-            )
-            assert taste == [Taste(False, LIGHT)]
-    finally:
-        opens.set()
-        bench.stop()
+def _has_names_for_a_screen_reader(bench: Workbench, view: PageUnderTest) -> None:
+    for tab in ("Track", "View", "Export", "Masks", "Pose"):
+        view.show_tab(tab)
+        eventually(lambda: view.page.evaluate(NAMELESS) == [], f"names in {tab}")
+    assert view.page.get_by_role("main").get_by_role("heading", level=1).count() == 1
+    bench.page.go_to(5)
+    eventually(lambda: "Frame 5 " in view.page.title(), "for screen readers, too")
 
 
 def share(view: PageUnderTest, window: tuple[int, int] = (1280, 800)) -> float:

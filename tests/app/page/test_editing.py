@@ -1,6 +1,5 @@
 """Two pages on one workbench: both edit, each looks through a camera of its own."""
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -71,17 +70,3 @@ def _shown(client: WireClient, node: str) -> bool | None:
         if m.get("type") == "SetSceneNodeVisibilityMessage" and m["name"] == node
     ]
     return said[-1] if said else None
-
-
-def test_a_slider_stays_while_a_session_has_its_parameter(bench):
-    """Viser's page would be told the update of a slider after its removal."""
-    panel, session = bench.layout.pose, bench.stage.session
-    before, gone = dict(panel.sliders), session.parameter_names[-1]
-    shorter = session.parameter_names[:-1]
-    panel.fit(dataclasses.replace(session, parameter_names=shorter, interval=session.interval[:-1]))
-    assert panel.sliders == {name: before[name] for name in shorter}
-    panel.fit(session)
-    assert panel.sliders[gone] is not before[gone]
-    assert {**panel.sliders, gone: before[gone]} == before
-    choices = max(row.order for row in panel.rows)
-    assert all(choices < folder.order for folder in panel.folders.values()), "above the sliders"

@@ -1,14 +1,11 @@
 """What a pointer takes hold of in a camera's picture, and the hand that follows it: pure, and on the wire."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.page.pins.grips import PinMarks, hold_at
-from handtrack_app.protocol.palette import CONTRADICTED, PIN
-from handtrack_app.protocol.snapshots import CameraCard, Hold, PinCard
+from handtrack_app.page.pins.grips import hold_at
+from handtrack_app.protocol.snapshots import CameraCard, Hold
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 
@@ -52,20 +49,6 @@ def test_what_is_not_of_this_hand_is_not_held(shown):
     assert hold_at(session, pose, card, 10_000, pose.middle) is None
     assert hold_at(session, pose, card, 0, np.full(3, np.nan)) is None
     assert hold_at(session, pose, card, 0, card.centre - card.rotation[:, 2]) is None
-
-
-def test_a_pin_that_the_pose_misses_is_marked(bench, shown):
-    session, pose, card = shown
-    place = pose.joints[session.joint_names.index("index_tip")]
-    pins = [
-        PinCard(card.name, "index tip", (0.0, 0.0), tuple(place), tuple(place + off), 0.0)
-        for off in ((0.0, 0.0, 0.0), (0.03, 0.0, 0.0))
-    ]
-    marks = PinMarks(bench.page)
-    marks.show(session, replace(pose, pins=tuple(pins)))
-    met, missed = marks._heads.batched_colors.tolist()
-    assert (met, missed) == ([*PIN], [*CONTRADICTED])
-    assert marks._heads.batched_scales[1] > 1.5 * marks._heads.batched_scales[0]
 
 
 def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(bench, page):

@@ -21,17 +21,6 @@ def test_the_card_has_the_score_of_its_own_pose_alone(bench, changes):
     assert ("overlap" in panel.card.content) == (not changes)
 
 
-def test_while_it_plays_nothing_in_the_card_moves_what_is_below(bench):
-    panel = bench.layout.pose
-    doubted = dataclasses.replace(panel.pose, note="The index finger may be wrong.")
-    panel.show(doubted)
-    assert "index finger" in panel.card.content
-    bench.state.playing = True
-    panel.show(doubted)
-    panel.show_score(_score(doubted))
-    assert "index finger" not in panel.card.content and "overlap" not in panel.card.content
-
-
 def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):
     store, told = tracked(opened(tmp_path)), []
     document = store.document

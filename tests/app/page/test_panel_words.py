@@ -9,7 +9,7 @@ from handtrack_app.engine.document_snapshots import timeline_snapshot
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.page.panels.pose import ink_on
 from handtrack_app.page.panels.tracking import nearest_posed
-from handtrack_app.page.time.lanes import cursor_picture, lanes_of, lanes_picture, whole
+from handtrack_app.page.time.lanes import lanes_of, lanes_picture, whole
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
 from tests.app.fake_run import fake_document
@@ -23,23 +23,6 @@ def _strip(**changed: object) -> snapshots.TimelineSnapshot:
 def timeline_picture(strip: snapshots.TimelineSnapshot) -> str:
     frames = whole(range(strip.start, strip.start + len(strip.status)))
     return lanes_picture(lanes_of(strip, frames), strip, frames)
-
-
-def cursor(strip: snapshots.TimelineSnapshot, frame: int) -> str:
-    frames = whole(range(strip.start, strip.start + len(strip.status)))
-    return cursor_picture(lanes_of(strip, frames), frame)
-
-
-def test_what_is_sent_of_the_timeline_does_not_grow_with_the_recording():
-    rng = np.random.default_rng(0)
-    sizes = []
-    for count in (1000, 20_000):
-        terms = {name: rng.random(count) for name in ("cloud→model", "silhouettes", "priors")}
-        status, energy = rng.integers(-1, 3, count), rng.random(count)
-        strip = _strip(start=0, status=status, energy=energy, error_mm=energy, terms=terms)
-        sizes.append(len(timeline_picture(strip).encode()))
-        assert len(cursor(strip, count // 2).encode()) < 1500  # for each frame shown
-    assert sizes[1] < 1.1 * sizes[0]
 
 
 def test_of_frames_drawn_in_one_place_the_worst_is_seen():

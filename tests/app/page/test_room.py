@@ -55,8 +55,3 @@ def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench):
 @pytest.mark.parametrize("kept", [None, "", "{", "[]", "7", '{"folded": 3}', '{"folded": true}'])
 def test_what_is_none_of_ours_is_forgotten(kept):
     assert Taste.read(kept) is None
-
-
-def test_unknown_words_are_the_usual_ones():
-    text = '{"folded": true, "colours": "<b>", "text": 5}'
-    assert Taste.read(text) == Taste(True)

@@ -1,8 +1,6 @@
 """Looking through a camera on the wire: a page of one's own, the wheel, a walk out of the camera and the way back."""
 
-import threading
 import time
-from typing import Any
 
 import numpy as np
 import pytest
@@ -53,26 +51,6 @@ def test_an_answer_to_what_it_was_told_before_undoes_nothing(bench, monkeypatch,
     page.obey()
     time.sleep(0.3)
     assert page.times() == 1.0
-
-
-def test_a_page_has_one_screen_whichever_threads_redraw(bench, monkeypatch, page):
-    add, made = looking._add_screen, list[Any]()
-
-    def slow(client):
-        made.append(client)
-        time.sleep(0.1)
-        return add(client)
-
-    monkeypatch.setattr(looking, "_add_screen", slow)
-    page.press("Camera view: front")
-    eventually(lambda: bench.stage.looking.anyone, "it looks through")
-    redraws = [threading.Thread(target=bench.redraw) for _ in range(3)]
-    for one in redraws:
-        one.start()
-    for one in redraws:
-        one.join(60.0)
-    screen = bench.stage.looking._screens[page.number].image
-    assert len(made) == 1 and not screen._impl.removed
 
 
 def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, page):

@@ -29,18 +29,6 @@ def test_a_setting_is_marked_undone_and_brought_back_to_session_toml(bench, wire
     eventually(lambda: control.value == 2.0, "that can be undone, too")
 
 
-def test_limits_are_marked_and_undone(bench, wire):
-    panel = bench.layout.limits
-    slider = panel.ranges["index_pip_flex"]
-    before = tuple(slider.value)
-    assert not panel.back.visible
-    wire.set_value(slider, [0, 60])
-    eventually(lambda: slider.label.endswith("•") and bool(panel.back.visible), "marked")
-    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
-    eventually(lambda: tuple(slider.value) == before, "undone")
-    eventually(lambda: not slider.label.endswith("•"), "no longer marked")
-
-
 def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):
     panel = bench.layout.settings.shape
     before = panel.list.content

@@ -57,19 +57,6 @@ def test_a_slider_moves_the_hand_and_undo_moves_it_back(bench, wire):
     eventually(lambda: abs(slider.value - value) < 0.06, "the slider moved back")
 
 
-def test_a_slider_that_the_program_moves_swallows_no_frame_of_the_user(bench, wire):
-    """A pose that comes late writes its frame into the slider between the user's move and its callback."""
-    state = bench.layout.timeline.slider._impl
-    before = state.value
-
-    async def late(_):
-        state.value = before
-
-    state.update_cb.insert(0, late)
-    wire.set_value(bench.layout.timeline.slider, before + 2)
-    eventually(lambda: bench.state.frame == before + 2, "the frame that the user chose")
-
-
 def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(bench, wire):
     control = bench.stage.root.control
     for x in (1e6, 0.05):

@@ -231,22 +231,6 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
     assert empty[near].mean() > 0.9 > 0.2 > empty.mean()
 
 
-def test_the_workbench_opens_rerun_with_what_was_tracked(tmp_path, monkeypatch):
-    shown: list[int] = []
-    opened: list[bool] = []
-    monkeypatch.setattr(LiveRecorder, "show", lambda _, __, result: shown.append(result.frame))
-    monkeypatch.setattr(LiveRecorder, "open", lambda _: opened.append(True))
-    for worker, listener in a_desk(tmp_path, step_s=0.0):
-        worker.engine.track(0, 4, 3)
-        listener.told("Tracking finished")
-        shown.clear()
-        worker.engine.show_frame(2)
-        worker.engine.open_rerun()
-        eventually(lambda: len(shown) == 4, "all tracked frames are recorded")
-    assert opened
-    assert shown == [2, 0, 1, 3]
-
-
 def test_refined_frames_reach_rerun_too(tmp_path, monkeypatch):
     shown: list[tuple[int, Any]] = []
     monkeypatch.setattr(

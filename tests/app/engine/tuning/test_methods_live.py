@@ -74,17 +74,3 @@ def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
     eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content, "told")
     eventually(lambda: panel.controls["solver.iterations"].widget.value == 10, "what it set shows")
     assert run().cloud.distance == "d1"  # no method says it
-
-
-def test_a_choice_counts_though_the_page_is_redrawn_before_it_is_read(bench, wire, monkeypatch):
-    method = bench.layout.settings.controls["method"].widget
-    executor = bench.server.gui._thread_executor
-    usual, submit = method.value, executor.submit
-
-    def redrawn_first(*call):
-        method.value = usual
-        return submit(*call)
-
-    monkeypatch.setattr(executor, "submit", redrawn_first)
-    wire.set_value(method, "2007, conic fields")
-    eventually(lambda: bench.worker.document.run.settings.method == "paper2007", "in force")
