@@ -184,7 +184,8 @@ def estimate_whole(
 
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
     frame has a damping of its own: one that fits worse after a step than its system predicted is held back, the others are not.
-    What lies at a limit and would leave is held there. The process noise of the motion is estimated beside (EM). tell: is called with
+    A frame that steps have moved by less than a fifth of a standard deviation is not read anew (`_ENOUGH`; the fluid relinearization of
+    Kaess et al. 2012, iSAM2), but at the end. What lies at a limit and would leave is held there. The process noise of the motion is estimated beside (EM). tell: is called with
     the share that is done, frame by frame, since reading them takes longest; sweeps: at most.
     """
     model = evidence.model
@@ -197,17 +198,19 @@ def estimate_whole(
     length, gains = 1.0, list[float]()
     why, sweep = "sweeps", 0
 
-    def swept(poses: Floats[F, P]) -> _Swept:
+    def swept(poses: Floats[F, P], ahead: FrameSystems | None = None) -> _Swept:
         shared, speed = evidence.shared, velocities(poses)
         cameras, person = shared.cameras, shared.person
         views = [cameras.seen_poses(k, poses, speed) for k in range(len(cameras.cameras))]
-        systems = FrameSystems.empty(*poses.shape, shared.count)
+        systems = FrameSystems.empty(*poses.shape, shared.count) if ahead is None else ahead
+        stands = np.zeros(len(frames), bool) if ahead is None else ahead.extrapolated < _ENOUGH
         # to and fro: of a long recording the frames that were read last are still in memory
         order = range(len(frames)) if sweep % 2 == 0 else range(len(frames) - 1, -1, -1)
         for count, n in enumerate(order, start=1):
             if should_stop():
                 raise _StoppedError
-            systems.put(n, evidence.of(frames[n]).linearize(poses[n], views, n, person))
+            if not stands[n]:
+                systems.put(n, evidence.of(frames[n]).linearize(poses[n], views, n, person))
             tell((sweep + count / len(frames)) / (sweeps + 1))
         return _Swept(model, poses, shared, alike, systems)
 
@@ -218,8 +221,8 @@ def estimate_whole(
                 if motion is None or usual is None:
                     break
                 system, right = _system(best, motion)
-                ahead = moved(best.poses, system.solve(*right)[0])
-                motion = motion.estimated(ahead, system.frames.inverse_parts(), usual)
+                expected = moved(best.poses, system.solve(*right)[0])
+                motion = motion.estimated(expected, system.frames.inverse_parts(), usual)
             system, right = _system(best, motion, damping, shared_damping=stiff)
             step, change = system.solve(*right)
             expected_gain = 0.5 * (right[0] * step).sum(axis=1)
@@ -228,12 +231,13 @@ def estimate_whole(
             settled = expected_gain.mean() < most and expected_gain.max() < most_once
             step, change = length * step, length * change
             slope = float((right[0] * step).sum() + right[1] @ change)
-            predicted = best.systems.predicted(step, change)
+            ahead = best.systems.after(step, change)
+            predicted = ahead.costs.copy()
             if sweep == 1 and predicted.mean() >= at_most:
                 return None
             del system  # of a long recording as large as what all frames say
             evidence = evidence.sharing(best.shared.stepped(change))
-            found = swept(_within(model, moved(best.poses, step)))
+            found = swept(_within(model, moved(best.poses, step)), ahead)
             gain = best.cost(motion) - found.cost(motion)
             # where the parabola is lowest that has the cost's slope, and its gain at this step
             best_length = 0.5 * length * slope / (slope - gain) if gain < slope else _LONGEST
@@ -264,6 +268,9 @@ def estimate_whole(
             if ends:
                 why = "converged"
                 break
+        if not evidence.wide and best.systems.since.any():
+            evidence = evidence.sharing(best.shared)
+            best = swept(best.poses)
     except _StoppedError:
         return None
     covariance, shared = _stated_covariance(best, motion)

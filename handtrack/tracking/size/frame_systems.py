@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
 
@@ -91,6 +92,8 @@ class FrameSystems:
     gradient: Floats[F, L]
     share: Floats[F]
     """of what was seen, how much counts"""
+    since: Floats[F, L]
+    """all steps since it was read, which its cost and gradient follow to second order"""
     _halves: Floats[F, M]
     """rows of the lower halves, one after the other: those of the poses come first"""
     _seen: Floats[F, N]
@@ -105,6 +108,7 @@ class FrameSystems:
             np.empty(frames),
             np.empty((frames, whole)),
             np.ones(frames),
+            np.zeros((frames, whole)),
             np.empty((frames, whole * (whole + 1) // 2)),
             np.empty((frames, size * (size + 1) // 2)),
         )
@@ -112,7 +116,7 @@ class FrameSystems:
     def put(self, frame: int, system: FrameSystem) -> None:
         """Keep a frame's system, in place."""
         self.costs[frame], self.gradient[frame] = system.whole.cost, system.whole.gradient
-        self.share[frame] = system.share
+        self.share[frame], self.since[frame] = system.share, 0.0
         self._halves[frame] = system.whole.hessian[_half(self.gradient.shape[1])]
         self._seen[frame] = system.seen[_half(self.size)]
 
@@ -137,17 +141,28 @@ class FrameSystems:
         places = _places(self.gradient.shape[1])
         return self._halves.sum(axis=0)[places[self.size :, self.size :]]
 
-    def predicted(self, step: Floats[F, P], shared: Floats[K]) -> Floats[F]:
-        """Return what each frame should cost after a step, to second order."""
-        rows, columns = _half(self.gradient.shape[1])
-        twice = np.where(rows == columns, 0.5, 1.0)
-        found = self.costs.copy()
+    def after(self, step: Floats[F, P], shared: Floats[K]) -> FrameSystems:
+        """Return what the frames should say after a step, to second order."""
+        found = deepcopy(self)
         for at in self._parts():
             whole = np.column_stack([step[at], np.tile(shared, (len(step[at]), 1))])
-            bent = self._halves[at] * whole[:, rows]
-            found[at] += np.einsum("fm,fm,m->f", bent, whole[:, columns], twice)
-            found[at] += (self.gradient[at] * whole).sum(axis=1)
+            bent = self._applied(at, whole)
+            found.costs[at] += (whole * (self.gradient[at] + 0.5 * bent)).sum(axis=1)
+            found.gradient[at] += bent
+            found.since[at] += whole
         return found
+
+    @property
+    def extrapolated(self) -> Floats[F]:
+        """By how much each frame's steps since it was read bend its cost, ½ δᵀHδ: half of their standard deviations, squared."""
+        bent = [
+            (self.since[at] * self._applied(at, self.since[at])).sum(axis=1) for at in self._parts()
+        ]
+        return 0.5 * np.concatenate(bent)
+
+    def _applied(self, at: slice, step: Floats[N, L]) -> Floats[N, L]:
+        """Return H δ of some frames."""
+        return np.einsum("fij,fj->fi", self._halves[at][:, _places(step.shape[1])], step)
 
     def _parts(self) -> Iterator[slice]:
         for first in range(0, len(self.costs), _AT_ONCE):
