@@ -390,6 +390,11 @@ def test_suspicion_begins_at_1_4_times_the_usual_and_doubt_at_twice():
     calm = frames(100.0, 100.0)
     assert [is_suspicious(1.0, 1, calm[:n]) for n in (0, 2)] == [True, True]
     assert not is_suspicious(1.0, 1, [*calm, *calm[:1]])
+    # of a row that fits badly some are searched, ever fewer
+    rows = [is_suspicious(150.0, 1, [*usual, *frames(*[150.0] * n)]) for n in range(9)]
+    assert np.flatnonzero(rows).tolist() == [0, 1, 3, 7]
+    calmed = [*usual, *frames(150.0, 150.0, 100.0)]
+    assert is_suspicious(150.0, 1, calmed)
 
 
 # --- what is left open

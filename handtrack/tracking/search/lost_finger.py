@@ -109,8 +109,8 @@ def frame_schedule(
 LOST_FINGER = Search(
     situation="a finger or the forearm may be lost",
     when=(
-        f"the cost is above {SUSPICIOUS_RATIO:g} times the usual; each of the first {SUSPICIOUS_FRAMES} frames; every "
-        f"{SEARCH_EVERY}th frame (`tracker.escape`)"
+        f"the cost is above {SUSPICIOUS_RATIO:g} times the usual: of such frames in a row the first, second, fourth, eighth …; "
+        f"each of the first {SUSPICIOUS_FRAMES} frames; every {SEARCH_EVERY}th frame (`tracker.escape`)"
     ),
     rounds=(
         Round((Propose(finger_shift), Propose(finger_on_grid, 4)), keep=0, fits=(Fit(frame_schedule),)),
@@ -228,8 +228,8 @@ def _placements(model: ArticulatedModel, params: Floats, part: str) -> Iterator[
         return
     at = [model.skeleton.parameter(name) for name in names]
     joint = model.joint_params(params)
+    low, high = model.limits.bounds(joint)[at].T
     for place in places:
         trial = joint.copy()
-        low, high = model.limits.bounds(trial)[at].T
         trial[at] = low + np.array(place) * (high - low)
         yield model.clipped(model.transform.solver_params(trial))

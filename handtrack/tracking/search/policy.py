@@ -24,15 +24,20 @@ def why_fingers_may_be_lost(
 ) -> str:
     """Return why lost fingers are looked for in a frame; empty where they are not.
 
-    When it fits worse than usual, in one of the first frames, which nothing vouches for, and every so many frames: a
-    finger hidden in a fist may settle wrongly with the usual energy.
+    When it fits worse than usual, of several such frames in a row the first, second, fourth, eighth …, as for a lost hand; in one of the
+    first frames, which nothing vouches for; and every so many frames: a finger hidden in a fist may settle wrongly with the usual energy.
     """
     if frame % SEARCH_EVERY == SEARCH_EVERY - 1:
         return f"every {SEARCH_EVERY}th frame"
     if len(previous) < SUSPICIOUS_FRAMES:
         return f"one of the first {SUSPICIOUS_FRAMES} frames"
     ratio = energy_ratio(energy, views, previous)
-    return f"{ratio:.2f} times the usual energy" if ratio > SUSPICIOUS_RATIO else ""
+    if ratio <= SUSPICIOUS_RATIO:
+        return ""
+    much = energy / max(views, 1) * SUSPICIOUS_RATIO / ratio
+    before = takewhile(lambda r: r.energy / max(r.views, 1) > much, reversed(previous))
+    row = 1 + len(list(before))
+    return f"{ratio:.2f} times the usual energy, frame {row} of a row" if _is_due(row) else ""
 
 
 def why_hand_may_be_lost(result: FrameResult, previous: Sequence[FrameResult]) -> str:
