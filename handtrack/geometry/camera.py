@@ -86,7 +86,7 @@ class Camera:
         """K [R|t], without distortion: homogeneous world [m] → homogeneous pixels."""
         return self.matrix @ np.column_stack([self.rotation, self.translation])
 
-    @property
+    @cached_property
     def is_distorted(self) -> bool:
         """Whether any distortion coefficient differs from zero."""
         return bool(np.any(self.distortions))

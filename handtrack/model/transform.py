@@ -47,10 +47,11 @@ class ParameterTransform:
 
         given: which of them count; solver parameters that none of those tells of are 0.
         """
-        matrix, wanted = self.matrix, joint_params - self.offset
-        if given is not None and not given.all():
-            matrix, wanted = matrix * given[:, None], wanted * given
-        return np.linalg.lstsq(matrix, wanted, rcond=None)[0]
+        joint, leader, ratio = self.links
+        weight = ratio if given is None else ratio * given[joint]
+        told = np.bincount(leader, weight * ratio, len(self.names))
+        pull = np.bincount(leader, weight * (joint_params - self.offset)[joint], len(self.names))
+        return pull / np.where(told > 0.0, told, 1.0)
 
     def reduce_bounds(self, bounds: Floats[S, D2]) -> Floats[P, D2]:
         """Return bounds that keep all joint parameters within `bounds`.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from handtrack.arrays import D3, D4, Axes, Floats, Ints, K
-from handtrack.compiled import compiled_as_numpy
+from handtrack.compiled import compiled, compiled_as_numpy
 from handtrack.terms.bone_kernels import add_row, fill_arm, to_world
 from handtrack.terms.loss import robust
 
@@ -65,3 +65,31 @@ def keypoint_sums(frames, targets, loss, weight, sums):  # pragma: no cover - co
             fill_arm(row, 0, width, world[0] - o[0], world[1] - o[1], world[2] - o[2])
             add_row(sums, at, row, residual[i], weight * size)
     return 0.5 * weight * cost
+
+
+@compiled
+def point_velocities(
+    frames, bone, point, fields, joint, scale, landmarks
+):  # pragma: no cover - compiled
+    """Return the velocity (K, 3, N) of points by N unknowns, as `BoneFields` says, about the frames' reference.
+
+    point: (K, 3) in their bones' frames, grown [m]. joint: (K,) which of the landmarks they are, by which they move besides, `scale`
+    (B, 3) being what their bones have grown by; empty for points that are none.
+    """
+    velocity = np.zeros((bone.shape[0], 3, fields.shape[2]))
+    world = np.empty(3)
+    for k in range(bone.shape[0]):
+        b, moved = bone[k], velocity[k]
+        to_world(frames, b, point[k], world)
+        for i in range(3):
+            for n in range(fields.shape[2]):
+                moved[i, n] = fields[b, i, n]
+            for j in range(3):
+                arm = world[j] - frames.reference[j]
+                for n in range(fields.shape[2]):
+                    moved[i, n] += fields[b, 3 + 3 * i + j, n] * arm
+                if joint.shape[0] > 0:
+                    turned = frames.rotation[b, i, j] * scale[b, j]
+                    for n in range(fields.shape[2]):
+                        moved[i, n] += turned * landmarks[joint[k], j, n]
+    return velocity

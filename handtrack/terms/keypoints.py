@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from handtrack.model.kinematics import BoneFields, BonePoses
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.observation.pins import ImagePins, Pin
 from handtrack.terms.bone_system import Sums
-from handtrack.terms.keypoint_kernels import Targets, keypoint_sums
+from handtrack.terms.keypoint_kernels import Targets, keypoint_sums, point_velocities
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.rows import Rows, motion_row
 from handtrack.terms.term import ObservationTerm
@@ -23,10 +23,11 @@ from handtrack.terms.term import ObservationTerm
 Observed = Keypoints | ImageKeypoints | ImagePins
 
 
-def _known(model: ArticulatedModel, names: tuple[str, ...], seen: Array) -> Ints:
-    where = f"the keypoints of {model.name}"
-    joint = [_index(model.joint_names, name, "joint", where) for name in names]
-    return np.array(joint, int)[seen]
+@lru_cache(maxsize=64)
+def _places(joint_names: tuple[str, ...], names: tuple[str, ...], model: str) -> Ints[K]:
+    """Return where names are among a model's joints."""
+    where = f"the keypoints of {model}"
+    return np.array([_index(joint_names, name, "joint", where) for name in names], int)
 
 
 @dataclass(frozen=True)
@@ -72,21 +73,12 @@ class KeypointTerm(ObservationTerm):
 
     def motion(self, bones: BonePoses, fields: BoneFields) -> Floats[K, D3, N]:
         """Return the velocity of each point: of what a detector means by a joint, besides the bone's own motion."""
-        bone, own = self._targets.bone, self._targets.point
-        arm = bones.to_world(bone, own) - bones.reference
-        velocity, gradient = np.split(fields.joints[bone], [3], axis=1)
-        moved = velocity + np.einsum(
-            "kijn,kj->kin", gradient.reshape(-1, 3, 3, gradient.shape[2]), arm
+        bone, own = self._targets.bone, bones.rescaled(self._targets.bone, self._targets.point)
+        joints = self._joints if self.is_detected else np.zeros(0, int)
+        scale = np.ones_like(bones.position) if bones.scale_change is None else bones.scale_change
+        return point_velocities(
+            bones.frames, bone, own, fields.joints, joints, scale, fields.landmarks
         )
-        if self.is_detected:
-            shifted = fields.landmarks[self._joints]
-            shifted = (
-                shifted
-                if bones.scale_change is None
-                else bones.scale_change[bone][:, :, None] * shifted
-            )
-            moved += bones.rotation[bone] @ shifted
-        return moved
 
     @property
     def is_detected(self) -> bool:
@@ -115,7 +107,7 @@ class KeypointTerm(ObservationTerm):
         """Which joints of the model were seen."""
         assert not isinstance(self.observed, ImagePins), "pins lie on bones"
         seen = _are_known(_targets(self.observed)[0])
-        return _known(self.model, self.observed.names, seen)
+        return _places(self.model.joint_names, self.observed.names, self.model.name)[seen]
 
     def misses(self, bones: BonePoses) -> tuple[Ints[K], Floats[K]]:
         """Return which joints of the model were seen, and how far from them they are, in units of the points' sigma."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack import ImageKeypoints, Keypoints, load_model
+from handtrack.model.size import SizeParameters
 from handtrack.observation.pins import PIN_SIGMA_PX, ImagePins, Pin
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import Sums
@@ -71,6 +72,23 @@ def test_the_compiled_sums_are_those_of_the_rows(rng):
             scale = 1e-10 * np.abs(plain.hessian).max()
             np.testing.assert_allclose(ours.gradient, plain.gradient, rtol=1e-8)
             np.testing.assert_allclose(ours.hessian, plain.hessian, atol=scale)
+
+
+def test_the_compiled_motion_of_points_is_that_of_their_bones_fields(rng):
+    size = SizeParameters(HAND, HAND.joint_names)
+    larger = size.rescaled(rng.normal(scale=0.5, size=len(size.names)))
+    bones = larger.bones(larger.clipped(rng.normal(scale=0.3, size=26)))
+    fields = size.fields(bones, np.arange(len(size.names)))
+    term = KeypointTerm(larger, in_image(bones))
+    turns = bones.rotation[HAND.joint_bone]
+    arms = np.einsum("kij,kj->ki", turns, bones.rescaled(HAND.joint_bone, larger.seen_point))
+    arms += bones.position[HAND.joint_bone] - bones.reference
+    velocity, gradient = np.split(fields.joints[HAND.joint_bone], [3], axis=1)
+    expected = velocity + np.einsum(
+        "kijn,kj->kin", gradient.reshape(-1, 3, 3, len(size.names)), arms
+    )
+    expected += turns @ (bones.scale_change[HAND.joint_bone][:, :, None] * fields.landmarks)
+    np.testing.assert_allclose(term.motion(bones, fields), expected, atol=1e-15)
 
 
 def test_a_far_point_no_longer_pulls():
