@@ -18,7 +18,7 @@ from handtrack.capture.joints.read_joints import read_joints
 from handtrack.session.formats.given_truth import read_given_truth
 from tests.capture.sample_files import forms, sample
 
-_TIMES = 30
+_TIMES = 12
 _PIECES = [
     b"nan",
     b"1e400",

@@ -234,9 +234,3 @@ def test_directions_vote_until_they_make_up_95_percent_of_the_variance(body, sma
     assert votes["left_leg"] == pytest.approx(0.8 * small * has_say)
     assert votes["neck"] == pytest.approx(0.2 * small * has_say)
     assert votes["right_leg"] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_what_is_known_and_where_the_root_is_have_no_say(body):
-    for nothing in ((), [(1.0, {"root_tz": 1.0})], [(1.0, {"spine_flex": 1.0})]):
-        assert set(_votes(body, *nothing).values()) == {0.2}
-    assert _votes(body, (9.0, {"root_tz": 1.0}), (0.01, {"neck_flex": 1.0}))["neck"] > 0.99

@@ -17,16 +17,12 @@ from handtrack import (
 )
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import carried_mesh, sample_surface
-from handtrack.sampling.chains import Chain
 from handtrack.sampling.diffusion import long_tailed
 from handtrack.terms.priors.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
-from handtrack.tracking.frame.frame_terms import FrameTerms, frame_terms
+from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
-from handtrack.tracking.hypotheses.mixture import MixtureStep
-from handtrack.tracking.hypotheses.mixture_search import Component
-from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 from handtrack.tracking.search.lost_finger import SHIFTED_FINGERS
 from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.closing_fist import scene
@@ -146,33 +142,6 @@ def test_fingers_are_shifted_to_both_sides_in_each_frame_and_the_least_energy_wi
 
 
 # ---- 2003
-
-
-def bell(mean, spread):
-    return MotionBelief.at_rest(np.asarray(mean, float), np.diag(np.square(spread)), np.ones(6))
-
-
-def test_minima_count_by_the_closest_bell_of_the_last_frame():
-    """exp(−cost) · weight · ∏ 1/(σ (1 + z²)), whichever hypothesis a minimum was found from."""
-    chosen = settings("paper2003", **{"tracker.hypotheses": 3})
-    at = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.9])
-    likely = CorrelatedPrior(at, np.diag([1e4, 1e4, 1e4, 1e2, 1e2, 1e2]))
-    terms = FrameTerms(BALL, chosen, (), (), None, None, (), (likely,))
-    spread = np.array([0.01, 0.01, 0.01, 0.2, 0.2, 0.2])
-    before = [(0.7, 0.0), (0.3, 1.0)]
-    components = [Component(bell([0, 0, 0, 0, 0, a], spread), terms, w) for w, a in before]
-    stiff = [type("Stiff", (), {"chain": Chain("none", (), ())})]
-    told = []
-    step = MixtureStep(BALL, chosen, stiff)
-    found = step.next(Observation(0, 0.0), components, Control(on_search=told.append))
-    # the likelihood alone is climbed, so both end at its one minimum, and are one
-    assert len(found.hypotheses) == 1
-    np.testing.assert_allclose(found.hypotheses[0].params, at, atol=1e-4)
-    assert found.parents == (1,)
-    z = (0.9 - 1.0) / 0.2
-    expected = np.log(0.3) - np.log(spread).sum() - np.log1p(z**2)
-    (report,) = told
-    assert -report.winner.cost == pytest.approx(expected, abs=1e-3)
 
 
 def test_the_long_tailed_bell_is_cauchys_along_each_axis(rng):

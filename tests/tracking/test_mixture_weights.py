@@ -1,6 +1,5 @@
 """How hypotheses are weighed: Laplace's mass against the mass that numerical integration finds, of those that follow and jump."""
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +11,6 @@ from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
 from handtrack.sampling.chains import Chain, chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.priors.priors import CorrelatedPrior
-from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.hypotheses import mixture, mixture_search
@@ -21,7 +19,6 @@ from handtrack.tracking.hypotheses.mixture_search import (
     Component,
 )
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.search.engine import Trial
 
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
@@ -143,43 +140,3 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
     np.testing.assert_allclose([h.weight for h in found.hypotheses], [5 / 7, 2 / 7], rtol=1e-6)
     # nothing was seen: the belief neither moved nor became surer
     np.testing.assert_allclose(found.hypotheses[1].params, turned(1.5), atol=1e-6)
-
-
-@dataclass(frozen=True)
-class Wells(ParameterTerm):
-    """A cost of where the root faces that has a minimum at each (angle, cost, σ); other parameters are held near 0."""
-
-    wells: tuple[tuple[float, float, float], ...]
-    name: str = "wells"
-
-    def _nearest(self, x):
-        return min(self.wells, key=lambda w: w[1] + 0.5 * ((x[FACING] - w[0]) / w[2]) ** 2)
-
-    def add_to(self, joint_params, sums):
-        at, least, sigma = self._nearest(joint_params)
-        information = np.full(6, 100.0)
-        information[FACING] = 1.0 / sigma**2
-        off = joint_params - at * np.eye(6)[FACING]
-        if sums.width:
-            np.add(sums.gradient, information * off, out=sums.gradient)
-            np.add(sums.hessian, np.diag(information), out=sums.hessian)
-        return least + 0.5 * float(information @ off**2)
-
-
-def test_of_a_first_frame_costs_alone_decide():
-    """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
-    terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
-    told = []
-    control = Control(on_search=told.append)
-    found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6), control)
-    np.testing.assert_allclose(
-        [h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3
-    )
-    weights = np.exp([-1.0, -2.0, -2.5])
-    np.testing.assert_allclose(
-        [h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3
-    )
-    assert found.parents == (-1, -1, -1)
-    (report,) = told
-    assert [count for count, _ in report.rounds] == [4, 5, 0]  # nothing to be seen: no trees
-    assert report.winner == Trial("start", pytest.approx(1.0))

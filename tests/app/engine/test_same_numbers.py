@@ -38,29 +38,6 @@ def tracked_by(worker, seen, order):
     return dict(worker.document.results)
 
 
-def test_the_workbench_gives_the_numbers_of_a_headless_run(folder):
-    run = TrackingRun.open(Session.open(folder))
-    first, params = run.initial()
-    expected = {result.frame: result for result in run.track(FRAMES, first, params)}
-
-    worker, seen = opened(folder)
-    everything = call("track", 0, FRAMES.stop, first, anew=True)
-    try:
-        once = tracked_by(worker, seen, everything)
-        again = tracked_by(worker, seen, everything)  # not from what was tracked before
-        assert (
-            worker.document.live_scale or worker.document.run.scale
-        ) == run.scale  # refining found another from it
-    finally:
-        worker.stop()
-    for found in (once, again):
-        assert sorted(found) == list(FRAMES)
-        for frame, result in expected.items():
-            np.testing.assert_array_equal(found[frame].parameters, result.parameters)
-            np.testing.assert_array_equal(found[frame].parameter_std, result.parameter_std)
-            assert found[frame].energy == result.energy
-
-
 def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
     run = TrackingRun.open(Session.open(folder), {"model.fit_size": False})
     worker, seen = opened(folder)
@@ -81,7 +58,7 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
 def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_accepted_frames(
     tmp_path, handtrack
 ):
-    folder = small_recording(tmp_path / "session")
+    folder = small_recording(tmp_path / "session", "another_hand")  # its size is fitted, too
     corrected(folder)
     copies = [Path(shutil.copytree(folder, tmp_path / name)) for name in ("a", "b", "c", "d")]
     *_, end = track_session(TrackingRun.open(Session.open(copies[0])))
