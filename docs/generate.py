@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from docs import searches
 from handtrack.export.registry import FORMATS
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack.setting import Setting
-from handtrack.tracking import searches
-from handtrack.tracking.frame.methods import METHODS, table
+from handtrack.tracking.frame.methods import METHODS, Method, Traits
 from handtrack.tracking.frame.settings import ALIASES, GROUPS, SETTINGS
 from handtrack_app.cli import COMMAND_GROUPS, build_parser
 
@@ -193,7 +193,17 @@ def _number(value: float) -> str:
 
 def _papers() -> Iterator[tuple[str, Callable[[], str]]]:
     for method in METHODS.values():
-        yield method.name, lambda method=method: table(method)
+        yield method.name, lambda method=method: _method(method)
+
+
+def _method(method: Method) -> str:
+    """Return what a method sets, settings of tracking and of clouds, then traits."""
+    usual, own = vars(Traits()), vars(method.traits)
+    rows = [(f"`{name}`", value) for name, value in method.values.items()]
+    rows += [(f"[clouds] `{name}`", value) for name, value in method.clouds.items()]
+    rows += [(f"trait `{name}`", value) for name, value in own.items() if value != usual[name]]
+    cells = "".join(f"| {name} | {_shown(value)} |\n" for name, value in rows)
+    return f"| sets | to |\n|---|---|\n{cells}"
 
 
 BLOCKS: dict[str, Callable[[], str]] = {

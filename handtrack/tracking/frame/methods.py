@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -135,24 +135,3 @@ METHODS: dict[str, Method] = {
         ),
     )
 }
-
-
-def table(method: Method) -> str:
-    """Return what a method sets, settings of tracking and of clouds, then traits, as a table in Markdown."""
-    ours = Traits()
-    rows = [(f"`{name}`", _shown(value)) for name, value in method.values.items()]
-    rows += [(f"[clouds] `{name}`", _shown(value)) for name, value in method.clouds.items()]
-    rows += [
-        (f"trait `{item.name}`", _shown(getattr(method.traits, item.name)))
-        for item in fields(Traits)
-        if getattr(method.traits, item.name) != getattr(ours, item.name)
-    ]
-    return "| sets | to |\n|---|---|\n" + "".join(f"| {name} | {value} |\n" for name, value in rows)
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, bool):
-        return f"`{str(value).lower()}`"
-    if isinstance(value, tuple):
-        return f"`{','.join(item if isinstance(item, str) else f'{item:g}' for item in value)}`"
-    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"

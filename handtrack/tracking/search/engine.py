@@ -1,7 +1,7 @@
 """The search engine: proposers add candidates, rounds thin and fit them, the better pose is taken.
 
 A policy (`Search`) lists functions: what proposes, and what fits. Policies stand beside the functions that they name; `SEARCHES` in
-`handtrack.tracking.searches` lists them all. An objective is one frame as a search sees it: what its functions read.
+docs/searches.py lists them all. An objective is one frame as a search sees it: what its functions read.
 """
 
 from __future__ import annotations

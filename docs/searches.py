@@ -1,4 +1,4 @@
-"""All search policies, and the table of them that docs/reports/search_policy.md shows."""
+"""The table of all search policies that docs/reports/search_policy.md shows."""
 
 from __future__ import annotations
 
@@ -79,7 +79,3 @@ def _taken(search: Search) -> str:
     share = "" if search.factor == 1.0 else f"{search.factor:g} × "
     less = f" − {search.margin:g}" if search.margin else ""
     return f"cost below {share}the standing pose's{less}"
-
-
-if __name__ == "__main__":
-    print(table())
