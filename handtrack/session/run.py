@@ -37,8 +37,8 @@ from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.look_ahead import LookAhead
 from handtrack.session.sources.seen_keypoints import of_model
 from handtrack.tracking.frame.assessment import OutlineFit, assess, outline_fit
+from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.methods import METHODS
@@ -608,7 +608,7 @@ def posed_by_joints(
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:
             params = carried_over(hand, found.params, run.model)
-            posed.append(posed_result(run.model, seen, params, Judgement(Status.DOUBTFUL)))
+            posed.append(posed_result(run.model, seen, params, FrameConfidence(Status.DOUBTFUL)))
     return posed if len(posed) >= FEWEST_BY_JOINTS else []
 
 

@@ -43,8 +43,7 @@ from handtrack.simulation.seen_files import layout_of_model, points_of
 from handtrack.simulation.simulate import SCALE_FILE, KnownMotion, simulated_rig
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.doubt.judgement import Judgement
-from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
+from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, FrameConfidence
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.search.initialize import FEWEST
@@ -125,7 +124,7 @@ def _frame(motion: Captured, frame: int, errors: Floats[J]) -> FrameResult:
     status = Status.DOUBTFUL if errors[known].max(initial=0.0) > far else Status.TRACKED
     if known.sum() < FEWEST:
         status = Status.LOST
-    judgement = Judgement(status, None, spread.joint_covariance)
+    judgement = FrameConfidence(status, None, spread.joint_covariance)
     result = posed_result(
         model, Observation(frame, frame / clip.fps), params, judgement, spread.parameter_std
     )

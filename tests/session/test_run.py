@@ -27,7 +27,7 @@ from handtrack.session.run import size_of_frames, tracked_for_size, who_is_open
 from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
-from handtrack.tracking.frame.doubt.judgement import Judgement, judged
+from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -125,7 +125,10 @@ def fitted(missing: float, scale: HandScale = HandScale(), first=None):
     run = run_of(scale, seen, first)
     posed = [
         posed_result(
-            run.model, one, run.model.transform.solver_params(joint), Judgement(Status.TRACKED)
+            run.model,
+            one,
+            run.model.transform.solver_params(joint),
+            FrameConfidence(Status.TRACKED),
         )
         for one, joint in zip(seen, POSES, strict=True)
     ]
@@ -149,7 +152,7 @@ def test_what_is_stated_of_joints_includes_a_size_that_is_held():
         seen = next(iter(depth_views(MEAN, POSES, Sensor((160, 120)), np.random.default_rng(0))))
         terms = frame_terms(model, TrackerSettings(), seen, model.bones(params), None)
         none = np.zeros((len(model.joint_names), 3, 3))
-        found = judged(terms, params, 1.0, {"cloud": 1.0}, none, ())
+        found = frame_confidence(terms, params, 1.0, {"cloud": 1.0}, none, ())
         return np.trace(found.joint_covariance, axis1=1, axis2=2)
 
     held = replace(HandScale(), std={"overall": POPULATION_SIGMA, "length_mm": 12.0})

@@ -10,9 +10,13 @@ from handtrack.model.articulated import keypoint_names
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.doubt.judgement import judged
-from handtrack.tracking.frame.doubt.stated import curls, misfit, stated_covariance
-from handtrack.tracking.frame.doubt.wrong import probably_beyond
+from handtrack.tracking.frame.confidence import (
+    calibrated_covariance,
+    curls,
+    frame_confidence,
+    misfit,
+    probably_beyond,
+)
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
 
@@ -40,8 +44,8 @@ def test_what_fits_badly_and_fingers_that_are_closed_are_known_less():
     fist[[n.startswith(("index", "thumb")) and "flex" in n for n in HAND.parameter_names]] = 1.3
     tip, wrist = HAND.joint_names.index("index_tip"), HAND.joint_names.index("wrist")
     straight, bent = curls(HAND, joint), curls(HAND, fist)
-    good, bad = (stated_covariance(HAND, straight, raw, m, by_cloud=True) for m in (0.5, 2.0))
-    closed = stated_covariance(HAND, bent, raw, 2.0, by_cloud=True)
+    good, bad = (calibrated_covariance(HAND, straight, raw, m, by_cloud=True) for m in (0.5, 2.0))
+    closed = calibrated_covariance(HAND, bent, raw, 2.0, by_cloud=True)
     assert np.trace(good[tip]) < np.trace(bad[tip]) < np.trace(closed[tip])
     for finger, joints in (
         ("index", ("mcp", "pip", "dip", "tip")),
@@ -84,7 +88,7 @@ def test_joints_that_noise_leaves_open_are_a_sign_of_a_gross_error(rng):
     terms = frame_terms(HAND, TrackerSettings(), seen, bones, None)
 
     def beside_the_tail(total_m: float) -> float:
-        found = judged(terms, pose, 10.0, {"coverage": 10.0}, flat(total_m), (), 0.0)
+        found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(total_m), (), 0.0)
         return found.p_off_25mm - probably_beyond(found.joint_covariance, 0.025).max()
 
     assert beside_the_tail(0.003) == pytest.approx(beside_the_tail(0.001), rel=0.1)
@@ -103,7 +107,7 @@ def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng):
             ImageKeypoints(c, keypoint_names(), c.project(places) + off_px, 2.0) for c in rig
         )  # fmt: skip
         terms = frame_terms(HAND, TrackerSettings(), replace(seen, keypoints=joints), bones, None)
-        found = judged(terms, pose, 10.0, {"coverage": 10.0}, flat(0.003), (), 0.0)
+        found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(0.003), (), 0.0)
         return found.p_off_25mm, float(np.trace(found.joint_covariance, axis1=1, axis2=2).max())
 
     agreeing, alone, elsewhere = doubt(0.0), doubt(None), doubt(30.0)

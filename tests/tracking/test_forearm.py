@@ -23,9 +23,9 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
-from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.forearm import forearm_in_view, forearm_length
@@ -171,7 +171,7 @@ def test_where_the_arm_ends_is_found_with_all_frames_of_a_known_person_too(forea
     cameras = simulated_rig(3, (320, 240)).cameras
     seen = [mask_views(truth, pose, cameras, f) for f, pose in enumerate(joints)]
     live = [
-        posed_result(model, one, pose, Judgement(Status.TRACKED))
+        posed_result(model, one, pose, FrameConfidence(Status.TRACKED))
         for one, pose in zip(seen, joints, strict=True)
     ]
     who = OpenPerson(lambda scale: load_model(scale=scale, forearm=forearm), sizes=False)

@@ -12,7 +12,7 @@ from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.frame.doubt.judgement import Judgement
+from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import Alternative
 from handtrack.tracking.whole.alternatives import with_alternatives
@@ -94,7 +94,9 @@ def turning():
 
 def _tracked(poses, views):
     return [
-        replace(posed_result(HAND, seen, pose, Judgement(Status.TRACKED)), energy=30.0, views=2)
+        replace(
+            posed_result(HAND, seen, pose, FrameConfidence(Status.TRACKED)), energy=30.0, views=2
+        )
         for pose, seen in zip(poses, views, strict=True)
     ]
 
@@ -145,7 +147,8 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     trellis = Trellis(rows, 100.0 * np.eye(len(pose)))
     known = np.tile(1e-6 * np.eye(3), (len(HAND.joint_names), 1, 1))
     results = [
-        posed_result(HAND, seen, pose, Judgement(Status.TRACKED, None, known)) for seen in views
+        posed_result(HAND, seen, pose, FrameConfidence(Status.TRACKED, None, known))
+        for seen in views
     ]
     alone, two, apart = with_alternatives(HAND, results, trellis)
     assert not alone.alternatives

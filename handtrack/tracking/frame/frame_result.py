@@ -14,8 +14,8 @@ from handtrack.observation.observation import Observation
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.terms.bone_system import JointSystem
+from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
 from handtrack.tracking.frame.descent import Descended
-from handtrack.tracking.frame.doubt.judgement import Judgement, judged
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.prediction import inheriting_doubt
 from handtrack.tracking.frame.reason import Reason
@@ -60,7 +60,7 @@ def solved_result(
     sure = inheriting_doubt(problem, params, known.hessian, belief)
     spread = uncertainty(model, params, sure, known.hessian - priors.hessian)
     energies, cost = found.problem.costs(params), found.system.cost
-    judgement = judged(terms, params, cost, energies, spread.joint_covariance, previous)
+    judgement = frame_confidence(terms, params, cost, energies, spread.joint_covariance, previous)
     result = replace(
         posed_result(model, observation, params, judgement, spread.parameter_std),
         energy=cost,
@@ -76,12 +76,12 @@ def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]
     cloud = terms.settings.cloud
     elsewhere = observation.cloud is not None and cloud.weight > 0
     reason = Reason("cloud elsewhere", number=cloud.crop_mm) if elsewhere else Reason("unseen")
-    return posed_result(terms.model, observation, params, Judgement(Status.LOST, reason))
+    return posed_result(terms.model, observation, params, FrameConfidence(Status.LOST, reason))
 
 
 def given_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
     """Return a first frame that is only to be compared with those after it, at the given pose."""
-    judgement = Judgement(Status.DOUBTFUL, Reason("given"))
+    judgement = FrameConfidence(Status.DOUBTFUL, Reason("given"))
     return posed_result(terms.model, observation, params, judgement)
 
 
@@ -89,7 +89,7 @@ def posed_result(
     model: ArticulatedModel,
     observation: Observation,
     params: Floats[P],
-    found: Judgement,
+    found: FrameConfidence,
     std: Floats[S] | None = None,
 ) -> FrameResult:
     """Return a result at solver parameters as it was judged, as long as no solver tells its cost.

@@ -11,9 +11,9 @@ import numpy as np
 from handtrack.arrays import Array, Floats, Ints, K, P
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.sampling.suppression import apart
+from handtrack.tracking.frame import confidence
+from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.constants import APART_MM
-from handtrack.tracking.frame.doubt import figures
-from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M, FRAME_OFF_M
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import Alternative, FrameResult, Status
 from handtrack.tracking.whole.mode_search import APART_M
@@ -118,7 +118,7 @@ def _doubted(
     result = replace(result, joint_covariance=covariance, p_off_25mm=off_25)
     if result.status != Status.TRACKED or not elsewhere:
         return result
-    if 1.0 - (1.0 - before) * (1.0 - elsewhere) <= 1.0 / figures.MISSED:
+    if 1.0 - (1.0 - before) * (1.0 - elsewhere) <= 1.0 / confidence.MISSED:
         return result
     hypothesis, joint = np.unravel_index(int((weight * far_m).argmax()), far_m.shape)
     name = model.joint_names[joint].replace("_", " ")

@@ -10,8 +10,8 @@ import numpy as np
 from handtrack.arrays import Floats, P
 from handtrack.model.pose_changes import changes, moved
 from handtrack.solver.levenberg_marquardt import solve
+from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.doubt.judgement import Judgement
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.terms.priors import motion_prior
@@ -46,7 +46,7 @@ def with_keyframes(
     known = {result.frame: result for result in tracked}
     posed = {
         frame: posed_result(
-            model, observe(frame, model.bones(pose)), pose, Judgement(Status.KEYFRAME)
+            model, observe(frame, model.bones(pose)), pose, FrameConfidence(Status.KEYFRAME)
         )
         for frame, pose in held.items()
     }

@@ -15,7 +15,7 @@ from handtrack.observation.observation import ImageKeypoints, Observation
 from handtrack.parallel import one_blas_thread
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
-from handtrack.tracking.frame.doubt.judgement import Judgement, judged
+from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import by_camera
 from handtrack.tracking.frame.result import FrameResult, Status
@@ -390,14 +390,14 @@ def _result(
     change[TURN, TURN] = by_turn(pose)
     covariance = change @ found.covariance[n] @ change.T
     spread = uncertainty(model, pose, np.linalg.inv(covariance))
-    judgement = Judgement(before.status, before.reason, spread.joint_covariance)
+    judgement = FrameConfidence(before.status, before.reason, spread.joint_covariance)
     seen = frame.terms.has_seen
     terms, problem = frame.seen_by(found.cameras, pose, found.speeds[n])
     energies = problem.costs(pose) if seen else {}
     if seen and before.frame not in evidence.silent | evidence.poor:
         energy, places = sum(energies.values()), model.joint_positions(model.bones(pose))
         moved_m = float(np.linalg.norm(places - before.joint_positions, axis=1).max())
-        judgement = judged(
+        judgement = frame_confidence(
             terms, pose, energy, energies, spread.joint_covariance, tracked[:n], moved_m
         )
     at = Observation(frame.frame, frame.time_s)

@@ -10,7 +10,7 @@ from handtrack.arrays import Array, F, Floats, Ints, N, P, array_dataclass
 from handtrack.geometry.camera import Camera
 from handtrack.sampling.suppression import apart
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.doubt.mirrored import apart_m, flips_of_limbs, only_camera
+from handtrack.tracking.frame.depth_flips import apart_m, flips_of_limbs, only_camera
 from handtrack.tracking.size.estimate import WholeEstimate, estimate_whole
 from handtrack.tracking.whole.evidence import Evidence
 

@@ -34,7 +34,7 @@ from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.joint_tables import BANDAI_JOINTS, CMU_JOINTS
 from handtrack.simulation.retarget import fitted_model, retarget
-from handtrack.tracking.frame.doubt.wrong import BODY_OFF_M
+from handtrack.tracking.frame.confidence import BODY_OFF_M
 from handtrack.tracking.sequence import track_recording
 
 FPS, FRAMES, EVERY = 25.0, 60, 200

@@ -2,7 +2,7 @@
 
 RECORDINGS: what `python -m tests.experiments.honesty.recordings` wrote. TRACKS: gets what was tracked of each, with all that a judgement
 goes by; what is there already is not tracked again. HALF: of which; all unless given. Prints the numbers for
-`handtrack/tracking/frame/doubt/figures.py`, fitted to `tune`, and what they say of each half, beside those that are there now; with
+`handtrack/tracking/frame/confidence.py`, fitted to `tune`, and what they say of each half, beside those that are there now; with
 --json nothing but the latter.
 """
 
@@ -25,11 +25,10 @@ from handtrack.arrays import Array, F, Floats, N
 from handtrack.diagnostics.constant_offsets import WRONG_M, without_offsets
 from handtrack.model.articulated import keypoint_names
 from handtrack.session.layout import SESSION_FILE, TRUTH_FILE
-from handtrack.tracking.frame.doubt import figures, judgement
-from handtrack.tracking.frame.doubt.figures import Seen
-from handtrack.tracking.frame.doubt.stated import stated_covariance
-from handtrack.tracking.frame.doubt.wrong import (
-    Signs,
+from handtrack.tracking.frame import confidence
+from handtrack.tracking.frame.confidence import (
+    Calibration,
+    calibrated_covariance,
     moved_sign,
     open_sign,
     part_of,
@@ -69,12 +68,12 @@ class Judged:
 
     model: Model
     curled: Floats
-    """`stated.curls`, less what two cameras' joints confirm"""
+    """`curls`, less what two cameras' joints confirm"""
     covariance: Floats
     """(21, 3, 3) if the model were the hand [m²]"""
     misfit: float
     moved: float
-    """`Signs.moved`"""
+    """`moved_sign`"""
     stated: Floats
     """(21, 3, 3) [m²]"""
     probability: float
@@ -84,14 +83,14 @@ class Judged:
 def tracked(session: Path) -> dict[str, Any]:
     """Return a recording's track and truth, and what its frames' judgements went by."""
     frames: dict[int, Judged] = {}
-    usual, judged_as_usual = judgement.stated_covariance, recording_estimate.judged
+    usual, judged_as_usual = confidence.calibrated_covariance, recording_estimate.frame_confidence
     asked: list[Any] = []
 
     def stated(model: Any, *given: Any) -> Floats:
         asked[:] = [Model(_Scale(model.scale.overall)), *given]
         return usual(model, *given)
 
-    def judged(terms: Any, *given: Any) -> judgement.Judgement:
+    def judged(terms: Any, *given: Any) -> confidence.FrameConfidence:
         found = judged_as_usual(terms, *given)
         assert found.joint_covariance is not None
         rows = [terms.model.joint_names.index(name) for name in keypoint_names()]
@@ -103,20 +102,27 @@ def tracked(session: Path) -> dict[str, Any]:
         )  # fmt: skip
         return found
 
-    judgement.stated_covariance, recording_estimate.judged = stated, judged
+    confidence.calibrated_covariance, recording_estimate.frame_confidence = stated, judged
     try:
         run = TrackingRun.open(Session.open(session))
         start, pose = run.initial()
         track = run.result(run.track(run.session.frame_range, start, pose))
     finally:
-        judgement.stated_covariance, recording_estimate.judged = usual, judged_as_usual
+        confidence.calibrated_covariance, recording_estimate.frame_confidence = (
+            usual,
+            judged_as_usual,
+        )
     truth = np.load(session / TRUTH_FILE)["keypoints21"][track.frame]
     return {"track": track, "truth": truth, "frames": frames}
 
 
-def signs_of(one: Judged) -> Signs:
+def signs_of(one: Judged) -> dict[str, float]:
     """Return the signs that a frame was judged by."""
-    return Signs(float(one.curled.mean()), one.moved, open_sign(one.covariance))
+    return {
+        "curled": float(one.curled.mean()),
+        "moved": one.moved,
+        "open": open_sign(one.covariance),
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +174,7 @@ class Half:
         """Return what is stated of each joint by the figures as they are, ways aside; a metre where the hand is lost."""
         return np.array([
             np.tile(np.eye(3), (21, 1, 1)) if one is None
-            else stated_covariance(one.model, one.curled, one.covariance, one.misfit)  # pyright: ignore[reportArgumentType]
+            else calibrated_covariance(one.model, one.curled, one.covariance, one.misfit)  # pyright: ignore[reportArgumentType]
             for one in self.frames
         ])  # fmt: skip
 
@@ -184,8 +190,8 @@ class Half:
         for n, (one, stated) in enumerate(zip(self.frames, self.covariance(), strict=True)):
             if one is not None:
                 found = probably_off(one.model, stated, signs_of(one))  # pyright: ignore[reportArgumentType]
-                frames[n] = 1.0 - (1.0 - found.frame) * (1.0 - self.elsewhere[n])
-                parts[n] = found.parts
+                frames[n] = 1.0 - (1.0 - found[0]) * (1.0 - self.elsewhere[n])
+                parts[n] = found[1]
         return frames, parts
 
     @property
@@ -202,52 +208,52 @@ def fit(half: Half) -> None:
 
     def of_masks(values: Floats) -> float:
         noise, flesh, closed, palm = np.abs(values)
-        figures.MASKS = Seen(noise, 0.0, flesh, closed, palm, 0.0)
+        confidence.MASKS = Calibration(noise, 0.0, flesh, closed, palm, 0.0)
         far, volume = half.distances()
         inside = far < _CHI2_90
         shares = np.array([inside[known & fist].mean(), inside[known & ~fist].mean()])
         return float(0.5 * (np.minimum(far, _FAR) + volume)[known].mean() + 50.0 * ((shares - 0.9) ** 2).sum())  # fmt: skip
 
-    start = np.array([figures.MASKS.noise, figures.MASKS.flesh_mm, figures.MASKS.closed_mm, figures.MASKS.palm_mm])  # fmt: skip
+    start = np.array([confidence.MASKS.noise, confidence.MASKS.flesh_mm, confidence.MASKS.closed_mm, confidence.MASKS.palm_mm])  # fmt: skip
     options = {"maxfev": 150, "xatol": 0.02, "fatol": 1e-3}
     best = minimize(of_masks, start, method="Nelder-Mead", options=options).x
     noise, flesh, closed, palm = np.abs(best).round(2).tolist()
-    figures.MASKS = Seen(noise, 0.0, flesh, closed, palm, 0.0)
+    confidence.MASKS = Calibration(noise, 0.0, flesh, closed, palm, 0.0)
 
     judged = [one for one in half.frames if one is not None]
     told = [signs_of(one) for one in judged]
-    figures.ALWAYS = -np.inf
+    confidence.ALWAYS = -np.inf
     beside = 1.0 - half.said()[0][known]  # that nothing but a gross error makes it wrong
-    signs = np.array([[1.0, one.curled, one.moved, one.open] for one in told])
+    signs = np.array([[1.0, *one.values()] for one in told])
 
     def of_signs(values: Floats) -> float:
         rest = beside / (1.0 + np.exp(signs @ values))
         chance = np.clip(np.where(wrong[known], 1.0 - rest, rest), 1e-4, 1.0)
         return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
 
-    bounds = [(-9.0, 0.0), *[(0.0, None)] * len(figures.SIGNS)]
-    start = np.array([-4.0, *[1.0] * len(figures.SIGNS)])
+    bounds = [(-9.0, 0.0), *[(0.0, None)] * len(confidence.SIGNS)]
+    start = np.array([-4.0, *[1.0] * len(confidence.SIGNS)])
     always, *weights = minimize(of_signs, start, bounds=bounds).x.round(2)
-    figures.ALWAYS = float(always)
-    figures.SIGNS = dict(zip(figures.SIGNS, map(float, weights), strict=True))
-    figures.MOVED_UNKNOWN = float(signs[:, 2].mean().round(2))
+    confidence.ALWAYS = float(always)
+    confidence.SIGNS = dict(zip(confidence.SIGNS, map(float, weights), strict=True))
+    confidence.MOVED_UNKNOWN = float(signs[:, 2].mean().round(2))
 
     true = half.parts_wrong[known]
 
     def of_parts(values: Floats) -> float:
-        figures.PART = tuple(values)
+        confidence.PART = tuple(values)
         chance = half.said()[1][known]
         chance = np.clip(np.where(true, chance, 1.0 - chance), 1e-4, 1.0)
         return float(-np.log(chance).sum() / _ALIKE + 0.5 * (values[1:] ** 2).sum() / _WIDE**2)
 
     best = minimize(of_parts, np.array([-4.0, 2.4]), method="Nelder-Mead", options=options).x
-    figures.PART = tuple(best.round(2).tolist())
+    confidence.PART = tuple(best.round(2).tolist())
 
 
 def shares(half: Half) -> dict[str, float]:
     """Return which shares of a half's frames are wrong and of low confidence, and of its joints are in their 90 % region."""
     wrong, known = half.wrong, half.known
-    low = half.said()[0] * figures.MISSED > 1.0
+    low = half.said()[0] * confidence.MISSED > 1.0
     inside = half.distances()[0] < _CHI2_90
     return {
         "wrong": float(wrong.mean()),
@@ -293,7 +299,7 @@ def main() -> None:
         return
     fit(halves["tune"])
     for name in ("MASKS", "ALWAYS", "SIGNS", "MOVED_UNKNOWN", "PART"):
-        print(f"{name} = {getattr(figures, name)}")
+        print(f"{name} = {getattr(confidence, name)}")
     for half, read in halves.items():
         print(f"{half}, fitted: {table(read)}")
 
