@@ -7,6 +7,7 @@ all that it was made of. So no code of another version runs, and nothing is comp
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -80,7 +81,10 @@ def compiled_with(**options: Any) -> Callable[[Any], Any]:
 
     def decorate(function: FunctionType) -> Any:
         dispatcher: Any = numba.njit(nogil=True, **options)(function)
-        dispatcher._cache = _Cache(function)
+        if (
+            function.__module__ in sys.modules
+        ):  # else Numba could not import it again for what is kept
+            dispatcher._cache = _Cache(function)
         return dispatcher
 
     return decorate

@@ -7,11 +7,15 @@ import sys
 INNER = "from handtrack.compiled import compiled\n\n@compiled\ndef inner(x):\n    return x + {}\n"
 OUTER = "from handtrack.compiled import compiled\nfrom inner import inner\n\n@compiled\ndef outer(x):\n    return 2 * inner(x)\n"
 ASKED = "from outer import outer; print(outer(1), *outer.stats.cache_hits.values())"
+BY_FILE = """from importlib.util import module_from_spec, spec_from_file_location
+spec = spec_from_file_location("page", "inner.py")
+spec.loader.exec_module(page := module_from_spec(spec))
+print(page.inner(1))"""
 
 
-def called(folder, cache):
+def called(folder, cache, asked=ASKED):
     said = subprocess.run(
-        [sys.executable, "-c", ASKED], cwd=folder, env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True,
+        [sys.executable, "-c", asked], cwd=folder, env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True,
         check=True,
     )  # fmt: skip
     return said.stdout.split()
@@ -30,3 +34,8 @@ def test_machine_code_is_made_anew_where_a_function_that_it_calls_changed_in_ano
     (other / "inner.py").write_text(INNER.format(2))
     assert called(other, cache) == ["6"]
     assert called(one, cache) == ["4", "1"], "both versions are kept"
+
+
+def test_a_function_of_a_module_that_is_loaded_by_its_file_is_called_again_and_again(tmp_path):
+    (tmp_path / "inner.py").write_text(INNER.format(1))
+    assert [called(tmp_path, tmp_path / "kept", BY_FILE) for _ in range(2)] == [["2"], ["2"]]
