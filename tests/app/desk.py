@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.worker import RULES, Worker
+from handtrack_app.engine.open_session import RULES
+from handtrack_app.engine.worker import Worker
 from handtrack_app.page.page import UserState
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots

@@ -27,6 +27,7 @@ from handtrack.session.track_session import (
     TrackingRequest,
     Warned,
 )
+from handtrack.store.history import NOTE
 from handtrack.store.spans import Span
 from handtrack.tracking.frame.assessment import OutlineFit, hand_words
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
@@ -52,6 +53,7 @@ from handtrack_app.engine.live_control import LiveControl
 from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.snapshots import (
     Guess,
     GuessesSnapshot,
@@ -306,7 +308,7 @@ class JobControl:
         compiles: CompileWatch | None = None,
         live: LiveControl | None = None,
     ) -> None:
-        self.follow = True
+        self.follows = True
         """each tracked frame is shown"""
         self._document, self._store, self._live = document, store, live
         self._publish, self._post, self._watch = publish, post, watch
@@ -364,11 +366,26 @@ class JobControl:
 
     # ---- starting
 
+    @command(job=True, words="tracking of {frames}")
     def track(
-        self, start: int, stop: int, first: int, anew: bool = False, both_ends: bool = False
+        self,
+        start: int,
+        stop: int,
+        first: int,
+        anew: bool = False,
+        version: int = 0,
+        both_ends: bool = False,
     ) -> None:
-        """Begin to track; see OpenSession.track. A hand's size that is still to be fitted comes first."""
+        """Track frames [start, stop) from the pose at `first` (shown there, set or tracked). A hand's size that is still to be fitted
+        comes first.
+
+        anew: start from the first-frame pose as saved, even if its frame was tracked before. version: of the user's edits, when
+        fitting one frame is one. both_ends: between keyframes half of the frames are tracked from each.
+        """
         document = self._document
+        self._store.write_what_rests(at_once=True)
+        if stop - start == 1 and document.frame == first:
+            self.see_arm()
         self._refuse()
         document.see_frames()
         frames = range(max(start, document.frames.start), min(stop, document.frames.stop))
@@ -393,10 +410,12 @@ class JobControl:
         work = partial(jobs.track, run=run, request=request, watch=self._watch)
         self.begin("tracking", work, request, run.session.live is not None)
 
+    @command(job=True, words="refining")
     def refine(self) -> None:
-        """Begin to refine all tracked frames together; where nothing but keyframes and pins has changed since, those that they
-        touch.
+        """Optimise the tracked frames jointly; keyframes stay fixed. Where nothing but keyframes and pins has changed since, those
+        that they touch.
         """
+        self._store.write_what_rests(at_once=True)
         self._refuse()
         document = self._document
         request = tracking_request(document, document.frames, document.first_frame)
@@ -410,8 +429,11 @@ class JobControl:
         )
         self.begin("refining", work, request)
 
+    @command(job=True, words="live tracking")
     def track_live(self) -> None:
-        """Begin to track what the cameras show from now on, from the pose shown, until it is cancelled."""
+        """Track what the cameras show from now on, from the pose shown, until it is cancelled."""
+        self._store.write_what_rests(at_once=True)
+        self.see_arm()
         self._refuse()
         document, feed = self._document, self._document.run.session.live
         if feed is None:
@@ -421,8 +443,9 @@ class JobControl:
         endless = range(first, first + _ENDLESS)
         self._track(TrackingRequest(endless, first, document.shown, fit_size=False, refine=False))
 
+    @command(job=True, files=True, words="fitting the size")
     def fit_size(self) -> None:
-        """Begin to fit the size."""
+        """Fit the hand's size to the frames near the first pose."""
         self._refuse()
         if self._document.run.first is None:
             raise HandtrackError(
@@ -431,8 +454,10 @@ class JobControl:
             )
         self.begin("sizing", partial(jobs.fit_size, run=self._document.run))
 
+    @command(job=True, files=True, words="taking the size")
     def take_size(self, first: int) -> None:
-        """Take the size that was fitted after tracking, and begin to track everything again from a frame's pose."""
+        """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
+        self._store.write_what_rests(at_once=True)
         self._refuse()
         document = self._document
         if document.offered_scale is None:
@@ -445,10 +470,26 @@ class JobControl:
         anew = first == document.first_frame and first not in document.by_hand
         self.track(document.frames.start, document.frames.stop, first, anew)
 
-    def find(self, frame: int | None, fetch: bool) -> None:
-        """Begin to look for the hand."""
+    @command(job=True, words="detecting the first pose")
+    def find_hand(self, frame: int | None, fetch: bool = False) -> None:
+        """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
+        before.
+        """
+        self._store.write_what_rests(at_once=True)
         self._refuse()
         self.begin("finding", partial(jobs.find, run=self._document.run, frame=frame, fetch=fetch))
+
+    @command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follows", on))
+    def follow(self, on: bool) -> None:
+        """Whether each frame is shown as it is tracked."""
+
+    def see_arm(self) -> None:
+        """Give the model a forearm where the frame shown has one; never under a job, as what it solves for would change."""
+        document, arm = self._document, NOTHING if self.busy else edits.seen_arm(self._document)
+        if self._store.do("Forearm in view", arm, kind=NOTE):
+            self._publish(session_snapshot(document))
+            self._publish(pose_snapshot(document))
+            self._publish(timeline_snapshot(document))
 
     def _refuse(self) -> None:
         """Raise HandtrackError where no job can begin."""
@@ -520,7 +561,7 @@ class JobControl:
     def _tried(self, result: FrameResult) -> None:
         """Show a frame that is tracked to fit the size."""
         now = time.monotonic()
-        if self.follow and now - self._shown > _SHOW_EVERY_S:
+        if self.follows and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
             self._document.try_pose(result.frame, result.parameters)
             self._publish(pose_snapshot(self._document))
@@ -537,7 +578,7 @@ class JobControl:
             self._live.note(result)
             self._outcomes.pop(result.frame - _COMES_AGAIN, None)
         self._add(result)
-        if self.follow and now - self._shown > _SHOW_EVERY_S:
+        if self.follows and now - self._shown > _SHOW_EVERY_S:
             self._shown = now
             document.show(result.frame)
             self._publish(pose_snapshot(document))
@@ -648,12 +689,12 @@ def _fixed(job: BackgroundJob) -> tuple[int, ...]:
 
 def looks_elsewhere(jobs: JobControl, **_: object) -> None:
     """Somebody looks at a frame: tracked frames are not shown any more as they come."""
-    jobs.follow = False
+    jobs.follows = False
 
 
 def drags(jobs: JobControl, **_: object) -> None:
     """Somebody drags, which calls twenty times a second: tracking gives way."""
-    jobs.follow = False
+    jobs.follows = False
     jobs.give_way()
 
 

@@ -9,9 +9,9 @@ from functools import partial
 
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
-from handtrack.session.session_state import NOTHING, Edit
+from handtrack.session.session_state import Edit
 from handtrack.session.track_session import FramesRefined
-from handtrack.store.history import NOTE, Action
+from handtrack.store.history import Action
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
@@ -91,7 +91,15 @@ class OpenSession:
         self.render_thread, self.post = render_thread, mail.put
         self._clouds, self._masks = CloudService(self), MaskService(self)
         self._tuning, self._review = TuningService(self), ReviewService(self)
-        parts = (self, PosingService(self), self._tuning, self._review, self._clouds, self._masks)
+        parts = (
+            self,
+            self.jobs,
+            PosingService(self),
+            self._tuning,
+            self._review,
+            self._clouds,
+            self._masks,
+        )
         self._commands = {
             name: getattr(part, name) for part in parts for name in rules_of(type(part))
         }
@@ -178,22 +186,25 @@ class OpenSession:
     @command(edits=True, words="take {number}")
     def restore_take(self, number: int, span: tuple[int, int] | None = None) -> None:
         """Make a take the current track, or some of its frames: first to last."""
-        self.jobs.require_idle()
         frames = None if span is None else range(span[0], span[1] + 1)
-        if self.store.restore_take(number, frames):
-            self._show_session()  # it may be of another model
-            self.document.show(self.document.frame)
-            self.show_all()
+        again = edits.restored(self.document, number, frames)
+        if self._lay(f"Take {number} restored", again):
             self._say("done", f"Take {number} is the track again", "")
 
     @command(edits=True, words="take {number}")
     def show_take(self, number: int) -> None:
         """Use the model that a take was tracked with, so that its frames show; the track stays composed as it is."""
+        self._lay(f"Model of take {number}", edits.model_of_take(self.document, number))
+
+    def _lay(self, words: str, edit: Edit) -> bool:
+        """Make an edit of what is shown of the takes, perhaps of another model; return whether that changed anything."""
         self.jobs.require_idle()
-        if self.store.show_take(number):
+        changed = self.store.do(words, edit)
+        if changed:
             self._show_session()
             self.document.show(self.document.frame)
             self.show_all()
+        return changed
 
     @command(view=True, latest=())
     def want_pictures(
@@ -205,59 +216,11 @@ class OpenSession:
         self.painter.want(thumbnails, paint, screens)
         self._masks.want_screens(screens)
 
-    @command(job=True, words="tracking of {frames}")
-    def track(
-        self,
-        start: int,
-        stop: int,
-        first: int,
-        anew: bool = False,
-        version: int = 0,
-        both_ends: bool = False,
-    ) -> None:
-        """Track frames [start, stop) from the pose at `first` (shown there, set or tracked).
-
-        anew: start from the first-frame pose as saved, even if its frame was tracked before. version: of the user's edits, when
-        fitting one frame is one. both_ends: between keyframes half of the frames are tracked from each.
-        """
-        self.store.write_what_rests(at_once=True)
-        if stop - start == 1 and self.document.frame == first:
-            self._see_arm()
-        self.jobs.track(start, stop, first, anew, both_ends)
-
-    @command(job=True, words="refining")
-    def refine(self) -> None:
-        """Optimise the tracked frames jointly; keyframes stay fixed."""
-        self.store.write_what_rests(at_once=True)
-        self.jobs.refine()
-
-    @command(job=True, words="live tracking")
-    def track_live(self) -> None:
-        """Track what the cameras show from now on, from the pose shown."""
-        self.store.write_what_rests(at_once=True)
-        self._see_arm()
-        self.jobs.track_live()
-
     @command(job=True, words="recording")
     def record(self, on: bool, folder: str | None = None) -> None:
         """Record what the cameras show and what is tracked to a new session folder (None: beside the session's), or end that."""
         if self._live is not None:
             self._live.record(on, folder)
-
-    @command(job=True, files=True, words="fitting the size")
-    def fit_size(self) -> None:
-        """Fit the hand's size to the frames near the first pose."""
-        self.jobs.fit_size()
-
-    @command(job=True, files=True, words="taking the size")
-    def take_size(self, first: int) -> None:
-        """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
-        self.store.write_what_rests(at_once=True)
-        self.jobs.take_size(first)
-
-    @command(view=True, latest=(), at_once=lambda jobs, on: setattr(jobs, "follow", on))
-    def follow(self, on: bool) -> None:
-        """Whether each frame is shown as it is tracked."""
 
     @command(at_once=lambda jobs, on: jobs.pause(on))
     def pause(self, on: bool) -> None:
@@ -291,7 +254,7 @@ class OpenSession:
     @command(edits=True, files=True, words="saving the first-frame pose")
     def save_pose(self) -> None:
         """Write the pose shown to init.json."""
-        self._see_arm()
+        self.jobs.see_arm()
         doubt = self._doubt_of_pose()
         if doubt:
             self._say("warning", "Not saved yet", doubt)
@@ -309,14 +272,6 @@ class OpenSession:
         axes points up, for formats whose readers take one for it; empty: nothing is turned.
         """
         export_beside(self.document, kind, client_id, up, self.publish)
-
-    @command(job=True, words="detecting the first pose")
-    def find_hand(self, frame: int | None, fetch: bool = False) -> None:
-        """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
-        before.
-        """
-        self.store.write_what_rests(at_once=True)
-        self.jobs.find(frame, fetch)
 
     @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
     def take_guess(self, frame: int, index: int, version: int) -> None:
@@ -389,13 +344,6 @@ class OpenSession:
             if warning not in self._told:
                 self._told.add(warning)
                 self._say("warning", "About this session", warning)
-
-    def _see_arm(self) -> None:
-        # never under a job: what it solves for would change
-        arm = NOTHING if self.jobs.busy else edits.seen_arm(self.document)
-        if self.store.do("Forearm in view", arm, kind=NOTE):
-            self._show_session()
-            self.show_all()
 
     # ---- edits
 
@@ -512,7 +460,7 @@ class OpenSession:
         """Show the newest images while nothing is tracked and nobody poses the hand in one of them."""
         if live.tell() and not self.jobs.busy:
             self.announce(timeline_snapshot(self.document))
-        follow = self.jobs.follow
+        follow = self.jobs.follows
         if not self.jobs.busy and (follow or live.recording) and live.watch(follow) and follow:
             self.show_pose()
 
@@ -529,3 +477,9 @@ class OpenSession:
                 f"The first-frame pose is of frame {document.first_frame}, but the videos have the frames 0 to "
                 f"{len(document.frames) - 1} only. Pose the {document.model.kind} in one of these, and save the first-frame pose anew."
             )
+
+
+RULES = rules_of(
+    OpenSession, JobControl, PosingService, TuningService, ReviewService, CloudService, MaskService
+)
+"""what the page can call"""

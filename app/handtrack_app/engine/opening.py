@@ -23,40 +23,33 @@ from handtrack_app.engine.document_snapshots import scene_centre
 _NEAR, _DEEP_M = (0.02, 0.15)
 
 
-class Opening:
-    """The two steps in which a session folder is opened: what can be shown at once, then what needs fits."""
+def preview(session: Session) -> Document:
+    """Return a document to be looked at, its hand laid where the first pose is about. Raises HandtrackError.
 
-    def __init__(self) -> None:
-        self._session: Session | None = None
-
-    def preview(self, folder: Path) -> Document:
-        """Return a document to be looked at, its hand laid where the first pose is about. Raises HandtrackError.
-
-        Nothing is searched or fitted, and no image is read.
-        """
-        session = self._session = _opened(folder)
-        run = TrackingRun.open(session, {}, use_init=False)
-        frame, params = near_first_pose(run, session.init)
-        return Document(run, frame, params)
-
-    def document(self, folder: Path) -> Document:
-        """Return the document of a session folder, its first pose fitted to what was given. Raises HandtrackError.
-
-        Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
-        """
-        session, self._session = self._session or _opened(folder), None
-        run = TrackingRun.open(session, {"model.fit_size": False})
-        wanted = session.settings.model.fit_size
-        run = run.with_values({"model.fit_size": wanted})
-        pending = run.sizes_first
-        if run.first is None:
-            middle = _middle_of_cloud(session)
-            return Document(run, 0, placed_in_view(run, middle), pending)
-        frame, params = run.initial()
-        return Document(run, frame, params, pending)
+    Nothing is searched or fitted, and no image is read.
+    """
+    run = TrackingRun.open(session, {}, use_init=False)
+    frame, params = near_first_pose(run, session.init)
+    return Document(run, frame, params)
 
 
-def _opened(folder: Path) -> Session:
+def document(session: Session) -> Document:
+    """Return the document of a session, its first pose fitted to what was given. Raises HandtrackError.
+
+    Fitting the hand's size takes long, and posing needs none: it waits until something is tracked.
+    """
+    run = TrackingRun.open(session, {"model.fit_size": False})
+    wanted = session.settings.model.fit_size
+    run = run.with_values({"model.fit_size": wanted})
+    pending = run.sizes_first
+    if run.first is None:
+        middle = _middle_of_cloud(session)
+        return Document(run, 0, placed_in_view(run, middle), pending)
+    frame, params = run.initial()
+    return Document(run, frame, params, pending)
+
+
+def opened(folder: Path) -> Session:
     """Return a session whose videos are being counted."""
     session = Session.open(folder)
     count_beside(session.folder, session.videos)

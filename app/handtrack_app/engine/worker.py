@@ -9,19 +9,14 @@ from functools import partial
 from pathlib import Path
 
 from handtrack.errors import HandtrackError
+from handtrack_app.engine import opening
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
 from handtrack_app.engine.live_control import open_live_document
-from handtrack_app.engine.mask_service import MaskService
 from handtrack_app.engine.open_session import OpenSession
-from handtrack_app.engine.opening import Opening
 from handtrack_app.engine.pictures.camera_pictures import Painter
-from handtrack_app.engine.pictures.cloud_service import CloudService
-from handtrack_app.engine.posing_service import PosingService
-from handtrack_app.engine.review_service import ReviewService
 from handtrack_app.engine.service import RenderThread
-from handtrack_app.engine.tuning_service import TuningService
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol.calls import Call, Mailbox, command, rules_of
 from handtrack_app.protocol.snapshots import Notice, Opened, ProgressSnapshot, Snapshot
@@ -66,10 +61,6 @@ class Preview:
 
 log = logging.getLogger(__name__)
 Opener = Callable[[Path], Document]
-RULES = rules_of(
-    OpenSession, PosingService, TuningService, ReviewService, CloudService, MaskService
-)
-"""what the page can call"""
 _VIEWED_LATER = ("want_cloud", "want_surface", "want_masks")
 _PREPARING = "Preparing the first pose …"
 
@@ -78,11 +69,6 @@ class Worker:
     """Serves commands in the order they came; poses and frames before pictures; tracking runs beside it."""
 
     def __init__(self, plan: EnginePlan, publish: Callable[[Snapshot], None]) -> None:
-        opening = Opening()
-        live = None if plan.live is None else partial(open_live_document, plan.live)
-        self._opener = plan.opener or live or opening.document
-        has_preview = plan.preview and self._opener == opening.document
-        self._previewer = opening.preview if has_preview else None
         self._plan, self._publish = plan, publish
         self._recorder = LiveRecorder(publish, plan.rerun)
         self._mail: Mailbox[Call | Callable[[], None]] = Mailbox(
@@ -150,12 +136,20 @@ class Worker:
     def _open(self) -> None:
         """Open the session, on a thread of its own: what can be shown first, then what takes longer."""
         try:
-            if self._previewer is not None:
-                self._mail.put(partial(self._look_at, self._previewer(self._plan.folder)))
-                while not self._shown.wait(0.1):  # nothing is fitted before the first picture
-                    if self._stopping.is_set():
-                        return
-            self._mail.put(partial(self._begin, self._opener(self._plan.folder)))
+            plan = self._plan
+            if plan.opener is not None:
+                document = plan.opener(plan.folder)
+            elif plan.live is not None:
+                document = open_live_document(plan.live, plan.folder)
+            else:
+                session = opening.opened(plan.folder)
+                if plan.preview:
+                    self._mail.put(partial(self._look_at, opening.preview(session)))
+                    while not self._shown.wait(0.1):  # nothing is fitted before the first picture
+                        if self._stopping.is_set():
+                            return
+                document = opening.document(session)
+            self._mail.put(partial(self._begin, document))
         except Exception as error:
             self._mail.put(partial(self._begin, error))
 

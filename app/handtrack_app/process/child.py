@@ -146,34 +146,13 @@ def _group_limits() -> Iterator[int]:
                     break
 
 
-# ---- The engine's own process: calls come in by a pipe, snapshots go out by it
+# ---- The engine's own process. By its pipe come first the plan, then calls (name, arguments, number), at last how long each of its
+# threads has to end [s]; out go first the rules of its commands (a dict), then snapshots, at last what is to be said (a list)
 
 
 _ALONE_S = 15.0  # for each thread to end when nobody says how long: a recording of running cameras is completed
 _GOING_S = 2.0  # between the end of its pipe and its own
 _LARGEST_LOG = 1_000_000  # bytes; a larger one makes room when an engine begins
-
-
-@dataclass(frozen=True)
-class Stop:
-    """To the engine: write the last edits and end."""
-
-    timeout: float
-    """[s] for each of its threads"""
-
-
-@dataclass(frozen=True)
-class Commands:
-    """From the engine, first: what can be called."""
-
-    rules: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Ended:
-    """From the engine: its last message."""
-
-    last_words: tuple[str, ...]
 
 
 class EngineChild:
@@ -254,7 +233,8 @@ def serve(pipe: Connection, log: Path) -> None:
 
 
 def _serve(pipe: Connection) -> None:
-    from handtrack_app.engine.worker import RULES, Worker  # seconds, if all is compiled
+    from handtrack_app.engine.open_session import RULES  # seconds, if all is compiled
+    from handtrack_app.engine.worker import Worker
     from handtrack_app.protocol.calls import Call, portable
     from handtrack_app.protocol.snapshots import Opened
 
@@ -271,7 +251,7 @@ def _serve(pipe: Connection) -> None:
         except MemoryError:  # the next one may be smaller
             logging.getLogger(__name__).exception("could not send %s", type(message).__name__)
 
-    publish(Commands(portable(RULES)))
+    publish(portable(RULES))
     plan = pipe.recv()
     assert isinstance(plan, EnginePlan)
     limit_memory(plan.memory)
@@ -281,10 +261,10 @@ def _serve(pipe: Connection) -> None:
 
     def listen() -> None:
         with suppress(EOFError, OSError, pickle.UnpicklingError):
-            while not isinstance(message := pipe.recv(), Stop):
+            while isinstance(message := pipe.recv(), tuple):
                 name, arguments, number = message
                 engine.send(Call(name, arguments, RULES[name], number))
-            waits[0] = message.timeout
+            waits[0] = message
         asked.set()
 
     threading.Thread(target=listen, name="listen", daemon=True).start()
@@ -292,7 +272,7 @@ def _serve(pipe: Connection) -> None:
     while not asked.wait(1.0):  # on some systems a signal is handled between two waits only
         pass
     engine.stop(waits[0])
-    publish(Ended(tuple(engine.last_words)))
+    publish(engine.last_words)
 
 
 def _print_to(log: Path) -> None:

@@ -16,7 +16,7 @@ from uuid import uuid4
 
 from handtrack.errors import HandtrackError
 from handtrack_app.log import ENGINE_LOG
-from handtrack_app.process.child import GB, Commands, Ended, EngineChild, EnginePlan, Stop
+from handtrack_app.process.child import GB, EngineChild, EnginePlan
 from handtrack_app.protocol.calls import Call, Caller, Engine, Rules
 from handtrack_app.protocol.snapshots import (
     LiveSnapshot,
@@ -186,7 +186,7 @@ class EngineProcess:
         self._again.set()
         life = self._life
         if life is not None:  # its pipe may be full, with nobody at the other end
-            threading.Thread(target=life.send, args=(Stop(timeout),), daemon=True).start()
+            threading.Thread(target=life.send, args=(timeout,), daemon=True).start()
         self._thread.join(2 * timeout)
         if life is not None and self._thread.is_alive():
             life.kill()
@@ -224,8 +224,8 @@ class EngineProcess:
         return code
 
     def _take(self, child: EngineChild, message: object, is_anew: bool) -> None:
-        if isinstance(message, Commands):
-            self._outbox.know(message.rules)
+        if isinstance(message, dict):
+            self._outbox.know(message)
         elif isinstance(message, Opened) and not message.is_whole:
             self._failure = message.failure
             self._outbox.listen(is_anew)
@@ -234,9 +234,9 @@ class EngineProcess:
             self._failure = message.failure
             self._opened.set()
             if message.failure is not None:
-                child.send(Stop(1.0))
-        elif isinstance(message, Ended):
-            self.last_words = list(message.last_words)
+                child.send(1.0)
+        elif isinstance(message, list):
+            self.last_words = message
         elif (told := self._outbox.see(cast("Snapshot", message))) is not None:
             self._publish(told)
 

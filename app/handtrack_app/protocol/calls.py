@@ -194,6 +194,7 @@ class Mailbox(Generic[Item]):
 
 
 if TYPE_CHECKING:  # the page's process has no use for what the engine imports
+    from handtrack_app.engine.job_control import JobControl
     from handtrack_app.engine.mask_service import MaskService
     from handtrack_app.engine.open_session import OpenSession
     from handtrack_app.engine.pictures.cloud_service import CloudService
@@ -203,6 +204,7 @@ if TYPE_CHECKING:  # the page's process has no use for what the engine imports
 
     class Engine(  # type: ignore[misc]
         OpenSession,
+        JobControl,
         PosingService,
         TuningService,
         ReviewService,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack_app.engine.opening import Opening
+from handtrack_app.engine import opening
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.command_line import CommandLine
 from tests.session.small_session import edit
@@ -35,7 +35,7 @@ CHANGED = {"calibration.toml", "session.toml", "masks of cam0", "masks of cam1"}
 
 def told(handtrack: CommandLine, session: Path) -> list[str]:
     """What is said of them when the session is opened, by `takes`, `export` and `doctor`."""
-    store = Persistence.open(Opening().document(session))
+    store = Persistence.open(opening.document(opening.opened(session)))
     store.restore()
     store.close()
     listed = handtrack("takes", session).err

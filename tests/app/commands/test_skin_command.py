@@ -11,7 +11,7 @@ from handtrack.capture.clouds.skin_ellipse import SkinEllipse, chromaticity
 from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.cli import main
-from handtrack_app.engine.opening import Opening
+from handtrack_app.engine import opening
 from handtrack_app.engine.pictures.cloud_service import skin_in_force
 from tests.app.cloudy_session import BOX, SKIN, cloudy_session
 
@@ -78,15 +78,15 @@ def test_what_was_painted_is_enough(folder, capsys):
     assert main(["skin", str(folder)]) == 0
     assert "pixels of 2 images" in capsys.readouterr().out
     assert holds(ellipse(folder), OTHER_LIGHT)
-    document = Opening().document(folder)
+    document = opening.document(opening.opened(folder))
     settings, words = skin_in_force(document, 0, "cam0", None, 2.5)
     assert settings.filters.skin == ellipse(folder)
     assert "of 2 painted images" in words
 
 
 def test_a_box_is_taken_as_before(folder):
-    settings, _ = skin_in_force(Opening().document(folder), 0, "cam0", BOX, 2.5)
+    settings, _ = skin_in_force(opening.document(opening.opened(folder)), 0, "cam0", BOX, 2.5)
     found = settings.filters.skin
     np.testing.assert_allclose(found.mean, chromaticity(np.array([SKIN]))[0][0], atol=0.02)
     with pytest.raises(HandtrackError, match="no camera 'cam9'"):
-        skin_in_force(Opening().document(folder), 0, "cam9", BOX, 2.5)
+        skin_in_force(opening.document(opening.opened(folder)), 0, "cam9", BOX, 2.5)

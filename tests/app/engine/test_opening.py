@@ -5,7 +5,7 @@ import threading
 import numpy as np
 
 from handtrack.tracking.search import initialize
-from handtrack_app.engine.opening import Opening
+from handtrack_app.engine import opening
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.desk import EngineInThreads
@@ -14,8 +14,9 @@ from tests.session.small_session import keypoints, make_session
 
 
 def two_steps(monkeypatch, preview, document):
-    monkeypatch.setattr(Opening, "preview", lambda _, folder: preview(folder))
-    monkeypatch.setattr(Opening, "document", lambda _, folder: document(folder))
+    monkeypatch.setattr(opening, "opened", lambda folder: folder)
+    monkeypatch.setattr(opening, "preview", preview)
+    monkeypatch.setattr(opening, "document", document)
 
 
 def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
@@ -68,7 +69,7 @@ def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, mon
 
     monkeypatch.setattr(initialize, "solve", fit)
     folder = make_session(tmp_path)
-    document = Opening().preview(folder)
+    document = opening.preview(opening.opened(folder))
     model = document.model
     shown = model.keypoints21(model.bones(model.transform.solver_params(document.start)))
     assert np.linalg.norm(shown - keypoints(), axis=1).mean() < 0.03

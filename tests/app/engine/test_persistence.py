@@ -80,13 +80,13 @@ def test_a_cancelled_tracking_hides_only_the_frames_that_it_has(tmp_path):
 def test_an_earlier_take_is_restored_and_that_is_undone(tmp_path):
     store = tracked(opened(tmp_path))
     tracked(store, range(6, 9), first=6)
-    assert store.restore_take(1)
+    assert store.do("Take restored", edits.restored(store.document, 1, None))
     assert spans(store) == (Span(1, 0, FRAMES),)
-    assert not store.restore_take(1), "it is already"
+    assert not store.do("Take restored", edits.restored(store.document, 1, None)), "it is already"
     store.undo()
     assert spans(store) == (Span(1, 0, 6), Span(2, 6, 9), Span(1, 9, FRAMES))
     with pytest.raises(HandtrackError, match="Take 7 has no frames"):
-        store.restore_take(7)
+        store.do("Take restored", edits.restored(store.document, 7, None))
 
 
 def test_a12_files_go_by_what_is_known_of_them_and_not_by_their_dates(tmp_path):

@@ -10,7 +10,7 @@ from handtrack.model.model_file import read_scale
 from handtrack.session.first_pose.first_pose import read_first_pose
 from handtrack.session.session_file import read_session_file
 from handtrack.session.session_state import decide
-from handtrack_app.engine.opening import Opening
+from handtrack_app.engine import opening
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.cloudy_session import cloudy_session
@@ -75,11 +75,11 @@ def test_the_file_before_is_kept_and_the_journal_gives_way(store):
 def test_a_session_opens_with_what_was_saved(tmp_path):
     folder = cloudy_session(tmp_path)
     text = (folder / "session.toml").read_text(encoding="utf-8")
-    store = Persistence.open(Opening().document(folder))
+    store = Persistence.open(opening.document(opening.opened(folder)))
     did(store, decide(setting={"silhouettes.bands_mm": (6.0, 2.0)}))
     saving.save_settings(store)
     assert (folder / "session.toml").read_text(encoding="utf-8").startswith(text)
-    again = Opening().document(folder)
+    again = opening.document(opening.opened(folder))
     assert again.run.settings.silhouettes.bands_mm == (6.0, 2.0)
     assert again.own_settings == again.run.settings.flat()
 
@@ -134,7 +134,7 @@ def test_clouds_are_saved_key_by_key(tmp_path):
     """A usual value that stands there stays; what became usual goes; what somebody added meanwhile is his."""
     folder = cloudy_session(tmp_path)
     path = folder / "session.toml"
-    store = Persistence.open(Opening().document(folder))
+    store = Persistence.open(opening.document(opening.opened(folder)))
     document = store.document
     added = path.read_text(encoding="utf-8").replace("[clouds]", "[clouds]  # c\nper_voxel = 3")
     path.write_text(added, encoding="utf-8")

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from handtrack_app.engine.worker import RULES
+from handtrack_app.engine.open_session import RULES
 from handtrack_app.process.engine_process import Outbox
 from handtrack_app.protocol.calls import Call
 from handtrack_app.protocol.snapshots import Hold, WorkSnapshot

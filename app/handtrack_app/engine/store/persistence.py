@@ -416,14 +416,6 @@ class Persistence:
                 f"{error} What was tracked stays as long as the workbench is open: save the track once there is room."
             ) from None
 
-    def restore_take(self, number: int, frames: range | None = None) -> bool:
-        """Make a take, or some of its frames, current again; return whether that changed anything. Raises HandtrackError."""
-        return self.do(f"Take {number} restored", edits.restored(self.document, number, frames))
-
-    def show_take(self, number: int) -> bool:
-        """Use the model of a take, so that it shows; return whether that changed anything. Raises HandtrackError."""
-        return self.do(f"Model of take {number}", edits.model_of_take(self.document, number))
-
     # ---- bringing back
 
     def restore(self) -> str:

@@ -29,7 +29,7 @@ _NAMED = 12  # frames that are named one by one
 
 @dataclass(frozen=True)
 class Order:
-    """Frames [start, stop) to be tracked, as `OpenSession.track` takes them."""
+    """Frames [start, stop) to be tracked, as `JobControl.track` takes them."""
 
     start: int
     stop: int
