@@ -355,17 +355,17 @@ def on_dask(
     Raises HandtrackError where dask.distributed is not installed, or nobody answers at the address.
     """
     client = _client(address)
-    stop = _Asked(f"handtrack-stop-{uuid4()}")
+    stop = f"handtrack-stop-{uuid4()}"
     try:
         left = {
-            client.submit(_tracked, one, track_it, stop, key=f"{one.name}-{one.digest}", pure=False, retries=_RETRIES): one
+            client.submit(_tracked, one, track_it, partial(_is_asked, stop), key=f"{one.name}-{one.digest}", pure=False, retries=_RETRIES): one
             for one in todo
         }  # fmt: skip
         asked = False
         while left:
             if should_stop() and not asked:
                 asked = True
-                stop.ask()
+                _event(stop).set()
             done = [future for future in left if future.done()]
             yield from filter(None, (_ended(future, left.pop(future)) for future in done))
             if not done:
@@ -381,18 +381,13 @@ def _tracked(one: Recording, track_it: Track, should_stop: Callable[[], bool]) -
     return track_it(one, should_stop)
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """Whether those that work somewhere else are to stop: a word of dask's, which all of a cluster hear."""
+def _event(name: str) -> Any:
+    """Return the word of dask's, which all of a cluster hear, that those that work somewhere else are to stop."""
+    return import_module("dask.distributed").Event(name)
 
-    name: str
 
-    def ask(self) -> None:
-        """Let all workers know."""
-        import_module("dask.distributed").Event(self.name).set()
-
-    def __call__(self) -> bool:
-        return bool(import_module("dask.distributed").Event(self.name).is_set())
+def _is_asked(name: str) -> bool:
+    return bool(_event(name).is_set())
 
 
 def _ended(future: Any, one: Recording) -> Outcome | None:

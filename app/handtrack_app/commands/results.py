@@ -7,7 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 from handtrack.diagnostics.metrics import evaluate
@@ -111,7 +111,7 @@ def manage_takes(args: argparse.Namespace) -> int:
     elif args.prune is not None:
         with WritableStore(folder, _PROGRAM, args.take_over) as store:
             freed = store.prune(args.prune)
-        print(f"take {args.prune} is removed; {_megabytes(freed)} are free.")
+        print(f"take {args.prune} is removed; {freed / 1e6:.1f} MB are free.")
     elif args.compare is not None:
         _compare(Store(folder), session, args, frames)
     else:
@@ -170,68 +170,39 @@ def _list(store: Store, session: Session, args: argparse.Namespace) -> None:
     foreign = foreign_takes(store, session)
     listed = [_listed(take, spans) for take in store.takes()]
     told = {
-        "takes": [asdict(entry) for entry in listed],
+        "takes": [table for table, _ in listed],
         "damage": damage,
         "foreign": foreign,
         "writer": holder and str(holder),
     }
     none = f"{store.folder}: no takes yet; `handtrack track` makes one."
-    answer(args, told, *([str(entry) for entry in listed] or [none]))
+    answer(args, told, *([words for _, words in listed] or [none]))
     if holder is not None:
         say(f"note: {holder} is writing here.")
     note(*foreign, *damage)
 
 
-@dataclass(frozen=True)
-class _Listed:
-    """What is told of a take."""
-
-    take: int
-    bytes: int
-    current: list[tuple[int, int]]
-    """spans of frames, half-open"""
-    begun: str = ""
-    by: str = ""
-    frames: tuple[int, int] = (0, 0)
-    statuses: dict[str, int] = field(default_factory=dict)
-    """how many frames there are of each"""
-    finished: bool = False
-    settings: dict[str, object] = field(default_factory=dict)
-    versions: dict[str, str] = field(default_factory=dict)
-    damage: str = ""
-    """what keeps it from being used"""
-
-    def __str__(self) -> str:
-        if self.damage:
-            return f"take {self.take}: {_megabytes(self.bytes)}, damaged"
-        counts = [f"{count} {status}" for status, count in self.statuses.items()]
-        state = [] if self.finished else ["not finished"]
-        if self.current:
-            state.append("current for " + ", ".join(f"{a}:{b}" for a, b in self.current))
-        first, stop = self.frames
-        words = [f"frames {first}:{stop}", *(counts or ["none tracked"]), _megabytes(self.bytes)]
-        return f"take {self.take}: {self.begun} by {self.by}, {', '.join([*words, *state])}"
-
-
-def _listed(take: Take, spans: Sequence[Span]) -> _Listed:
+def _listed(take: Take, spans: Sequence[Span]) -> tuple[dict[str, object], str]:
+    """Return what is told of a take, as JSON has it (spans of frames are half-open), and in words."""
     current = [(span.first, span.stop) for span in spans if span.take == take.number]
-    entry = _Listed(take.number, take.bytes, current)
+    told: dict[str, object] = {
+        "take": take.number, "bytes": take.bytes, "current": current, "begun": "", "by": "", "frames": (0, 0), "statuses": {},
+        "finished": False, "settings": {}, "versions": {}, "damage": "",
+    }  # fmt: skip
+    size = f"{take.bytes / 1e6:.1f} MB"
     try:
         about = take.about
     except HandtrackError as error:
-        return replace(entry, damage=str(error))
+        return told | {"damage": str(error)}, f"take {take.number}: {size}, damaged"
     counts = Counter(status.name.lower() for status in take.statuses.values())
-    return replace(
-        entry,
-        begun=about.begun,
-        by=about.by,
-        frames=about.frames,
-        statuses=dict(counts),
-        finished=take.is_finished,
-        settings=json.loads(about.labels.settings or "{}"),
-        versions=dict(about.versions),
-    )
-
-
-def _megabytes(size: int) -> str:
-    return f"{size / 1e6:.1f} MB"
+    told |= {
+        "begun": about.begun, "by": about.by, "frames": about.frames, "statuses": dict(counts), "finished": take.is_finished,
+        "settings": json.loads(about.labels.settings or "{}"), "versions": dict(about.versions),
+    }  # fmt: skip
+    first, stop = about.frames
+    by_status = [f"{count} {status}" for status, count in counts.items()]
+    words = [f"frames {first}:{stop}", *(by_status or ["none tracked"]), size]
+    words += [] if take.is_finished else ["not finished"]
+    if current:
+        words.append("current for " + ", ".join(f"{a}:{b}" for a, b in current))
+    return told, f"take {take.number}: {about.begun} by {about.by}, {', '.join(words)}"

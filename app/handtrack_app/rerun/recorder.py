@@ -12,7 +12,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
-from typing import NamedTuple
 
 import numpy as np
 
@@ -46,12 +45,8 @@ Step = tuple[Floats[P], float]
 """parameters that the solver accepted, and their cost"""
 
 
-class _Entry(NamedTuple):
-    """A tracked frame that waits to be painted."""
-
-    run: TrackingRun
-    result: FrameResult
-    steps: list[Step]
+_Entry = tuple[TrackingRun, FrameResult, list[Step]]
+"""a tracked frame that waits to be painted, and its iterations"""
 
 
 class ResidualRecorder:
@@ -118,7 +113,7 @@ class ResidualRecorder:
         steps: list[Step] = []
         if result.frame == self._closely:
             steps, self._steps = self._steps, steps
-        self._waiting.put(_Entry(self._run, result, steps))
+        self._waiting.put((self._run, result, steps))
 
     def go_on_with(self, run: TrackingRun) -> None:
         """Record what is handed in from now on as frames of another run of the same session."""
@@ -137,45 +132,45 @@ class ResidualRecorder:
         try:
             with self._stream:
                 for entry in iter(self._waiting.get, None):
-                    self._record(entry)
+                    self._record(*entry)
                 self._record_watched()
         except Exception as error:  # tracking goes on without the recording
             log.exception("recording residuals stopped")
             self._failure = f"recording residuals stopped: {error}"
             self._waiting = SimpleQueue()
 
-    def _record(self, entry: _Entry) -> None:
-        model, result = entry.run.model, entry.result
+    def _record(self, run: TrackingRun, result: FrameResult, steps: list[Step]) -> None:
+        model = run.model
         painter = None
         if result.frame == self._closely or not (self._live and self.is_behind):
             params = model.transform.solver_params(result.parameters)
-            painter = _Painter(entry.run, result.frame, params, self._before(entry))
+            painter = _Painter(run, result.frame, params, self._before(run, result.frame))
         else:
             self.without_pictures += 1
-        self._stream.log(result, _named(model, result.parameters), _error_mm(entry.run, result))
+        self._stream.log(result, _named(model, result.parameters), _error_mm(run, result))
         if painter is not None:
             self._stream.log_pictures(painter.pictures(painter.params), painter.overlap())
             self._stream.log_space(model, *painter.space())
-        if painter is not None and entry.steps:
-            self._watched = entry, painter
+            if steps:
+                self._watched = (run, result, steps), painter
 
-    def _before(self, entry: _Entry) -> Before | None:
+    def _before(self, run: TrackingRun, frame: int) -> Before | None:
         """Return the frame whose texture is carried into this one, and the first; None where none is, or none is looked at."""
-        around = (entry.result.frame - 1, entry.result.frame + 1)
+        around = (frame - 1, frame + 1)
         known = self._stream.results
         last = next((known[n] for n in around if n in known), None)
-        if last is None or entry.run.settings.intensity.weight == 0:
+        if last is None or run.settings.intensity.weight == 0:
             return None
         first = next(iter(known.values()))
-        return replace(_solved(entry.run, last), first=_solved(entry.run, first))
+        return replace(_solved(run, last), first=_solved(run, first))
 
     def _record_watched(self) -> None:
         """Record the iterations of the frame `closely`, of its last pass: each once, however often the frame was handed in."""
         if self._watched is None:
             return
-        entry, painter = self._watched
-        model, result = entry.run.model, entry.result
-        for count, (params, cost) in enumerate(entry.steps, start=1):
+        (run, result, steps), painter = self._watched
+        model = run.model
+        for count, (params, cost) in enumerate(steps, start=1):
             named = _named(model, model.joint_params(params))
             self._stream.log_iteration(result.frame, count, cost, named, painter.pictures(params))
 

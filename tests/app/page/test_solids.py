@@ -16,8 +16,9 @@ from handtrack_app.page.scene.model_view import ball, capsule, rod
     ],
 )
 def test_a_solid_is_closed_and_of_its_size(solid, volume, low, high):
-    mesh = trimesh.Trimesh(solid.vertices, solid.faces, process=False)
+    vertices, faces = solid
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(volume, rel=0.04)  # faceted; inside out negative
-    np.testing.assert_allclose(solid.vertices.min(axis=0), low, atol=1e-12)
-    np.testing.assert_allclose(solid.vertices.max(axis=0), high, atol=1e-12)
+    np.testing.assert_allclose(vertices.min(axis=0), low, atol=1e-12)
+    np.testing.assert_allclose(vertices.max(axis=0), high, atol=1e-12)

@@ -178,12 +178,8 @@ def update_surface(mesh: viser.MeshHandle, surface: SurfaceSnapshot) -> None:
 # ---- Small closed meshes that the scene is made of: solids turned around +y
 
 
-@dataclass(frozen=True, eq=False)
-class Solid:
-    """A closed mesh, its faces counter-clockwise as seen from outside."""
-
-    vertices: Floats[V, D3]
-    faces: Ints[T, D3]
+Solid = tuple[Floats[V, D3], Ints[T, D3]]
+"""vertices and faces of a closed mesh, counter-clockwise as seen from outside"""
 
 
 def turned(profile: Floats[N, D2], sides: int) -> Solid:
@@ -200,7 +196,7 @@ def turned(profile: Floats[N, D2], sides: int) -> Solid:
         faces.append(np.stack([here + first, there + first, there + above], axis=1))
         faces.append(np.stack([here + first, there + above, here + above], axis=1))
     faces.append(np.stack([here + top - sides, there + top - sides, np.full(sides, top)], axis=1))
-    return Solid(np.vstack([[low], *rings, [high]]), np.concatenate(faces))
+    return np.vstack([[low], *rings, [high]]), np.concatenate(faces)
 
 
 def ball(rings: int, sides: int) -> Solid:
@@ -227,7 +223,7 @@ def add_batch(
     """Add as many of a mesh as there are scales; where they stand is told later. drawn: as `add_batched_meshes_simple` has it."""
     turns, places = np.tile([1.0, 0.0, 0.0, 0.0], (len(scales), 1)), np.zeros((len(scales), 3))
     drawn |= {"batched_scales": scales.astype(np.float32), "lod": "off"}
-    return scene.add_batched_meshes_simple(name, mesh.vertices, mesh.faces, turns, places, **drawn)
+    return scene.add_batched_meshes_simple(name, *mesh, turns, places, **drawn)
 
 
 # ---- Where a hand is, of a pose as it is drawn

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import product
 
 import numpy as np
 import viser
@@ -26,14 +27,6 @@ class Viewpoint:
     fov: float = 0.65
 
 
-class _Axes(NamedTuple):
-    """Unit vectors (3,) of a view: to the right, upward in the picture, towards the viewer."""
-
-    right: Floats
-    top: Floats
-    away: Floats
-
-
 def first_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
     """Return the view to begin with: with the cameras, unless they stand so far off that the hand would be small."""
     wide = overview(session, hand)
@@ -42,21 +35,16 @@ def first_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
 
 def hand_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
     """Return a close view of the hand. hand: its middle [m]."""
-    up = upward(session)
-    points = hand + session.reach_m * _corners()
     frusta = [frustum_corners(card, hand) for card in session.cameras]
-    least, found = np.inf, _fitted(points, _axes(session, hand, up, 0.35), up)
-    for raised in (0.35, 0.6, 0.2, 0.9):
-        for turn in np.deg2rad((0, 20, -20, 40, -40, 60, -60)):
-            axes = _axes(session, hand, up, raised, turn)
-            view = _fitted(points, axes, up)
-            cost = abs(turn) + abs(raised - 0.35)
-            cost += sum(
-                2.0 * _hides(view, axes, corners, hand, session.reach_m) for corners in frusta
-            )
-            if cost < least:
-                least, found = cost, view
-    return found
+
+    def score(view: Viewpoint, axes: Floats, raised: float, turn: float) -> float:
+        hidden = sum(_hides(view, axes, corners, hand, session.reach_m) for corners in frusta)
+        return -abs(turn) - abs(raised - 0.35) - 2.0 * hidden
+
+    points = hand + session.reach_m * _corners()
+    return _best(
+        session, hand, points, (0.35, 0.6, 0.2, 0.9), (0, 20, -20, 40, -40, 60, -60), score
+    )
 
 
 def overview(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
@@ -64,22 +52,36 @@ def overview(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
 
     From the cameras' side and above, so that their pictures are seen upright, not from their backs.
     """
-    up = upward(session)
     frusta = [frustum_corners(card, hand) for card in session.cameras]
+
+    def score(view: Viewpoint, axes: Floats, _: float, turn: float) -> float:
+        score = _size(view, hand, session.reach_m) - 0.04 * abs(turn)
+        for card, corners in zip(session.cameras, frusta, strict=True):
+            score -= 0.5 * _hides(view, axes, corners, hand, session.reach_m)
+            score += 0.15 * min(float(-axes[2] @ card.rotation[:, 2]), 0.6) / len(frusta)
+        return score
+
     images = [corners[1:] for corners in frusta]
     points = np.concatenate([hand + session.reach_m * _corners(), *images])
-    best, found = -np.inf, hand_view(session, hand)
-    for turn in np.deg2rad(np.arange(-75, 76, 15)):
-        for raised in (0.2, 0.4, 0.6, 0.9, 1.3):
-            axes = _axes(session, hand, up, raised, turn)
-            view = _fitted(points, axes, up)
-            score = _size(view, hand, session.reach_m) - 0.04 * abs(turn)
-            for card, corners in zip(session.cameras, frusta, strict=True):
-                score -= 0.5 * _hides(view, axes, corners, hand, session.reach_m)
-                score += 0.15 * min(float(-axes.away @ card.rotation[:, 2]), 0.6) / len(frusta)
-            if score > best:
-                best, found = score, view
-    return found
+    return _best(session, hand, points, (0.2, 0.4, 0.6, 0.9, 1.3), range(-75, 76, 15), score)
+
+
+def _best(
+    session: SessionSnapshot,
+    hand: Floats[D3],
+    points: Floats,
+    raises: Iterable[float],
+    turns: Iterable[float],
+    score: Callable[[Viewpoint, Floats, float, float], float],
+) -> Viewpoint:
+    """Return the view of points with the highest score, of those raised and turned [°] so; score(view, axes, raised, turn [rad])."""
+    up = upward(session)
+    tried = list[tuple[float, Viewpoint]]()
+    for raised, turn in product(raises, np.deg2rad([*turns])):
+        axes = _axes(session, hand, up, raised, turn)
+        view = _fitted(points, axes, up)
+        tried.append((score(view, axes, raised, turn), view))
+    return max(tried, key=lambda one: one[0])[1]
 
 
 def _size(view: Viewpoint, hand: Floats, reach_m: float) -> float:
@@ -87,14 +89,14 @@ def _size(view: Viewpoint, hand: Floats, reach_m: float) -> float:
     return float(reach_m / (np.linalg.norm(view.position - hand) * np.tan(view.fov / 2)))
 
 
-def _hides(view: Viewpoint, axes: _Axes, frustum: Floats, hand: Floats, reach_m: float) -> bool:
+def _hides(view: Viewpoint, axes: Floats, frustum: Floats, hand: Floats, reach_m: float) -> bool:
     """Return whether a drawn camera (5, 3) comes into the round place that the hand has in the picture."""
     apex, *image = frustum
     middle = np.mean(image, axis=0)
     edges = [a + s * (b - a) for a in image for b in (apex, middle) for s in np.linspace(0, 1, 7)]
     seen = np.array([hand, *edges]) - view.position
-    depth = -seen @ axes.away
-    flat = np.stack([seen @ axes.right, seen @ axes.top], axis=1) / np.maximum(depth, 1e-6)[:, None]
+    depth = -seen @ axes[2]
+    flat = seen @ axes[:2].T / np.maximum(depth, 1e-6)[:, None]
     near = np.linalg.norm(flat[1:] - flat[0], axis=1) < 0.9 * reach_m / depth[0]
     return bool(near.any())
 
@@ -136,8 +138,10 @@ def _corners() -> Floats:
 
 def _axes(
     session: SessionSnapshot, hand: Floats, up: Floats, raised: float, turn: float = 0.0
-) -> _Axes:
-    """Return the axes of a view from where the cameras are, raised by a share of the way, turned about `up` [rad]."""
+) -> Floats[D3, D3]:
+    """Return the axes of a view from where the cameras are, raised by a share of the way, turned about `up` [rad]: unit vectors to
+    the right, upward in the picture, and towards the viewer.
+    """
     back = np.array([0.0, -1.0, 0.3])
     if session.cameras:
         ways = [card.centre - hand for card in session.cameras]
@@ -155,10 +159,10 @@ def _axes(
     away /= np.linalg.norm(away)
     right = np.cross(up, away)
     right /= max(float(np.linalg.norm(right)), 1e-9)
-    return _Axes(right, np.cross(away, right), away)
+    return np.stack([right, np.cross(away, right), away])
 
 
-def _fitted(points: Floats, axes: _Axes, up: Floats, fov: float = 0.65) -> Viewpoint:
+def _fitted(points: Floats, axes: Floats[D3, D3], up: Floats, fov: float = 0.65) -> Viewpoint:
     """Return the nearest view along given axes that has all points (N, 3) in the free part of the picture.
 
     A point is in it when |x − a| ≤ w (d − z) and y between −l (d − z) and h (d − z) of b, where the view stands
@@ -166,16 +170,16 @@ def _fitted(points: Floats, axes: _Axes, up: Floats, fov: float = 0.65) -> Viewp
     """
     t = np.tan(fov / 2)
     wide, above, below = _WIDE * t, _ABOVE * t, _BELOW * t
-    x, y, z = (points @ axis for axis in axes)
+    x, y, z = axes @ points.T
     right, left = np.max(x + wide * z), np.min(x - wide * z)
     top, bottom = np.max(y + above * z), np.min(y - below * z)
     d = max((right - left) / (2 * wide), (top - bottom) / (above + below))
     a = 0.5 * (right + left)
     slack = d * (above + below) - (top - bottom)
     b = top - above * d + 0.5 * slack
-    position = a * axes.right + b * axes.top + d * axes.away
-    middle = float(points.mean(axis=0) @ axes.away)
-    return Viewpoint(position, position - (d - middle) * axes.away, up, fov)
+    position = axes.T @ (a, b, d)
+    middle = float(points.mean(axis=0) @ axes[2])
+    return Viewpoint(position, position - (d - middle) * axes[2], up, fov)
 
 
 def look_from(
