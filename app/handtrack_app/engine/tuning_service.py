@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from handtrack.arrays import Floats, P, S
-from handtrack.errors import HandtrackError, not_enough_memory
 from handtrack.session.run import TrackingRun
 from handtrack.session.session_state import Edit, decide
 from handtrack.tracking.pulling import fitted_again
@@ -24,8 +22,6 @@ from handtrack_app.protocol.snapshots import Notice
 
 if TYPE_CHECKING:
     from handtrack_app.engine.open_session import OpenSession
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,37 +117,31 @@ class TuningService(Service):
         self._fitting.ask("refit", partial(self._fit, order))
 
     def _fit(self, order: _Order) -> Callable[[], None]:
-        """Fit a frame anew, beside the worker; return what the worker is to do with that."""
-        run, params, error = order.run, None, ""
+        """Fit a frame anew, beside the worker; return what the worker is to do with that, or with what went wrong."""
+        run = order.run
+        found: Floats[P] | Exception | None
         try:
             stood = run.model.params_within_limits(order.stood)
             seen = run.observation(order.frame, run.model.bones(stood))
             stop = lambda: self._order is not order  # noqa: E731
-            params = fitted_again(run.model, run.settings, seen, stood, stop)
-        except HandtrackError as problem:
-            error = str(problem)
-        except MemoryError as problem:
-            error = str(not_enough_memory("Refitting", problem))
-        except Exception as problem:  # the page must go on, and the user must know
-            log.exception("refitting failed")
-            error = f"Refitting failed ({type(problem).__name__}: {problem})."
-        return partial(self._refitted, order, params, error)
+            found = fitted_again(run.model, run.settings, seen, stood, stop)
+        except Exception as error:  # the page must go on, and the user must know
+            found = error
+        return partial(self._refitted, order, found)
 
-    def _refitted(self, order: _Order, params: Floats[P] | None, error: str) -> None:
-        """Take a frame that was fitted anew, unless it is not of what is shown and holds now. Raises HandtrackError where it could
-        not be fitted.
-        """
+    def _refitted(self, order: _Order, found: Floats[P] | Exception | None) -> None:
+        """Take a frame that was fitted anew, unless it is not of what is shown and holds now. Raises what kept it from being fitted."""
         document = self.document
         if self.jobs.busy or order is not self._order:
             return
         self._order = None
-        if error:
-            raise HandtrackError(error)
+        if isinstance(found, Exception):
+            raise found
         here = (order.run, order.frame) == (document.run, document.frame)
-        if params is None or not here or not np.array_equal(order.stood, document.shown):
+        if found is None or not here or not np.array_equal(order.stood, document.shown):
             return
         pinned = bool(document.run.session.pins.of(order.frame))  # they were among what was fitted
-        values = document.model.joint_params(params)
+        values = document.model.joint_params(found)
         edit = set_pose(document, order.frame, values, refitted=True, pinned=pinned)
         self.opened.edit(order.frame, edit, "Fit", order.tag, True)
 
