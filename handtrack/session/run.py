@@ -50,8 +50,7 @@ from handtrack.tracking.frame.terms.forearm import forearm_in_view
 from handtrack.tracking.frame.terms.hand_distance import hand_distance
 from handtrack.tracking.search.initialize import carried_over, fit_keypoints, fit_scale
 from handtrack.tracking.sequence import refine_recording, track_recording
-from handtrack.tracking.size.person import OpenPerson
-from handtrack.tracking.size.seen_around import FEWEST_BY_JOINTS, seen_around
+from handtrack.tracking.size.person import FEWEST_BY_JOINTS, OpenPerson, seen_around
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person

@@ -9,7 +9,7 @@ from handtrack import HandScale, HandtrackError, load_model
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose, pose_names
 from handtrack.model.transform import Follows, build_transform
-from handtrack.tracking.frame.terms.contact import contact
+from handtrack.terms.collision import contact
 
 
 def tip(model, name, **angles):

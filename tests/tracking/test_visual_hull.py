@@ -5,7 +5,7 @@ import numpy as np
 from handtrack import Silhouette, load_model
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.search.evidence.visual_hull import visual_hull
+from handtrack.tracking.search.evidence.silhouette_evidence import visual_hull
 
 MODEL = load_model()
 PARAMS = MODEL.rest_params() + np.array([0.02, -0.09, 0.01, *[0.0] * 23])

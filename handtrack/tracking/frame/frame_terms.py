@@ -13,6 +13,7 @@ from handtrack.model.kinematics import BonePoses
 from handtrack.model.pose_changes import moved
 from handtrack.observation.agreement import suspected
 from handtrack.observation.observation import ImageKeypoints, Keypoints, Observation, Silhouette
+from handtrack.terms.collision import contact
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber
 from handtrack.terms.own_time import AtOwnTime, BoneMotion
@@ -33,7 +34,6 @@ from handtrack.tracking.frame.terms.appearance_terms import (
     see_appearance,
 )
 from handtrack.tracking.frame.terms.cloud_terms import SeenCloud, cloud_terms, see_cloud
-from handtrack.tracking.frame.terms.contact import contact
 from handtrack.tracking.frame.terms.forearm import forearm_cut
 from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 

@@ -9,12 +9,82 @@ from functools import cached_property
 import numpy as np
 
 from handtrack.arrays import D3, Array, Floats, K, N, array_dataclass
-from handtrack.model.articulated import ArticulatedModel, HandScale
-from handtrack.model.size import FOREARM_END, SizeParameters
-from handtrack.observation.observation import Observation
+from handtrack.model.articulated import ArticulatedModel, HandScale, ShapeCovariance
+from handtrack.model.size import FOREARM_END, SizeParameters, hand_length_mm
+from handtrack.observation.observation import ImageKeypoints, Observation, Silhouette
 from handtrack.terms.bone_system import JointSystem
-from handtrack.tracking.size.seen_around import joints_around, seen_around
-from handtrack.tracking.size.size_uncertainty import shape_covariance, with_uncertainty
+
+_ANGLE = np.deg2rad(20.0)  # between two lines of sight
+FEWEST_BY_JOINTS = 4
+"""frames; fewer do not tell an offset from a posture"""
+
+
+def seen_around(seen: Observation, place: Floats[D3]) -> bool:
+    """Return whether silhouettes, or joints, show the hand from directions that differ enough to tell its size; place: where it is, world.
+
+    From one side a hand that is larger and further back, or flatter, looks the same; a cloud is one-sided too.
+    """
+    return _apart([*seen.silhouettes, *seen.image_keypoints], place)
+
+
+def joints_around(used: Sequence[tuple[Observation, Floats[D3]]]) -> tuple[str, ...]:
+    """Return the joints that a detector saw in frames enough, from directions that differ enough."""
+    sets = [seen.image_keypoints for seen, place in used if _apart(seen.image_keypoints, place)]
+    if len(sets) < FEWEST_BY_JOINTS:
+        return ()
+    return tuple(dict.fromkeys(name for points in sets for p in points for name in p.names))
+
+
+def _apart(views: Sequence[Silhouette | ImageKeypoints], place: Floats[D3]) -> bool:
+    sights: list[Floats[D3]] = [place - view.camera.centre for view in views]
+    sights = [sight / np.linalg.norm(sight) for sight in sights]
+    least = min((float(a @ b) for a in sights for b in sights), default=1.0)
+    return least < np.cos(_ANGLE)
+
+
+_STEP = 1e-3  # of a deviation: the length is as good as linear in it
+_MM = 1e3
+
+
+def shape_covariance(size: SizeParameters, scale: HandScale) -> Floats[N, N]:
+    """Return how well a saved person is known, by deviations; what their file does not tell is as uncertain as adults differ."""
+    names, units = size.names, _units(size)
+    std = [scale.std.get(name, unit) / unit for name, unit in zip(names, units, strict=True)]
+    found = np.diag(np.square(std))
+    if scale.covariance is not None:
+        told = scale.covariance.only(names)
+        at = [names.index(name) for name in told.names]
+        found[at] = found[:, at] = 0.0
+        found[np.ix_(at, at)] = told.matrix / np.outer(units[at], units[at])
+    return found
+
+
+def with_uncertainty(size: SizeParameters, scale: HandScale, covariance: Floats[N, N]) -> HandScale:
+    """Return a person with what is known of their shape: the covariance, by deviations; standard deviations of sizes, and of
+    `length_mm`.
+    """
+    units, count = _units(size), len(size.names) - size.offset_count
+    std = np.sqrt(np.diag(covariance)) * units
+    known = dict(zip(size.names[:count], std[:count].tolist(), strict=True))
+    at, slope = size.deviations(scale), np.zeros(len(size.names))
+    for k in range(count):
+        step = np.zeros(len(slope))
+        step[k] = _STEP
+        ahead, behind = (hand_length_mm(size.rescaled(at + s)) for s in (step, -step))
+        slope[k] = (ahead - behind) / (2 * _STEP)
+    length = float(np.sqrt(slope @ covariance @ slope))
+    return replace(
+        scale,
+        std=known if np.isnan(length) else {"length_mm": length} | known,
+        covariance=ShapeCovariance.of(size.names, covariance * np.outer(units, units)),
+    )
+
+
+def _units(size: SizeParameters) -> Floats[N]:
+    """Return one deviation of each as files have it: offsets in mm."""
+    units, first = size.units, len(size.names) - size.offset_count
+    return np.concatenate([units[:first], units[first:] * _MM])
+
 
 SIZE_BANDS_MM = (4.0, 1.5)
 """narrow: the antisymmetric ramp makes radii r too small by w²/6r, 0.04 mm for a finger at the last"""

@@ -33,8 +33,7 @@ from handtrack.model.size import SizeParameters, hand_length_mm
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.size.person import OpenPerson
-from handtrack.tracking.size.size_uncertainty import shape_covariance
+from handtrack.tracking.size.person import OpenPerson, shape_covariance
 from handtrack.tracking.whole.chosen_frames import fit_person
 
 HANDS, FRAMES = 20, 6
