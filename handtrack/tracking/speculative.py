@@ -16,6 +16,7 @@ import numpy as np
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Observation
 from handtrack.parallel import thread_count, workers
+from handtrack.tracking.frame.constants import FRAMES_AHEAD
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.search.engine import SearchReport
@@ -103,7 +104,7 @@ class SpeculativeExecution:
                 if settled is None:
                     return
                 yield settled
-            full = len(self._ahead) > self._control.ahead
+            full = len(self._ahead) > FRAMES_AHEAD
             if full and not self._control.waits:
                 self._give_up(self._ahead[0])
                 continue

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from handtrack import Status
+from handtrack.tracking.frame.constants import FRAMES_AHEAD as AHEAD
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.speculative import SpeculativeExecution
 
 COUNT = 60
-AHEAD = Control().ahead
 
 
 @dataclass

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from handtrack.arrays import Floats, P
-from handtrack.tracking.frame.constants import FRAMES_AHEAD
 
 Watch = Callable[[int, Floats[P], float], None]
 """called after each accepted solver step with its count, parameters and cost"""
@@ -44,11 +43,9 @@ class Control:
     """called with the share that is done, 0 to 1, while all frames are refined together"""
     on_shared: Callable[[str], None] = _unnoted
     """called once with what all frames share, as they were refined: `whole.refinement.Refinement` as JSON"""
-    ahead: int = FRAMES_AHEAD
-    """frames that are solved at most beyond one whose search beside isn't done"""
     waits: bool = True
-    """False: that search is then given up, for frames do not wait, as before a live camera; one search is made at a time, and
-    of the frames since only a few are solved anew"""
+    """False: a search beside that isn't done `FRAMES_AHEAD` frames later is given up, as before a live camera, whose frames do not wait;
+    one search is made at a time, and of the frames since only a few are solved anew"""
     refines: bool = True
     """False: frames stay as they come, and aren't refined together once all are tracked"""
     searches: bool = True
