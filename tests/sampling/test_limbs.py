@@ -60,6 +60,25 @@ def test_every_limb_finds_its_way_back(name, coupling, rng):
                 np.testing.assert_allclose(reached[joints], goal, atol=2e-6)
 
 
+def test_a_ball_and_a_hinge_have_four_solutions_without_limits(rng):
+    model = load_model("body34")
+    chain = next(c for c in chains_of(model) if c.name == "left_arm")
+    ready = prepare(model, chain)
+    ready.turns.interval[:] = (-np.pi, np.pi)
+    params = _random_pose(model, rng)
+    joints = [model.joint_names.index(joint) for joint in chain.joints]
+    goal = model.joint_positions(model.bones(params))[joints]
+    model.limits.interval[ready.columns] = (-np.pi, np.pi)
+    found, _ = limb_angles(model, params, ready, goal[None, 1:])
+    assert len(found) == 4
+    flex = found[:, model.parameter_names.index("left_elbow_flex")]
+    assert sorted(np.sign(flex)) == [-1, -1, 1, 1]
+    for joint in found:
+        np.testing.assert_allclose(
+            model.joint_positions(model.bones(joint))[joints], goal, atol=1e-8
+        )
+
+
 def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
     model = load_model("body34")
     chain = next(c for c in chains_of(model) if c.name == "left_arm")
@@ -79,6 +98,17 @@ def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
     np.testing.assert_allclose(
         model.joint_positions(model.bones(sampled[0]))[joints], goal, atol=1e-9
     )
+
+
+def test_positions_out_of_reach_have_no_solution():
+    model = load_model("body34")
+    chain = chain_along(model, "forearm", ("left_elbow", "left_wrist"))
+    params = model.rest_params()
+    places = model.joint_positions(model.bones(params))
+    away = places[model.joint_names.index("left_wrist")] + (0.0, 0.0, 0.05)
+    found, row = limb_angles(model, params, chain, away[None, None])
+    assert found.shape == (0, 34)
+    assert row.shape == (0,)
 
 
 @pytest.fixture(scope="module")
@@ -153,6 +183,19 @@ def test_every_leaf_is_seen_where_the_pose_is(body, camera, rng):
         assert len(np.unique(tree.far, axis=0)) == len(tree)
 
 
+def test_leaves_meet_the_image_positions_given(body, camera, rng):
+    params = _bent(body, rng)
+    arm = chains_of(body)[1]
+    targets = np.full((len(body.joint_names), 2), np.nan)
+    shown = _pixels(body, camera, params, arm.joints[1:]) + (3.0, -4.0)
+    for name, place in zip(arm.joints[1:], shown, strict=True):
+        targets[body.joint_names.index(name)] = place
+    tree = interpretation_tree(body, params, [arm], camera, targets)
+    assert len(tree) > 0
+    for leaf in tree.params:
+        np.testing.assert_allclose(_pixels(body, camera, leaf, arm.joints[1:]), shown, atol=1e-6)
+
+
 def test_without_limits_the_tree_is_complete_and_a_product(body, rng):
     camera = _distant(400.0)  # nearer by, some flipped thighs leave the knees out of reach
     free = load_model("body34")
@@ -163,6 +206,21 @@ def test_without_limits_the_tree_is_complete_and_a_product(body, rng):
     assert len(tree) == 4**4
     sizes = [len(interpretation_tree(free, params, [chain], camera)) for chain in chains]
     assert np.prod(sizes) == len(tree)
+
+
+def test_limits_prune(body, camera, rng):
+    params = _bent(body, rng)
+    wide = load_model("body34")
+    wide.limits.interval[6:] = (-np.pi, np.pi)
+    legs = [c for c in chains_of(body) if c.name.endswith("leg")]
+    everything = interpretation_tree(wide, params, legs, camera).params
+    kept = interpretation_tree(body, params, legs, camera).params
+    allowed = everything[within_limits(body.limits, everything)]
+    assert 0 < len(kept) < len(everything)
+    assert within_limits(body.limits, kept).all()
+    # each that is allowed, and perhaps others whose nearest angles are not
+    for leaf in allowed:
+        assert np.abs(kept - leaf).max(axis=1).min() < 1e-7
 
 
 def test_a_missed_ray_prunes_or_goes_on_with_the_nearest(body, camera):
@@ -194,6 +252,15 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert len(near) > 2
     assert near.exact.sum() == 1
     assert within_limits(model.limits, near.params).all()
+
+
+def test_what_a_coupling_takes_is_not_a_fingers_own():
+    linked = chains_of(load_model("hand26", coupling="18"))[1]
+    # all four fingers spread together
+    assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
+    ready = prepare(load_model("hand26", coupling="18"), linked)
+    assert ready.turns.leader.tolist() == [0, -1, 2, 2]
+    np.testing.assert_allclose(ready.turns.ratio[3], 2 / 3)
 
 
 def _along(model, **direction):
@@ -234,3 +301,9 @@ def test_directions_vote_until_they_make_up_95_percent_of_the_variance(body, sma
     assert votes["left_leg"] == pytest.approx(0.8 * small * has_say)
     assert votes["neck"] == pytest.approx(0.2 * small * has_say)
     assert votes["right_leg"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_is_known_and_where_the_root_is_have_no_say(body):
+    for nothing in ((), [(1.0, {"root_tz": 1.0})], [(1.0, {"spine_flex": 1.0})]):
+        assert set(_votes(body, *nothing).values()) == {0.2}
+    assert _votes(body, (9.0, {"root_tz": 1.0}), (0.01, {"neck_flex": 1.0}))["neck"] > 0.99

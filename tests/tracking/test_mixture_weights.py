@@ -1,5 +1,6 @@
 """How hypotheses are weighed: Laplace's mass against the mass that numerical integration finds, of those that follow and jump."""
 
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,15 +11,22 @@ from scipy.stats import multivariate_normal, norm
 from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
 from handtrack.sampling.chains import Chain, chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.priors.priors import CorrelatedPrior
+from handtrack.terms.keypoints import KeypointTerm
+from handtrack.terms.priors.priors import CorrelatedPrior, GaussianPrior, LinearPrior
+from handtrack.terms.term import ParameterTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.hypotheses import mixture, mixture_search
 from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.mixture_search import (
     Component,
+    ReferenceCamera,
+    coarse,
+    pulled,
+    without_memory,
 )
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
+from handtrack.tracking.search.engine import Trial
 
 BALL, HAND = load_model("ball6"), load_model()
 NOTHING = Observation(0, 0.0)
@@ -140,3 +148,101 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
     np.testing.assert_allclose([h.weight for h in found.hypotheses], [5 / 7, 2 / 7], rtol=1e-6)
     # nothing was seen: the belief neither moved nor became surer
     np.testing.assert_allclose(found.hypotheses[1].params, turned(1.5), atol=1e-6)
+
+
+@dataclass(frozen=True)
+class Wells(ParameterTerm):
+    """A cost of where the root faces that has a minimum at each (angle, cost, σ); other parameters are held near 0."""
+
+    wells: tuple[tuple[float, float, float], ...]
+    name: str = "wells"
+
+    def _nearest(self, x):
+        return min(self.wells, key=lambda w: w[1] + 0.5 * ((x[FACING] - w[0]) / w[2]) ** 2)
+
+    def add_to(self, joint_params, sums):
+        at, least, sigma = self._nearest(joint_params)
+        information = np.full(6, 100.0)
+        information[FACING] = 1.0 / sigma**2
+        off = joint_params - at * np.eye(6)[FACING]
+        if sums.width:
+            np.add(sums.gradient, information * off, out=sums.gradient)
+            np.add(sums.hessian, np.diag(information), out=sums.hessian)
+        return least + 0.5 * float(information @ off**2)
+
+
+def test_of_a_first_frame_costs_alone_decide():
+    """Nothing came before, so there is no prior to integrate: weights are exp(−cost), however wide a minimum is."""
+    terms = frame(BALL, Wells(((0.2, 1.0, 0.1), (1.4, 2.0, 0.5), (-1.5, 2.5, 0.1))))
+    told = []
+    control = Control(on_search=told.append)
+    found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6), control)
+    np.testing.assert_allclose(
+        [h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3
+    )
+    weights = np.exp([-1.0, -2.0, -2.5])
+    np.testing.assert_allclose(
+        [h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3
+    )
+    assert found.parents == (-1, -1, -1)
+    (report,) = told
+    assert [count for count, _ in report.rounds] == [4, 5, 0]  # nothing to be seen: no trees
+    assert report.winner == Trial("start", pytest.approx(1.0))
+
+
+def test_ten_frames_count_static_priors_once_and_what_was_seen_ten_times():
+    x = np.linspace(-0.4, 0.5, 6)
+    rest, linked = GaussianPrior(np.zeros(6), np.full(6, 0.3), "rest"), LinearPrior(np.eye(6) / 0.2)
+    sharing = without_memory(frame(BALL, rest, linked, CorrelatedPrior(np.zeros(6), np.eye(6))))
+    shares = [prior.cost(x) for prior in sharing.priors]
+    np.testing.assert_allclose(shares, [0.1 * rest.cost(x), 0.1 * linked.cost(x), 0.5 * x @ x])
+
+
+def test_joints_in_images_count_by_what_is_new_in_them():
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    bones = HAND.bones(HAND.rest_params())
+    pixels = camera.project(HAND.joint_positions(bones)) + 2.0
+    term = KeypointTerm(HAND, ImageKeypoints(camera, HAND.joint_names, pixels, 1.0))
+    terms = frame(HAND, keypoints=(term,))
+    (whole,) = without_memory(terms).keypoints
+    assert whole.cost(bones) == term.cost(bones)
+    lasting = replace(terms.settings, traits=replace(terms.settings.traits, new_share=0.25))
+    (once,) = without_memory(replace(terms, settings=lasting)).keypoints
+    assert once.cost(bones) == pytest.approx(0.25 * term.cost(bones))
+
+
+def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
+    first, second = simulated_rig(2, (320, 240)).cameras
+    places = HAND.joint_positions(HAND.bones(HAND.rest_params()))
+    pixels, other = first.project(places), second.project(places)
+    pixels[0], other[:6] = np.nan, np.nan
+    sigma = np.linspace(1.0, 30.0, len(places))
+    joints = (
+        ImageKeypoints(second, HAND.joint_names, other, 1.0),
+        ImageKeypoints(first, HAND.joint_names[::-1], pixels[::-1], sigma),
+    )
+    eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=joints))
+    assert eye.camera is first
+    np.testing.assert_allclose(eye.joints, pixels)
+
+
+def test_the_pull_is_the_belief_of_what_is_not_free():
+    """What may be anywhere is summed out: the pull on the others is that of their own covariance, correlations forgotten."""
+    covariance = 0.04 * (np.eye(6) + 0.5)
+    known = belief(np.full(6, 0.1), covariance)
+    x = np.linspace(-0.2, 0.3, 6)
+    for free in ((), (4, 5)):
+        (prior,) = pulled(BALL, frame(BALL), known, free).priors
+        others = [i for i in range(6) if i not in free]
+        bell = multivariate_normal(np.full(len(others), 0.1), covariance[np.ix_(others, others)])
+        expected = bell.logpdf(np.full(len(others), 0.1)) - bell.logpdf(x[others])
+        assert prior.cost(x) == pytest.approx(expected)
+
+
+def test_seen_coarsely_joints_cost_a_hundredth():
+    camera = simulated_rig(1, (320, 240)).cameras[0]
+    bones = HAND.bones(HAND.rest_params())
+    pixels = camera.project(HAND.joint_positions(bones)) + 2.0
+    term = KeypointTerm(HAND, ImageKeypoints(camera, HAND.joint_names, pixels, 1.0))
+    (wide,) = coarse(frame(HAND, keypoints=(term,))).keypoints
+    assert wide.cost(bones) == pytest.approx(term.cost(bones) / 100.0)
