@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -32,6 +33,8 @@ RECORDING = "marked_real_5cam"
 _ROUNDS = 30  # 99 % of a real hand's joints move by less than 0.2 mm in another 270
 SCALE_PX = 3.0
 """of the reference's loss; joints are not weighted by the detector's confidences"""
+LATE_S = {"cam0": 0.0166, "cam6": 0.0166}
+"""[s] by how much these cameras' images are late: half a frame, by the marks (the recording's README)"""
 USES: Mapping[str, dict[str, object]] = {
     "joints": {"silhouettes.weight": 0.0, "cloud.weight": 0.0},
     "joints_clouds": {"silhouettes.weight": 0.0},
@@ -49,14 +52,19 @@ _SHOWN = {
 
 
 def triangulated_landmarks() -> dict[str, object]:
-    """Return figures of tracked landmarks and joint centres, and of triangulated points; ratio: of mean errors, by joints alone."""
-    tracks: dict[str, TrackResult] = {}
+    """Return figures of tracked landmarks and joint centres, and of triangulated points; ratio: of mean errors, by joints alone.
+
+    `times_given`: where both know `LATE_S`; elsewhere the cameras' times are for tracking to find, and triangulation takes them as one.
+    """
     with tempfile.TemporaryDirectory() as place:
         session, truth = detected_session(Path(place) / RECORDING)
         points = triangulated_points(session)[truth.frame]
-        for use, settings in USES.items():
-            person = tracked_alone(session, session.frame_range, settings)
-            tracks[use] = person.run.with_scale(person.model.scale).result(person.refined)
+        tracks = {use: _tracked(session, settings) for use, settings in USES.items()}
+        in_time = triangulated_points(session, LATE_S)[truth.frame]
+        names = [camera.name for camera in session.file.cameras]
+        lags = {f"camera.{names.index(name)}.lag_s": lag for name, lag in LATE_S.items()}
+        edit_toml(session.folder / SESSION_FILE, lags, "a session's settings")
+        tracks["times_given_joints"] = _tracked(Session.open(session.folder), USES["joints"])
     assert truth.keypoints21 is not None
     common = np.where(np.isfinite(points), truth.keypoints21, np.nan)
     seen = replace(truth, keypoints21=common)
@@ -66,18 +74,23 @@ def triangulated_landmarks() -> dict[str, object]:
         assert definition is not None, "joints were detected by two cameras"
         figures |= _figures(f"{use}_landmarks", track.in_landmarks(definition), seen)
         figures |= _figures(f"{use}_centres", track, seen)
-    by_joints = tracks["joints"].between(range(truth.frame[0], truth.frame[-1] + 1))
-    figures |= _figures("triangulated", replace(by_joints, keypoints21=points), seen)
-    ours, reference = figures["joints_landmarks_mm"], figures["triangulated_mm"]
-    assert isinstance(ours, float) and isinstance(reference, float)
-    head = {
-        "ratio": ours / reference,
-        "ours_mm": ours,
-        "reference_mm": reference,
+    head: dict[str, object] = {}
+    for times, found in (("", points), ("times_given_", in_time)):
+        by_joints = tracks[f"{times}joints"].between(range(truth.frame[0], truth.frame[-1] + 1))
+        figures |= _figures(f"{times}triangulated", replace(by_joints, keypoints21=found), seen)
+        ours, reference = (figures[f"{times}{which}_mm"] for which in ("joints_landmarks", "triangulated"))  # fmt: skip
+        assert isinstance(ours, float) and isinstance(reference, float)
+        head[f"{times}ratio"] = ours / reference
+    head |= {
         "reference": f"robust triangulation, Cauchy {SCALE_PX:g} px, without confidences",
         "points": int(np.isfinite(common).all(axis=2).sum()),
     }
     return head | figures
+
+
+def _tracked(session: Session, settings: Mapping[str, object]) -> TrackResult:
+    person = tracked_alone(session, session.frame_range, dict(settings))
+    return person.run.with_scale(person.model.scale).result(person.refined)
 
 
 def detected_session(folder: Path) -> tuple[Session, Truth]:
@@ -97,20 +110,29 @@ def detected_session(folder: Path) -> tuple[Session, Truth]:
     return Session.open(folder), truth
 
 
-def triangulated_points(session: Session) -> Floats[F, D21, D3]:
-    """Return the detected joints in space, world [m]; NaN where fewer than two cameras see one."""
-    names, points = keypoint_names(), []
+def triangulated_points(
+    session: Session, late_s: Mapping[str, float] = MappingProxyType({})
+) -> Floats[F, D21, D3]:
+    """Return the detected joints in space, world [m]; NaN where fewer than two cameras see one.
+
+    late_s: of cameras; where theirs were in time lies between two images, or at one where the other does not show them.
+    """
+    names, frames = keypoint_names(), session.frame_range
     views = [view for view in session.views if view.keypoint_files is not None]
     cameras = [view.camera.without_distortion() for view in views]
-    for frame in session.frame_range:
-        pixels = np.full((len(views), len(names), 2), np.nan)
+    pixels = np.full((len(frames), len(views), len(names), 2), np.nan)
+    for n, frame in enumerate(frames):
         for row, view in enumerate(views):
             for joints in view.keypoints(frame, 1.0):
                 known = np.flatnonzero(np.isfinite(joints.pixels).all(axis=1))
                 columns = [names.index(joints.names[k]) for k in known]
-                pixels[row, columns] = joints.pixels[known]
-        points.append(robustly_triangulated(cameras, pixels, SCALE_PX))
-    return np.array(points)
+                pixels[n, row, columns] = joints.pixels[known]
+    for row, view in enumerate(views):
+        share = late_s.get(view.camera.name, 0.0) * session.fps
+        own = pixels[:, row]
+        between = (1.0 - share) * own + share * np.concatenate([own[1:], own[-1:]])
+        pixels[:, row] = np.where(np.isfinite(between), between, own)
+    return np.array([robustly_triangulated(cameras, seen, SCALE_PX) for seen in pixels])
 
 
 def robustly_triangulated(
