@@ -188,7 +188,7 @@ COMMANDS: dict[str, _Command] = {
     )),
     "start": _Command("workbench:run", "Choose a recording in the browser, or make one from videos, and open the workbench.",
                       (_TAKE_OVER, *_SERVER)),
-    "demo": _Command("workbench:run", "Open the workbench on the bundled session and track it.", _SERVER),
+    "demo": _Command("workbench:run", "Open the workbench on a bundled recording that is tracked already.", _SERVER),
     "sample": _Command("new_session.new:save_sample", "Write a bundled sample recording to a folder.", (
         _option("name", metavar="NAME", help="two_videos (the tutorial's material) or another_hand or open_fist_open (sessions)"),
         _option("--to", type=Path, required=True, metavar="DIR", help="folder to make"), _JSON,

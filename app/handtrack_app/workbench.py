@@ -20,7 +20,7 @@ from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page, UserState
-from handtrack_app.page.player import Demo, Drawn, InFlight, Player
+from handtrack_app.page.player import Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.process.child import EngineChild, EnginePlan
 from handtrack_app.process.engine_process import EngineProcess
@@ -56,7 +56,7 @@ class Workbench:
         open_pages: bool = False,
         token: str | None = None,
     ) -> None:
-        """engine: makes what does as the plan says, and tells it. demo: track as soon as the session is shown, then play it. open_pages: open
+        """engine: makes what does as the plan says, and tells it. demo: play what is tracked once it is open, and offer the tour. open_pages: open
         rerun's viewer in the browser, too. token: of the page before.
         """
         self._open_pages = open_pages
@@ -71,7 +71,7 @@ class Workbench:
         self._unread: list[snapshots.Notice] = []
         self._wanted: dict[str, tuple[object, ...]] = {}
         self.engine = self.worker.engine
-        self._demo = Demo() if demo else None
+        self._is_demo = self._plays_first = demo
         self._token = token
         self.left = threading.Event()
         """somebody wants another recording"""
@@ -111,7 +111,7 @@ class Workbench:
         self.player = Player(self.state, self._ask_for, self.in_flight, self.redraw)
         self.server.on_client_connect(self._welcome)
         self.server.on_client_connect(self.layout.room.welcome)
-        self.layout.help.offers_tour = self._demo is not None
+        self.layout.help.offers_tour = self._is_demo
         self.server.on_client_connect(self.layout.help.welcome)
         self._thread = threading.Thread(target=self._show_snapshots, name="view", daemon=True)
         self._thread.start()
@@ -210,12 +210,6 @@ class Workbench:
         subscribe(snapshots.Notice, self._notify, layout.show_notice)
         subscribe(snapshots.RerunPage, self._show_rerun)
         subscribe(snapshots.Download, layout.export.deliver)
-        if (demo := self._demo) is not None:
-            subscribe(
-                snapshots.TimelineSnapshot,
-                lambda strip: demo.begin(strip, self.page, layout.snapshot),
-            )
-            subscribe(snapshots.ProgressSnapshot, lambda now: demo.follow(now, self.page))
 
     def _show_session(self, session: snapshots.SessionSnapshot) -> None:
         with self.state.lock:
@@ -255,6 +249,9 @@ class Workbench:
         if self.state.tracking != tracking:
             self.state.tracking = tracking
             self.redraw()
+        if self._plays_first and progress.state == "idle":  # the demo is open
+            strip, self._plays_first = self.layout.timeline.strip, False
+            self.state.playing = strip is not None and bool((strip.status >= 0).any())
 
     def _notify(self, notice: snapshots.Notice) -> None:
         if self.server.get_clients():
@@ -308,7 +305,7 @@ def run_workbench(
     """Serve the workbench until Ctrl-C, or until somebody wants another recording: then return its door, closed. Raises HandtrackError for a host or port that cannot be used.
 
     plan: a bundled session is opened as the user's own copy. child: the engine's process, if that is started already. port: the one asked for;
-    the usual one gives way to the next free one. demo: track at once. token: of the page before, which comes again.
+    the usual one gives way to the next free one. demo: play once it is open. token: of the page before, which comes again.
     """
     warning = host_warning(host)
     if warning:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from handtrack.errors import HandtrackError, unknown_name
@@ -12,6 +14,7 @@ from handtrack.files.user_folder import user_data_folder
 from handtrack.session.layout import (
     CALIBRATION_FILE,
     INIT_FILE,
+    POSES_FILE,
     SESSION_FILE,
     TRACKS_FOLDER,
     TRUTH_FILE,
@@ -20,6 +23,9 @@ from handtrack.session.layout import (
 _PACKAGE = Path(__file__).resolve().parents[1]
 _INSTALLED = _PACKAGE / "bundled_sessions"
 _CHECKOUT = _PACKAGE.parent / "sessions"
+_DEMO = "another_hand"
+_TRACKED = "tracked.npz"
+"""of the demo: what `handtrack track` made of it"""
 
 
 def bundled_names() -> tuple[str, ...]:
@@ -27,7 +33,7 @@ def bundled_names() -> tuple[str, ...]:
     return tuple(sorted(file.parent.name for file in _shelf().glob(f"*/{SESSION_FILE}")))
 
 
-def bundled_session(name: str = "another_hand") -> Path:
+def bundled_session(name: str = _DEMO) -> Path:
     """Return the folder of a bundled session; HandtrackError naming the known ones.
 
     In a checkout this is sessions/<name> itself. An installed program keeps its own copy untouched and
@@ -58,17 +64,37 @@ def working_folder(folder: Path) -> Path:
     return working_copy(source, f"{source.name}-{stamp.hexdigest()[:8]}")
 
 
+def demo_session() -> Path:
+    """Return the user's copy of the bundled session, tracked: where nobody has tracked it, by the track that comes with it.
+
+    Else a first run would show nothing tracked until all loops are compiled. Raises HandtrackError where it cannot be written.
+    """
+    folder = working_folder(bundled_session())
+    track = folder / POSES_FILE
+    if not track.parent.exists():
+        with _copying_to(folder):
+            track.parent.mkdir()
+            _copy(folder / _TRACKED, track)
+    return folder
+
+
 def working_copy(source: Path, name: str) -> Path:
     """Return the folder of that name in the user's data folder, completed from `source`; HandtrackError where it cannot be written."""
     target = user_data_folder() / "sessions" / name
-    try:
+    with _copying_to(target):
         _copy_missing(source, target)
+    return target
+
+
+@contextmanager
+def _copying_to(target: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise HandtrackError(
             f"the bundled session cannot be copied to {target}: {error.strerror}. Free some space, or "
             "name another folder in the environment variable HANDTRACK_HOME."
         ) from None
-    return target
 
 
 def _shelf() -> Path:
@@ -84,9 +110,13 @@ def _copy_missing(source: Path, target: Path) -> list[Path]:
     for file, copy in zip(files, copies, strict=True):
         if not copy.exists():
             copy.parent.mkdir(parents=True, exist_ok=True)
-            with replacing(copy) as part:
-                shutil.copyfile(file, part)
+            _copy(file, copy)
     return copies
+
+
+def _copy(file: Path, to: Path) -> None:
+    with replacing(to) as part:
+        shutil.copyfile(file, part)
 
 
 TWO_VIDEOS = "two_videos"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from handtrack.errors import HandtrackError
-from handtrack.session.bundled import bundled_session
+from handtrack.session.bundled import bundled_session, demo_session
 from handtrack.session.layout import SESSION_FILE
 from handtrack_app.commands.terminal.output import check_new, say
 from handtrack_app.door.address import FIRST_PORT, choose_port
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     if args.command == "start":
         return _start(args)
     demo = args.command == "demo"
-    folder = bundled_session() if demo or args.session is None else args.session
+    folder = demo_session() if demo else bundled_session() if args.session is None else args.session
     live = None if demo else live_options(args)
     if live is None and not (folder / SESSION_FILE).is_file():
         _refuse(folder)

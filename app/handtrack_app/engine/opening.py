@@ -12,25 +12,32 @@ from handtrack.geometry.rotation import rotation_vector
 from handtrack.model.articulated import keypoint_names
 from handtrack.observation.observation import Keypoints
 from handtrack.session.first_pose.first_pose import FirstPose
+from handtrack.session.layout import TRACKS_FOLDER
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.sources.video_audits import count_beside
+from handtrack.store.store import Store
 from handtrack.tracking.search.initialize import FEWEST, placed_on_points
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import scene_centre
+from handtrack_app.engine.store.persistence import show_track_file
 
 # the share of points that are nearest, and how far behind them a hand may reach
 _NEAR, _DEEP_M = (0.02, 0.15)
 
 
 def preview(session: Session) -> Document:
-    """Return a document to be looked at, its hand laid where the first pose is about. Raises HandtrackError.
+    """Return a document to be looked at, its hand laid where the first pose is about, with a track that no workbench has opened yet.
+    Raises HandtrackError.
 
     Nothing is searched or fitted, and no image is read.
     """
     run = TrackingRun.open(session, {}, use_init=False)
     frame, params = near_first_pose(run, session.init)
-    return Document(run, frame, params)
+    shown = Document(run, frame, params)
+    if not list(Store(session.folder / TRACKS_FOLDER).takes()):
+        show_track_file(shown)
+    return shown
 
 
 def document(session: Session) -> Document:

@@ -12,7 +12,11 @@ from handtrack.errors import HandtrackError
 from handtrack_app.engine import opening
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
-from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
+from handtrack_app.engine.document_snapshots import (
+    pose_snapshot,
+    session_snapshot,
+    timeline_snapshot,
+)
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.open_session import OpenSession
 from handtrack_app.engine.pictures.camera_pictures import Painter
@@ -33,6 +37,8 @@ class Preview:
         self.painter = Painter(document, publish, waiting)
         self._publish = publish
         publish(session_snapshot(document))
+        if len(document.results):
+            publish(timeline_snapshot(document))
 
     @command()
     def show_frame(self, frame: int, is_played: bool = False) -> None:

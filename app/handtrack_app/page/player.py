@@ -1,4 +1,4 @@
-"""Playback at the recording's pace, and the demo: the session tracks itself, then plays."""
+"""Playback at the recording's pace."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page, UserState
-from handtrack_app.protocol.snapshots import ProgressSnapshot, SessionSnapshot, TimelineSnapshot
 
 _MOST = 2
 """frames under way: one is made while one is drawn"""
@@ -155,31 +154,3 @@ class Player:
                 time.sleep(0.4 / max(pace, 1.0))
             if not state.playing:
                 self._ended()
-
-
-class Demo:
-    """Watches what the page shows, and presses the buttons that a new user would."""
-
-    def __init__(self) -> None:
-        self._begun = self._waits = self._tracking = False
-
-    def begin(self, strip: TimelineSnapshot, page: Page, session: SessionSnapshot | None) -> None:
-        """Track all frames once the session is shown; play what was tracked the last time."""
-        if self._begun or session is None:
-            return
-        self._begun = True
-        if (strip.status >= 0).any():
-            page.state.playing = True
-            return
-        page.state.follow = self._waits = True
-        page.engine.track(session.start, session.stop, session.first_frame, anew=True)
-
-    def follow(self, progress: ProgressSnapshot, page: Page) -> None:
-        """Play once when what it began to track is done, unless the user looks at something else by then."""
-        if not self._waits:
-            return
-        if progress.state == "tracking":
-            self._tracking = True
-        elif self._tracking and progress.state == "idle":
-            self._tracking = self._waits = False
-            page.state.playing = page.state.follow

@@ -8,6 +8,7 @@ from pathlib import Path
 from handtrack import Session, bundled_session, read_npz
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.export.registry import export_format
+from handtrack.session.bundled import demo_session
 from handtrack_app.commands import track as track_command
 from tests.session.small_session import edit
 
@@ -22,7 +23,7 @@ def test_without_a_command_the_bundled_session_opens(handtrack, monkeypatch):
     )
     for words, demo in ([], False), (["demo", "--no-browser"], True):
         handtrack.does(*words)
-        assert opened["folder"] == bundled_session()
+        assert opened["folder"] == (demo_session() if demo else bundled_session())
         assert opened["demo"] is demo
         assert opened["host"] == "127.0.0.1"
     handtrack.does("open", bundled_session(), "--rerun")

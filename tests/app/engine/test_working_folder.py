@@ -1,9 +1,13 @@
-"""Whoever opens a bundled recording works on a copy; and the demo tracks that by itself."""
+"""Whoever opens a bundled recording works on a copy; the demo's is tracked already, and plays."""
 
+import numpy as np
 import pytest
 
+from handtrack import Session, evaluate, read_npz
 from handtrack.session import bundled
 from handtrack.session.bundled import working_folder
+from handtrack.session.layout import POSES_FILE
+from handtrack_app.engine import opening
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -28,11 +32,30 @@ def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(shelf, 
     assert working_folder(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
 
 
-def test_the_demo_tracks_itself_then_plays_and_plays_at_once_the_next_time(tmp_path):
-    with shown(tmp_path, opener=lambda f: fake_document(f, step_s=0.01), demo=True) as bench:
-        eventually(lambda: bench.state.playing, "it plays")
-        timeline = bench.layout.timeline
-        eventually(lambda: (timeline.strip.status >= 0).sum() == FRAMES, "what was tracked")
+def test_the_demo_is_tracked_when_it_is_opened_and_stays_as_its_user_left_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    folder = bundled.demo_session()
+    assert tmp_path in folder.parents
+    track, session = read_npz(folder / POSES_FILE), Session.open(folder)
+    assert track.frame.tolist() == list(session.frame_range)
+    assert session.truth is not None
+    assert evaluate(track, session.truth)["mpjpe_median_mm"] < 6.0
+    first = opening.preview(session)  # before anything is fitted
+    first.show(20)
+    places = first.model.joint_positions(first.model.bones(first.seen))
+    np.testing.assert_allclose(places, track.joint_positions[20], atol=1e-6)
+    (folder / POSES_FILE).unlink()
+    assert bundled.demo_session() == folder and not (folder / POSES_FILE).exists()
+
+
+def test_the_demo_plays_at_once_what_is_tracked(tmp_path):
+    with shown(tmp_path, opener=fake_document, demo=True) as bench:
+        eventually(lambda: bench.layout.timeline.strip, "it is shown")
+        assert not bench.state.playing, "nothing is tracked"
+        bench.engine.track(0, FRAMES, 0, anew=True)
+        eventually(
+            lambda: (bench.layout.timeline.strip.status >= 0).sum() == FRAMES, "it is tracked"
+        )
     with shown(tmp_path, opener=fake_document, demo=True) as bench:
         eventually(lambda: bench.state.playing, "it plays at once")
         assert not bench.worker.busy

@@ -427,6 +427,7 @@ class Persistence:
         session = document.run.session
         pins = {frame: session.pins.of(frame) for frame in session.pins.frames}
         state = readable(self.history.state, self._pass_over)
+        is_known = bool(self.history.state)
         self._become(state)
         self._take_files()
         changed = self._corrections.changed_elsewhere(session, state.correction)
@@ -437,7 +438,7 @@ class Persistence:
         disk = self.store or Store(self.folder / TRACKS_FOLDER)
         for text in foreign_takes(disk, session, document.files_read()):
             self._warn(text)
-        return brought_back(document)
+        return brought_back(document) if is_known else ""
 
     def _become(self, state: SessionState) -> None:
         """Let a state hold whole; where a part of it cannot be any more, the rest, and say which."""
@@ -459,16 +460,13 @@ class Persistence:
         """Make takes of track files that the store does not know; where nothing can be written, only show them."""
         document, spans = self.document, self.document.state.spans
         if self.store is not None:
-            if text := import_track(self.store, self.folder):
-                self._warn(text)
+            text = import_track(self.store, self.folder)
             if not spans:
                 document.apply(decide(spans=readable(self.history.state).spans))
+            if text and (spans or not document.state.spans):  # else it is what the timeline shows
+                self._warn(text)
         elif not spans:
-            take = track_file(self.folder)
-            if take is not None:
-                number = document.takes.next_number
-                document.takes.put(number, take)
-                document.apply(decide(spans=(Span(number, min(take), max(take) + 1),)))
+            show_track_file(document)
 
     def _take_model_of_track(self) -> None:
         """A forearm that is left to the program was decided while tracking: the current take says how."""
@@ -520,20 +518,23 @@ def whole_track(document: Document) -> TrackResult:
     return replace(track, refinement=document.results.refinement)
 
 
-def track_file(folder: Path) -> TakeFrames | None:
-    """Return the track file of a session's folder, to be shown where nothing can be written; None where it cannot be."""
-    path = folder / POSES_FILE
+def show_track_file(document: Document) -> None:
+    """Show the track file of a session's folder, the person it was tracked with, as a take that is not on disk; nothing where there is none."""
+    path = document.run.session.folder / POSES_FILE
     if not path.is_file():
-        return None
+        return
     try:
-        track = read_npz(path)
-    except HandtrackError as error:
+        track, number = read_npz(path), document.takes.next_number
+        frames = {r.frame: r for r in track.frames()}
+        settings = json.loads(track.settings or "{}")
+        take = TakeFrames(track.parameter_names, dict(frames), settings=settings)
+        document.takes.put(number, take)
+        document.apply(decide(spans=(Span(number, min(frames), max(frames) + 1),)))
+        document.apply(edits.model_of_take(document, number))
+        if track.scale:
+            document.apply(decide(size=DecidedSize.of(json.loads(track.scale))))
+    except (HandtrackError, ValueError, KeyError, TypeError) as error:
         log.warning("%s cannot be shown: %s", path, error)
-        return None
-    frames = {r.frame: r for r in track.frames()}
-    return TakeFrames(
-        track.parameter_names, dict(frames), settings=json.loads(track.settings or "{}")
-    )
 
 
 FIRST_POSE = "init"
