@@ -72,6 +72,28 @@ def test_ends_by_the_first_step_that_gains_too_little():
     assert gains[-1] <= 0.01
 
 
+def test_stops_after_the_iteration_in_which_it_is_asked_to():
+    """Not only before the first: a person who waits is heard."""
+    path, start = [], np.array([-1.2, 1.0])
+    stopped = solve(
+        Rosenbrock(),
+        start,
+        FAR,
+        lambda: len(path) == 3,
+        lambda k, x, cost: path.append((k, x, cost)),
+    )
+    assert stopped.why == "stopped"
+    assert [k for k, _, _ in path] == [1, 2, 3]
+    np.testing.assert_array_equal(stopped.params, path[-1][1])
+    assert stopped.cost == path[-1][2] == stopped.cost_history[-1]
+    np.testing.assert_allclose(
+        stopped.system.gradient, Rosenbrock().linearize(stopped.params).gradient
+    )
+    before = solve(Rosenbrock(), start, FAR, lambda: True)
+    np.testing.assert_array_equal(before.params, start)
+    assert before.iterations == 0
+
+
 def test_limits_of_the_callers_own_hold_some_parameters_where_they_are():
     problem = Linear(np.eye(3), np.ones(3), np.full(3, -9.0), np.full(3, 9.0))
     free, start = np.array([True, False, True]), np.array([0.2, 0.3, 0.4])
@@ -99,6 +121,20 @@ def test_the_bounded_step_is_the_exact_minimum(seed):
     target = -np.linalg.lstsq(a.T, system.gradient, rcond=None)[0]
     exact = lsq_linear(a, target, (low, high), tol=1e-14, method="bvls").x
     np.testing.assert_allclose(step, exact, atol=1e-6)
+
+
+def test_projection_holds_the_limits_and_never_beats_the_bounds():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        a, b = rng.normal(size=(12, 6)), 2 * rng.normal(size=12)
+        problem = Linear(a, b, -rng.uniform(0.05, 0.3, 6), rng.uniform(0.05, 0.3, 6))
+        ours = solve(problem, np.zeros(6), FAR)
+        papers = solve(problem, np.zeros(6), replace(FAR, limits="projection"))
+        for found in (ours, papers):
+            assert (found.params >= problem.bounds[:, 0]).all()
+            assert (found.params <= problem.bounds[:, 1]).all()
+            assert list(found.cost_history) == sorted(found.cost_history, reverse=True)
+        assert papers.cost >= ours.cost - 1e-9
 
 
 @pytest.mark.parametrize("limits", ["bounds", "projection"])

@@ -5,6 +5,7 @@ from pathlib import Path
 from handtrack import HandtrackError
 from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
+from handtrack_app.engine.store import persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.desk import Listener, a_desk, pose_with
@@ -49,6 +50,15 @@ def test_a7_an_edit_that_could_not_be_written_is_tried_again_with_the_next(
     worker.stop()
     assert written(tmp_path) == [5, 8]
     assert sum("full" in s.text for s in listener.seen if isinstance(s, snapshots.Notice)) == 1
+
+
+def test_a15_a_drag_that_goes_on_and_on_is_written_meanwhile(
+    worker, listener, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(persistence, "_QUIET_S", float("inf"))  # it never rests
+    monkeypatch.setattr(persistence, "_LONGEST_S", 0.05)
+    edit(worker, listener, 3, 1)
+    eventually(lambda: written(tmp_path) == [3], "the drag on the disk")
 
 
 def test_a14_while_tracking_is_paused_every_frame_is_on_disk(tmp_path):

@@ -3,7 +3,7 @@
 from typing import Any
 
 from handtrack_app.engine.open_session import RULES
-from handtrack_app.process.engine_process import Outbox
+from handtrack_app.process.engine_process import Outbox, named
 from handtrack_app.protocol.calls import Call
 from handtrack_app.protocol.snapshots import Hold, WorkSnapshot
 
@@ -58,6 +58,26 @@ def test_all_above_what_is_on_disk_is_repeated_in_order():
     assert not pipe.outbox.edits
 
 
+def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one():
+    pipe = Pipe()
+    for frame in range(3):
+        pipe.pose(frame, frame)
+    pipe.outbox.ended()
+    pipe.sent.clear()
+    pipe.outbox.listen(is_anew=False)
+    assert len(pipe.sent) == 1
+
+
+def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told():
+    pipe = Pipe()
+    pipe.pose(7, 1)
+    pipe.put("take_pose", 6, "start", 5)
+    pipe.begins_again()
+    pipe.pose(8, 6)
+    assert [one.arguments["version"] for one in pipe.sent] == [5, 5, 6]
+    assert pipe.outbox.version == 5
+
+
 def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step():
     pipe = Pipe()
     for version in range(1, 9):
@@ -71,6 +91,17 @@ def test_a_drag_is_kept_once_and_nothing_is_moved_past_a_step():
         pipe.put("pull_place", 3, (0.0, 0.0, 0.0), 11, Hold(joint), tag=joint)
     pulls = [one.arguments["hold"].joint for one in pipe.outbox.edits[-2:]]
     assert pulls == ["a", "b"], "another finger's is another edit"
+
+
+def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not():
+    pipe = Pipe()
+    pipe.put("track", 0, 5, 0)
+    given_up = pipe.outbox.ended()
+    pipe.put("refine")
+    assert [one.name for one in given_up] == ["track"]
+    assert "tracking" in named(given_up)
+    pipe.outbox.listen(is_anew=False)
+    assert pipe.names == ["track", "refine"]
 
 
 def test_saved_is_all_that_was_called_whatever_else_is_looked_at():
@@ -92,3 +123,15 @@ def test_too_much_is_refused_and_not_dropped():
     pipe = Pipe(is_listening=False)
     taken = [pipe.put("accept", ((frame, frame),)) for frame in range(1100)]
     assert sum(taken) == len(pipe.outbox.edits) == 1000 and not taken[-1]
+
+
+def test_the_frame_that_edits_went_on_from_is_shown_first():
+    """What is saved as first pose is the one that is shown."""
+    pipe = Pipe()
+    for name, *given in (("show_frame", 4), ("save_pose",), ("show_frame", 9)):
+        pipe.put(name, *given)
+    pipe.written(1)
+    pipe.begins_again()
+    assert [(one.name, *one.arguments.values()) for one in pipe.sent] == [
+        ("show_frame", 4), ("save_pose",), ("show_frame", 9),
+    ]  # fmt: skip

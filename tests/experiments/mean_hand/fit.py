@@ -303,6 +303,16 @@ def fitted(
     return found
 
 
+def off_surface(rows: list[dict[str, Any]], surface: Surface) -> Floats:
+    """Return how far each point is from the nearest of these ellipsoids [mm], negative inside."""
+    near = [
+        _distance(surface.local[r["bone"]] - r["centre"], np.array(r["radii"], float))
+        for r in rows
+        if r["bone"] != "forearm"
+    ]
+    return np.min(near, axis=0)
+
+
 def _distance(q: Floats, r: Floats) -> Floats:
     k, length = np.sqrt(((q / r) ** 2).sum(axis=1)), np.linalg.norm(q, axis=1)
     return np.where(k > 1, (k - 1) / np.maximum(k, 1e-6) * length, (k - 1) * r.min())

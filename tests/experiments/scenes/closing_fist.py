@@ -13,6 +13,8 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 
 FRAMES = 100
+FIST = range(40, 60)
+"""frames in which the hand is closed"""
 
 
 @dataclass(frozen=True, eq=False)
