@@ -30,7 +30,7 @@ def jump_polish_1024() -> dict[str, Any]:
 
 def measure() -> dict[str, Any]:
     """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
-    scene = full_scene()
+    scene = full_scene(collision=False)
     drawn = covariance_scaled(
         scene.start, scene.covariance, SCALE, STARTS, np.random.default_rng(0).standard_normal
     )

@@ -1,7 +1,8 @@
 """Compiled cost, gradient and exact Hessian of a key-point problem. Derived in docs/how-to/one_camera.md.
 
 `problem` is a KeypointProblem. A point X has the second derivatives ω_s × (∂X/∂θ_t) for a hinge s above t, so the exact
-Hessian is, like Gauss-Newton's, a sum of 6 × 6 matrices over all that hangs on a bone, and costs hardly more.
+Hessian is, like Gauss-Newton's, a sum of 6 × 6 matrices over all that hangs on a bone, and costs hardly more. Of
+collisions only Gauss-Newton's part is added.
 """
 
 from __future__ import annotations
@@ -9,11 +10,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
-from handtrack.arrays import Floats
+from handtrack.arrays import Floats, Ints
 from handtrack.compiled import compiled, inlined
-from handtrack.model.kinematics_kernels import pose_bones, screws
+from handtrack.model.kinematics import Frames
+from handtrack.model.kinematics_kernels import pose_bones, screws, twist_columns
 from handtrack.model.root_turn_kernels import turn_root
+from handtrack.terms.bone_kernels import pull_back
+from handtrack.terms.bone_system import Sums
+from handtrack.terms.collision_kernels import collision_sums
 from handtrack.terms.loss import robust, robust_slope
 
 _NEAREST_M = 1e-3  # a point this close to a camera's plane counts as behind it
@@ -40,6 +47,43 @@ class Workspace(NamedTuple):
     joint_normal: Floats
     """(S, S) lower triangle; pairs of which none is above the other stay zero"""
     joint_curvature: Floats
+    collided: Ints
+    """(1,) whether the two below hold anything"""
+    bone_gradient: Floats
+    """(6B,) of collisions"""
+    bone_hessian: Floats
+    twist: Floats
+    """(B, 6, S) of each bone; needed where parts collide"""
+
+
+def collides(overlaps):  # pragma: no cover - compiled
+    """Return whether a problem has parts that may collide; known at compile time."""
+    raise NotImplementedError
+
+
+@overload(collides)
+def _collides(overlaps):  # pragma: no cover - compiled
+    if isinstance(overlaps, types.NoneType):
+        return lambda overlaps: False
+    return lambda overlaps: True
+
+
+def collisions(overlaps, space, want_system):  # pragma: no cover - compiled
+    """Return the cost of parts that overlap, for bones already placed; add their system in bone twists."""
+    raise NotImplementedError
+
+
+@overload(collisions)
+def _collisions(overlaps, space, want_system):  # pragma: no cover - compiled
+    if isinstance(overlaps, types.NoneType):
+        return lambda overlaps, space, want_system: 0.0
+
+    def cost(overlaps, space, want_system):
+        frames = Frames(space.rotation, space.position, space.position[0])
+        sums = Sums(6 if want_system else 0, space.bone_gradient, space.bone_hessian)
+        return collision_sums(frames, overlaps, sums)
+
+    return cost
 
 
 @compiled
@@ -47,6 +91,7 @@ def workspace(problem):  # pragma: no cover - compiled
     """Return a Workspace for a problem."""
     bones, hinges = problem.tree.parent.shape[0], problem.tree.hinge_bone.shape[0]
     count = 6 + hinges
+    parts = bones if collides(problem.overlaps) else 0
     return Workspace(
         np.zeros(count),
         np.zeros((bones, 3, 3)),
@@ -60,6 +105,10 @@ def workspace(problem):  # pragma: no cover - compiled
         np.zeros(count),
         np.zeros((count, count)),
         np.zeros((count, count)),
+        np.zeros(1, np.int64),
+        np.zeros(6 * parts),
+        np.zeros((6 * parts, 6 * parts)),
+        np.zeros((parts, 6, count)),
     )
 
 
@@ -133,6 +182,8 @@ def keypoint_cost(problem, params, space):  # pragma: no cover - compiled
         b = problem.point_bone[k]
         x, y, z = place(problem, space, k, b)
         cost += _point_cost(problem, k, x, y, z)
+    if cost < np.inf:
+        cost += collisions(problem.overlaps, space, False)
     return cost
 
 
@@ -317,9 +368,15 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
                 space.stiff[p, i, j] += space.stiff[b, i, j]
                 space.bent[p, i, j] += space.bent[b, i, j]
     screws(problem.tree, space.root[1], space.axis_world, space.position, space.screw)
-    c = space.joint_curvature
-    for t in range(space.joint_gradient.shape[0]):
+    g, n, c = space.joint_gradient, space.joint_normal, space.joint_curvature
+    if space.collided.sum() > 0:  # what a collision left between limbs, and in the twists
+        n[:] = 0.0
+        space.bone_gradient[:] = 0.0
+        space.bone_hessian[:] = 0.0
+        space.collided[0] = 0
+    for t in range(g.shape[0]):
         _dress(problem, space, t, by_stiff, by_bent)
+    cost += add_collisions(problem.overlaps, problem, space)
     turn = space.root[2:]
     for i in range(3):  # the root's rotation vector: its axes J e_j turn with it
         for j in range(i + 1):
@@ -327,6 +384,31 @@ def keypoint_system(problem, params, space, gradient, normal, curvature):  # pra
                 c[3 + i, 3 + j] += turn[i, m, j] * wrench[0, 3 + m]
     _pull_back(problem, params, space, gradient, normal, curvature)
     return cost + prior_cost(problem, params)
+
+
+def add_collisions(overlaps, problem, space):  # pragma: no cover - compiled
+    """Return the cost of parts that overlap; add to the joint gradient (S,) and Gauss-Newton matrix (lower triangle)."""
+    raise NotImplementedError
+
+
+@overload(add_collisions)
+def _add_collisions(overlaps, problem, space):  # pragma: no cover - compiled
+    if isinstance(overlaps, types.NoneType):
+        return lambda overlaps, problem, space: 0.0
+
+    def add(overlaps, problem, space):
+        cost = collisions(overlaps, space, True)
+        if cost > 0.0:
+            space.collided[0] = 1
+            twist_columns(problem.tree, space.screw, space.twist)
+            g, h = pull_back(Sums(6, space.bone_gradient, space.bone_hessian), space.twist)
+            for s in range(g.shape[0]):
+                space.joint_gradient[s] += g[s]
+                for t in range(s + 1):
+                    space.joint_normal[s, t] += h[s, t]
+        return cost
+
+    return add
 
 
 @compiled

@@ -16,6 +16,8 @@ from handtrack.model.moving_limits import MovingLimits
 from handtrack.model.transform import Links
 from handtrack.observation.observation import ImageKeypoints, Keypoints
 from handtrack.terms.bone_system import JointSystem
+from handtrack.terms.collision import CollisionTerm
+from handtrack.terms.collision_kernels import Collisions
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.priors.priors import LinearPrior
 from handtrack.terms.term import ParameterTerm
@@ -54,6 +56,8 @@ class KeypointProblem(NamedTuple):
     """[px]"""
     camera_middle: Floats[C, D2]
     """[px]"""
+    overlaps: Collisions | None
+    """parts that may not pass through each other; None is compiled without them, which takes a third of the time"""
     loss: Loss
     prior_at: Floats[P]
     """where the priors were expanded; they are quadratic, so this is exact everywhere"""
@@ -67,10 +71,11 @@ def keypoint_problem(
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = quadratic(),
+    collision: CollisionTerm | None = None,
 ) -> KeypointProblem:
     """Return the arrays of a problem; its cost is that of `Problem` with a KeypointTerm for each of `observed`.
 
-    priors: quadratic ones (GaussianPrior, LinearPrior). HandtrackError for unknown joints.
+    priors: quadratic ones (GaussianPrior, LinearPrior); collision: parts that may not pass through each other. HandtrackError for unknown joints.
     """
     skeleton = model.skeleton
     chain = [skeleton.hinges_above(bone) for bone in range(skeleton.bone_count)]
@@ -84,6 +89,7 @@ def keypoint_problem(
         limits=model.moving_limits,
         is_metre=np.array([name.startswith("root_t") for name in model.transform.names], np.int64),
         **_observations(model, observed),
+        overlaps=None if collision is None else collision.collisions,
         loss=loss,
         prior_at=model.rest_params(),
         prior_cost=float(prior.cost),

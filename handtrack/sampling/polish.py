@@ -10,8 +10,9 @@ import numpy as np
 from handtrack.arrays import Array, Floats, Ints, N, P, check_shape
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.observation.observation import ImageKeypoints, Keypoints
-from handtrack.sampling.keypoint_problem import keypoint_problem
+from handtrack.sampling.keypoint_problem import KeypointProblem, keypoint_problem
 from handtrack.sampling.polish_kernels import polish_all
+from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import Loss, quadratic
 from handtrack.terms.term import ParameterTerm
 
@@ -62,14 +63,24 @@ def polish(
     observed: Sequence[Keypoints | ImageKeypoints],
     priors: Sequence[ParameterTerm] = (),
     loss: Loss = quadratic(),
+    collision: CollisionTerm | None = None,
     settings: PolishSettings = PolishSettings(),
 ) -> Polished:
-    """Return the minima that descent reaches from starts, of the cost of KeypointTerms and priors.
+    """Return the minima that descent reaches from starts, of the cost of KeypointTerms, priors and collisions.
 
-    observed: joints in space or in any number of undistorted images; priors: quadratic ones. Starts outside the limits are first moved
-    into them. Holds no lock while it runs; the same starts give the same bytes.
+    observed: joints in space or in any number of undistorted images; priors: quadratic ones; collision: parts that may
+    not pass through each other. Starts outside the limits are first moved into them. Holds no lock while it runs; the
+    same starts give the same bytes.
     """
-    problem = keypoint_problem(model, observed, priors, loss)
+    return polish_problem(
+        keypoint_problem(model, observed, priors, loss, collision), starts, settings
+    )
+
+
+def polish_problem(
+    problem: KeypointProblem, starts: Floats[N, P], settings: PolishSettings = PolishSettings()
+) -> Polished:
+    """Return `polish` of a problem that is already packed."""
     params = np.array(starts, dtype=float, order="C")
     check_shape(params, (None, len(problem.is_metre)), "starts")
     cost, norm, used, normal, hessian = polish_all(

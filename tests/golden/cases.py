@@ -94,6 +94,9 @@ CASES: dict[str, Case] = {
         ("--use", "keypoints", "--set", "tracker.hypotheses=8", "--frames", "0:8"),
     ),
     "body_hypotheses_4": Case(simulated_body, ("--set", "tracker.hypotheses=4")),
+    "fallback_glove9": Case(
+        poor_depth, ("--use", "cloud", "--set", "model.fallback=glove9", "--frames", "0:12")
+    ),
     "fallback_auto": Case(poor_depth, ("--use", "cloud", "--frames", "0:12")),
     "edges_intensity": Case(
         copied("open_fist_open"), ("--use", "silhouettes,edges,intensity", "--frames", "0:12")

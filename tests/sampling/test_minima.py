@@ -15,6 +15,7 @@ from handtrack.sampling.polish import PolishSettings, polish
 from handtrack.sampling.suppression import angle_distance, distinct
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
 from handtrack.solver.problem import Problem
+from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
 from handtrack.terms.priors.priors import GaussianPrior, LinearPrior, body_priors
@@ -157,7 +158,7 @@ def cameras():
     )
 
 
-def problem_of(rng, model, loss, spread=0.3):
+def problem_of(rng, model, loss, collision=None, spread=0.3):
     """Return terms of two cameras and space with noise and unknown joints, and parameters near by."""
     size = len(model.rest_params())
     truth = model.clipped(model.rest_params() + spread * rng.normal(size=size))
@@ -173,8 +174,8 @@ def problem_of(rng, model, loss, spread=0.3):
     sigma[:6] = np.inf
     priors = (GaussianPrior(model.rest, sigma), LinearPrior(rng.normal(size=(3, len(model.rest)))))
     terms = [KeypointTerm(model, each, loss=loss) for each in seen]
-    plain = Problem(model, terms, priors)
-    packed = keypoint_problem(model, seen, priors, loss)
+    plain = Problem(model, terms if collision is None else [*terms, collision], priors)
+    packed = keypoint_problem(model, seen, priors, loss, collision)
     return plain, packed, truth + 0.03 * rng.normal(size=size)
 
 
@@ -216,6 +217,28 @@ def test_derivatives(rng, name, coupling, loss):
     check_gradient(lambda x: keypoint_cost(packed, x, space), gradient, params, names, rtol=1e-5)
     check_jacobian(lambda x: system(packed, x)[1], hessian, params, names, names, rtol=1e-6)
     assert np.abs(hessian - normal).max() > 1e-3 * np.abs(normal).max()  # the test sees the rest
+
+
+def test_collisions_are_added(rng):
+    """At a pose with an arm through the trunk, and afterwards at one without: nothing of it may stay."""
+    model = load_model("body34")
+    collision = CollisionTerm.of(model)
+    plain, packed, _ = problem_of(rng, model, quadratic(), collision)
+    params = model.rest_params()
+    through = params.copy()
+    through[model.transform.names.index("left_shoulder_abd")] = -0.7
+    assert collision.cost(model.bones(through)) > 0.0 == collision.cost(model.bones(params))
+    size, space = len(params), workspace(packed)
+    gradient, normal, rest = np.empty(size), np.empty((size, size)), np.empty((size, size))
+    for where in (through, params, through):
+        cost = keypoint_system(packed, where, space, gradient, normal, rest)
+        known = plain.linearize(where)
+        np.testing.assert_allclose(cost, known.cost, rtol=1e-11)
+        np.testing.assert_allclose(keypoint_cost(packed, where, space), known.cost, rtol=1e-11)
+        np.testing.assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
+        np.testing.assert_allclose(
+            gradient, known.gradient, atol=1e-9 * np.abs(known.gradient).max()
+        )
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-5, 0.03, 0.0499999, 0.0500001, 0.4, 3.0, 5.0])

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack import Status, Tracker, TrackerSettings, TrackerState, load_model
+from handtrack import HandScale, Status, Tracker, TrackerSettings, TrackerState, load_model
 from handtrack.simulation.motion import motion
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.terms.cloud_terms import agreement, cloud_terms, see_cloud
@@ -55,17 +55,39 @@ def test_a_good_cloud_is_left_to_all_joints(good):
         np.testing.assert_array_equal(one.parameters, other.parameters)
 
 
-def test_a_poor_cloud_moves_the_palm_and_says_so(poor):
-    results = tracked(poor)
+@pytest.mark.parametrize("kind", ["auto", "glove9", "ball6"])
+def test_a_poor_cloud_moves_the_palm_and_says_so(poor, kind):
+    results = tracked(poor, **{"model.fallback": kind})
     for result, joint in zip(results, TRUTH, strict=True):
         assert result.status == Status.DOUBTFUL
         assert result.poor_cloud
+        assert result.is_simplified == (kind != "auto")
         assert np.isfinite(result.parameter_std[:6]).all()
         assert len(result.parameters) == 26
         low, high = MODEL.limits.bounds(result.parameters).T
         assert (result.parameters >= low - 1e-9).all()
         assert (result.parameters <= high + 1e-9).all()
-        assert palm_mm(result, joint) < 10.0
+        assert palm_mm(result, joint) < (10.0 if kind == "auto" else 40.0)
+    assert (kind == "auto") != (f"({kind})" in results[-1].note)
+
+
+@pytest.mark.parametrize("kind", ["glove9", "ball6"])
+def test_a_simpler_hand_takes_the_place_of_a_measured_person_s(poor, kind):
+    """Whose palm is broader, whose fingers are longer, and of which a detector sees joints beside them: a simpler hand has none of these."""
+    person = HandScale(
+        1.1,
+        {"index": 0.97},
+        {"palm_breadth": 1.0, "finger_share": -0.5},
+        {"index_mcp": (1.0, 2.0, 3.0)},
+    )
+    fitted = load_model("hand26", scale=person)
+    results = tracked(poor[:3], fitted, **{"model.fallback": kind})
+    for result, joint in zip(results, TRUTH, strict=False):
+        assert result.is_simplified
+        assert palm_mm(result, joint) < 40.0
+        np.testing.assert_array_equal(
+            result.parameters[6:], fitted.joint_params(fitted.transform.solver_params(TRUTH[0]))[6:]
+        )
 
 
 def test_depths_are_doubted_not_directions(poor):

@@ -268,7 +268,9 @@ def truth_at(document: Document, frame: int) -> Floats[D21, D3] | None:
 
 
 def status_note(result: FrameResult) -> str:
-    """Return why a frame is doubtful or lost."""
+    """Return why a frame is doubtful or lost; saved results keep no more than that the fingers were held."""
+    if result.is_simplified:
+        return f"Fingers held. {result.note[:1].upper()}{result.note[1:]}".rstrip(". ") + "."
     return result.note[:1].upper() + result.note[1:]
 
 

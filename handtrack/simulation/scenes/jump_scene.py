@@ -43,6 +43,8 @@ class JumpScene:
     truth: Floats[P]
     seen: ImageKeypoints
     priors: list[GaussianPrior]
+    collision: CollisionTerm | None
+    """the prior that parts do not pass through each other"""
     start: Floats[P]
     """the minimum next to the truth"""
     start_cost: float
@@ -51,7 +53,7 @@ class JumpScene:
 
     def polished(self, starts: Floats[N, P]) -> Polished:
         """Return the minima that descent reaches from starts."""
-        return polish(self.model, starts, [self.seen], self.priors)
+        return polish(self.model, starts, [self.seen], self.priors, collision=self.collision)
 
     @property
     def targets(self) -> Floats[J, D2]:
@@ -134,7 +136,7 @@ def _hold(
             return
 
 
-def jump_scene(seed: int) -> JumpScene:
+def jump_scene(seed: int, collision: bool = True) -> JumpScene:
     """Return a scene with a random frontal pose of body34; the joints are seen with noise (standard deviation, each axis)."""
     rng = np.random.default_rng(seed)
     model, camera = load_model("body34"), front_camera()
@@ -144,14 +146,15 @@ def jump_scene(seed: int) -> JumpScene:
     points = model.joint_positions(model.bones(truth))[chosen]
     pixels = camera.project(points) + NOISE_PX * rng.normal(size=(len(names), 2))
     seen = ImageKeypoints(camera, names, pixels, 1.0)
+    priors, apart = body_priors(model), CollisionTerm.of(model) if collision else None
     empty = np.zeros((len(truth), len(truth)))
-    scene = JumpScene(model, camera, truth, seen, body_priors(model), truth, 0.0, empty)
+    scene = JumpScene(model, camera, truth, seen, priors, apart, truth, 0.0, empty)
     found = scene.polished(truth[None])
     assert found.is_minimum[0], "descent from the truth ended in no minimum"
     spread, _ = covariance(found.normal[0])
     return replace(scene, start=found.params[0], start_cost=float(found.cost[0]), covariance=spread)
 
 
-def full_scene() -> JumpScene:
+def full_scene(collision: bool = True) -> JumpScene:
     """Return the first scene in which both arms have four leaves and both legs two: what limits allow at most."""
-    return jump_scene(FULL_SEED)
+    return jump_scene(FULL_SEED, collision)

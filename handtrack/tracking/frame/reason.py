@@ -33,7 +33,7 @@ class Reason:
     kind: str
     """one of KINDS"""
     part: str = ""
-    """of the model, in words"""
+    """of the model, in words; for a poor cloud the simpler model that took the hand's place, if one did"""
     camera: str = ""
     """its name; of `off` the sign that tells most, one of SIGNS"""
     number: float = float("nan")
@@ -54,6 +54,16 @@ class Reason:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
+
+
+def _poor_cloud(reason: Reason) -> str:
+    text = (
+        f"poor cloud: {_percent(reason.number)} of the hand in view was measured, "
+        f"{_percent(reason.other)} of the points lie on it"
+    )
+    if not reason.part:
+        return text
+    return f"{text}; the palm alone is estimated ({reason.part}), the fingers are held"
 
 
 def _odd_size(reason: Reason) -> str:
@@ -101,9 +111,7 @@ KINDS: dict[str, Callable[[Reason], str]] = {
     "cloud": lambda r: (
         f"{_percent(r.number)} of the cloud's points lie within {1e3 * NEAR_M:g} mm of the model"
     ),
-    "poor cloud": lambda r: (
-        f"poor cloud: {_percent(r.number)} of the hand in view was measured, {_percent(r.other)} of the points lie on it"
-    ),
+    "poor cloud": _poor_cloud,
     "energy": lambda r: f"the residual is {r.number:.1f} times the usual one; a finger may be lost",
     "size": _odd_size,
     "off": lambda r: (

@@ -147,6 +147,11 @@ class FrameHead:
         return kind == "poor cloud" or (kind == "cloud" and self.status != Status.LOST)
 
     @property
+    def is_simplified(self) -> bool:
+        """Whether a simpler hand took the whole one's place, so that nothing is said of the fingers."""
+        return self.poor_cloud and self.reason is not None and self.reason.part != ""
+
+    @property
     def fits(self) -> bool:
         """Whether the pose explains what was seen, be it much or little: nothing is gained by looking for another."""
         if self.status == Status.TRACKED or self.is_unconfirmed:

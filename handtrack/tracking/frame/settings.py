@@ -71,13 +71,19 @@ class ModelSettings:
     spread_little: float = setting(
         1.2, "The same for the little finger.", label="Little ×", **_SPREAD
     )
-    fallback: Literal["auto", "none"] = setting(
+    fallback: Literal["auto", "glove9", "ball6", "none"] = setting(
         "auto",
-        "What replaces the points while a poor cloud is the only observation: `auto`, their viewing rays; `none`, nothing.",
+        "What replaces the hand while its only observation is a poor cloud: `auto`, viewing rays instead of points; `glove9` or "
+        "`ball6`, the palm of these models as well; `none`, nothing.",
         label="If cloud is poor",
         level="user",
         about="hand",
-        words={"auto": "use viewing rays", "none": "do nothing"},
+        words={
+            "auto": "use viewing rays",
+            "glove9": "palm of glove9",
+            "ball6": "palm of ball6",
+            "none": "do nothing",
+        },
     )
     fit_size: Literal["true", "later", "false"] = setting(
         "true",

@@ -1,14 +1,21 @@
 """One frame, from where the hand is expected to its result: descend, look for lost fingers, doubt a poor cloud, refine.
 
-Where a cloud alone must hold the hand and is poor, its depths are doubted, and the frame says so.
+Where a cloud alone must hold the hand and is poor, its depths are doubted, and the frame says so; or a simpler hand takes the
+whole one's place, as in the 2004 paper, section 3.5.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
-from handtrack.arrays import Floats, P
-from handtrack.geometry.rotation import closest_equivalent
+import numpy as np
+
+from handtrack.arrays import Floats, P, S
+from handtrack.geometry.rotation import closest_equivalent, wrapped
+from handtrack.model.articulated import ArticulatedModel, HandScale
+from handtrack.model.model_file import load_model
+from handtrack.solver.covariance import joint_position_jacobian
 from handtrack.solver.levenberg_marquardt import solve
 from handtrack.tracking.frame.constants import DOUBTFUL_CLOUD
 from handtrack.tracking.frame.descent import LAST_GAIN, Descended, descend, stage_problem
@@ -16,10 +23,11 @@ from handtrack.tracking.frame.frame_result import Solved, solved_result
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.frame.reason import Reason
-from handtrack.tracking.frame.result import Status
+from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.cloud_terms import Agreement, agreement
 from handtrack.tracking.search.engine import Candidate, Search, Trial, Tried, report
+from handtrack.tracking.search.initialize import carried_over
 from handtrack.tracking.search.lost_finger import finger_search, with_fingers_found
 
 POOR, GOOD = 0.80, 0.88
@@ -31,7 +39,7 @@ POOR_CLOUD = Search(
         "share of points on the surface and of the surface in view that was measured, or the latter alone where it is more"
     ),
     rounds=(),
-    tried="the frame's schedule with depths doubted, from the last pose",
+    tried="the frame's schedule with depths doubted, from the last pose; or the simpler hand that `model.fallback` names",
     measure="cost",
     taken="always: the frame is called doubtful",
     again="in the next frame, first of all",
@@ -110,8 +118,9 @@ def may_doubt(terms: FrameTerms) -> bool:
     chosen = terms.settings
     if terms.cloud is None or terms.views != 1 or terms.keypoints or chosen.cloud.doubt_depth:
         return False
-    sights_known = len(terms.cloud.views) == 1
-    return terms.model.has_keypoints21 and chosen.model.fallback == "auto" and sights_known
+    one = len(terms.cloud.views) == 1  # else lines of sight are not known
+    useless = ("none",) if one else ("none", "auto")
+    return terms.model.has_keypoints21 and chosen.model.fallback not in useless
 
 
 def poor_agreement(terms: FrameTerms, params: Floats[P], below: float) -> Agreement | None:
@@ -138,29 +147,50 @@ def solve_doubted(
         What is wrong with the cloud where the frame's own descent ended; None after a poor frame: then it is asked
         where this descent ends.
     """
-    model, last = task.model, task.previous[-1:]
+    model, kind, last = task.model, task.settings.model.fallback, task.previous[-1:]
     cautious = replace(
         task, settings=poor_cloud_settings(task.settings), texture=None, previous=last
     )
     if last and last[0].status == Status.LOST:
         cautious = replace(cautious, belief=None)
-    start = model.transform.solver_params(last[0].parameters) if last else params
-    solved = solve_frame(_started(cautious, start))
+    if kind == "auto":
+        start = model.transform.solver_params(last[0].parameters) if last else params
+        solved, origin = solve_frame(_started(cautious, start)), "depths doubted"
+    else:
+        few = simplified(model, last[0].parameters if last else model.joint_params(params), kind)
+        found = solve_frame(_started(_simpler(cautious, few), few.start)).result
+        solved, origin = Solved(_in_whole(model, found, few)), kind
     pose = model.transform.solver_params(solved.result.parameters)
     least = GOOD if poor is None else POOR
     poor = poor or poor_agreement(terms, pose, least)
     why = "cloud and hand agree again after a poor frame"
     if poor is not None:
         why = f"cloud and hand agree by {poor.share:.2f}, at least {least:g} is asked for"
-    fitted = Candidate(model, pose, solved.result.energy, "depths doubted")
+    fitted = Candidate(model, pose, solved.result.energy, origin)
     tried: Tried = [(1, (Trial.of(fitted),))]
     winner = fitted if poor is not None else None
     report(POOR_CLOUD, task.control, task.observation.frame, why, tried, winner)
     if poor is None:
         return solved, False
-    reason = Reason("poor cloud", number=poor.measured, other=poor.explained)
+    reason = Reason(
+        "poor cloud", "" if kind == "auto" else kind, number=poor.measured, other=poor.explained
+    )
     status = max(solved.result.status, Status.DOUBTFUL)
     return replace(solved, result=replace(solved.result, status=status, reason=reason)), True
+
+
+def _simpler(task: FrameTask, few: Simplified) -> FrameTask:
+    """Return the frame as the simpler hand sees it; whoever looks on is shown the whole one."""
+    shown, transform = task.control.on_iteration, task.model.transform
+    joint = few.model.joint_params(few.start)
+    previous = tuple(replace(result, parameters=joint) for result in task.previous)
+
+    def watch(number: int, k: int, x: Floats, cost: float) -> None:
+        if shown is not None:
+            shown(number, k, transform.solver_params(few.whole(x)), cost)
+
+    control = replace(task.control, on_iteration=watch)
+    return replace(task, model=few.model, previous=previous, control=control)
 
 
 def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
@@ -180,6 +210,33 @@ def poor_cloud_settings(settings: TrackerSettings) -> TrackerSettings:
     return replace(settings, model=calm, cloud=cloud, tracker=follow)
 
 
+@dataclass(frozen=True)
+class Simplified:
+    """A simpler hand in the place of a whole one."""
+
+    model: ArticulatedModel
+    start: Floats[P]
+    """its solver parameters (P',) where the whole hand stands"""
+    whole: Callable[[Floats[P]], Floats[P]]
+    """its solver parameters → the whole hand's joint parameters (S,), fingers kept as they are"""
+
+
+def simplified(model: ArticulatedModel, joint: Floats[S], kind: str) -> Simplified:
+    """Return the simpler hand, `glove9` or `ball6`, that stands where the whole one stands with joint parameters.
+
+    It is as large as the person's, with the same parts; a simpler hand has no internal proportions.
+    """
+    few = load_model(kind, model.side, HandScale(model.scale.overall, model.scale.parts))
+
+    def whole(params: Floats) -> Floats:
+        held = joint.copy()
+        held[:6] = few.joint_params(params)[:6]
+        return held
+
+    start = carried_over(model, model.transform.solver_params(joint), few)
+    return Simplified(few, start, whole)
+
+
 def _started(task: FrameTask, params: Floats) -> FrameTask:
     """Return a frame that begins at params (P,) and expects the hand where it was last."""
     start = task.model.clipped(params)
@@ -188,3 +245,31 @@ def _started(task: FrameTask, params: Floats) -> FrameTask:
     expected = task.previous[-1].parameters.copy()
     expected[3:6] = closest_equivalent(expected[3:6], task.model.joint_params(start)[3:6])
     return replace(task, start=start, expected=expected)
+
+
+def _in_whole(model: ArticulatedModel, found: FrameResult, few: Simplified) -> FrameResult:
+    """Return what a simpler hand found as a result of the whole one.
+
+    Nothing is said of the fingers: their standard deviations are infinite, and their joints may be as far off as their
+    limits let them.
+    """
+    joint = few.whole(few.model.transform.solver_params(found.parameters))
+    joint[3:6] = wrapped(joint[3:6])
+    std = np.full(len(joint), np.inf)
+    std[:6] = found.parameter_std[:6]
+    bones, jacobian, _ = model.linearize(model.transform.solver_params(joint))
+    limits = model.limits.bounds(joint)
+    spread = np.zeros(len(joint))
+    spread[6:] = np.diff(limits[6:], axis=1)[:, 0] ** 2 / 12.0  # anywhere between them
+    spread[:6] = np.where(np.isfinite(std[:6]), std[:6], 1.0) ** 2
+    moves = joint_position_jacobian(model, bones, jacobian)
+    return replace(
+        found,
+        parameters=joint,
+        status=max(found.status, Status.DOUBTFUL),
+        parameter_std=np.full_like(std, np.inf) if found.status == Status.LOST else std,
+        joint_covariance=np.einsum("jas,s,jbs->jab", moves, spread, moves),
+        T_world_bone=bones.T_world_bone,
+        joint_positions=model.joint_positions(bones),
+        keypoints21=model.keypoints21(bones) if model.has_keypoints21 else None,
+    )
