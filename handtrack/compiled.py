@@ -81,9 +81,8 @@ def compiled_with(**options: Any) -> Callable[[Any], Any]:
 
     def decorate(function: FunctionType) -> Any:
         dispatcher: Any = numba.njit(nogil=True, **options)(function)
-        if (
-            function.__module__ in sys.modules
-        ):  # else Numba could not import it again for what is kept
+        # Numba imports the module again for what is kept: of one loaded by its path it could not
+        if function.__module__ in sys.modules:
             dispatcher._cache = _Cache(function)
         return dispatcher
 

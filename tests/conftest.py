@@ -14,7 +14,7 @@ if "HANDTRACK_HOME" not in os.environ:  # copies and logs do not go to whoever r
     atexit.register(shutil.rmtree, os.environ["HANDTRACK_HOME"], ignore_errors=True)
 if os.environ.pop(
     "PYTHONDONTWRITEBYTECODE", None
-):  # each program that a test starts would compile all its modules anew
+):  # else each program that a test starts would compile all its modules anew
     os.environ["PYTHONPYCACHEPREFIX"] = os.path.join(os.environ["HANDTRACK_HOME"], "bytecode")
 if worker := os.environ.get("PYTEST_XDIST_WORKER"):  # no worker reads another one's logs
     os.environ["HANDTRACK_HOME"] = os.path.join(os.environ["HANDTRACK_HOME"], worker)

@@ -24,8 +24,8 @@ Observed = Keypoints | ImageKeypoints | ImagePins
 
 
 @lru_cache(maxsize=64)
-def _places(joint_names: tuple[str, ...], names: tuple[str, ...], model: str) -> Ints[K]:
-    """Return where names are among a model's joints."""
+def _joint_indices(joint_names: tuple[str, ...], names: tuple[str, ...], model: str) -> Ints[K]:
+    """Return the indices of named joints among a model's. Raises HandtrackError for a name that is none."""
     where = f"the keypoints of {model}"
     return np.array([_index(joint_names, name, "joint", where) for name in names], int)
 
@@ -91,7 +91,7 @@ class KeypointTerm(ObservationTerm):
         observed = self.observed
         targets, sigma = _targets(observed)
         if isinstance(observed, ImagePins):
-            bone, own = pinned_places(self.model, observed.pins)
+            bone, own = pinned_joint_indices(self.model, observed.pins)
         else:
             known, joint = _are_known(targets), self._joints
             bone, own = self.model.joint_bone[joint], points_meant(self.model, observed)[joint]
@@ -107,7 +107,7 @@ class KeypointTerm(ObservationTerm):
         """Which joints of the model were seen."""
         assert not isinstance(self.observed, ImagePins), "pins lie on bones"
         seen = _are_known(_targets(self.observed)[0])
-        return _places(self.model.joint_names, self.observed.names, self.model.name)[seen]
+        return _joint_indices(self.model.joint_names, self.observed.names, self.model.name)[seen]
 
     def misses(self, bones: BonePoses) -> tuple[Ints[K], Floats[K]]:
         """Return which joints of the model were seen, and how far from them they are, in units of the points' sigma."""
@@ -120,7 +120,9 @@ def points_meant(model: ArticulatedModel, observed: Keypoints | ImageKeypoints) 
     return model.seen_point if isinstance(observed, ImageKeypoints) else model.joint_point
 
 
-def pinned_places(model: ArticulatedModel, pins: Sequence[Pin]) -> tuple[Ints[K], Floats[K, D3]]:
+def pinned_joint_indices(
+    model: ArticulatedModel, pins: Sequence[Pin]
+) -> tuple[Ints[K], Floats[K, D3]]:
     """Return the bones, and the points in their frames [m], that are pinned. Raises HandtrackError for a place that the model
     has not.
     """

@@ -99,8 +99,7 @@ def calibrated_covariance(
     """Return each joint's covariance [m²] of all that is known to be wrong.
 
     curled: `curls`, of fingers of which nothing else tells how they bend; joint_covariance: if the model were the hand, and noise what it
-    is said to be; how_bad: `misfit`; by_cloud:
-    whether a cloud was seen.
+    is said to be [m²]; how_bad: `misfit`; by_cloud: whether a cloud was seen.
     """
     seen = CLOUD if by_cloud else MASKS
     if model.kind == "body":

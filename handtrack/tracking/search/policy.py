@@ -34,8 +34,8 @@ def why_fingers_may_be_lost(
     ratio = energy_ratio(energy, views, previous)
     if ratio <= SUSPICIOUS_RATIO:
         return ""
-    much = energy / max(views, 1) * SUSPICIOUS_RATIO / ratio
-    before = takewhile(lambda r: r.energy / max(r.views, 1) > much, reversed(previous))
+    suspicious = energy / max(views, 1) * SUSPICIOUS_RATIO / ratio
+    before = takewhile(lambda r: r.energy / max(r.views, 1) > suspicious, reversed(previous))
     row = 1 + len(list(before))
     return f"{ratio:.2f} times the usual energy, frame {row} of a row" if _is_due(row) else ""
 

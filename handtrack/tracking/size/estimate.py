@@ -184,9 +184,9 @@ def estimate_whole(
 
     Damped Gauss-Newton on all poses at once (banded Cholesky, linear in the frames), and what they share in its border. Each
     frame has a damping of its own: one that fits worse after a step than its system predicted is held back, the others are not.
-    A frame that steps have moved by less than a fifth of a standard deviation is not read anew (`_ENOUGH`; the fluid relinearization of
-    Kaess et al. 2012, iSAM2), but at the end. What lies at a limit and would leave is held there. The process noise of the motion is estimated beside (EM). tell: is called with
-    the share that is done, frame by frame, since reading them takes longest; sweeps: at most.
+    A frame that steps have moved by less than a fifth of a standard deviation is linearised again only at the end (`_ENOUGH`; the fluid
+    relinearization of Kaess et al. 2012, iSAM2). What lies at a limit and would leave is held there. The process noise of the motion is
+    estimated beside (EM). tell: is called with the share that is done, frame by frame, since reading them takes longest; sweeps: at most.
     """
     model = evidence.model
     usual = motion = evidence.usual

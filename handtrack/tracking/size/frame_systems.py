@@ -93,7 +93,7 @@ class FrameSystems:
     share: Floats[F]
     """of what was seen, how much counts"""
     since: Floats[F, L]
-    """all steps since it was read, which its cost and gradient follow to second order"""
+    """steps since it was linearised, which its cost and gradient follow to second order"""
     _halves: Floats[F, M]
     """rows of the lower halves, one after the other: those of the poses come first"""
     _seen: Floats[F, N]
@@ -154,7 +154,7 @@ class FrameSystems:
 
     @property
     def extrapolated(self) -> Floats[F]:
-        """By how much each frame's steps since it was read bend its cost, ½ δᵀHδ: half of their standard deviations, squared."""
+        """The second-order cost ½ δᵀHδ of each frame's steps δ since it was linearised: half their length squared, in standard deviations."""
         bent = [
             (self.since[at] * self._applied(at, self.since[at])).sum(axis=1) for at in self._parts()
         ]
