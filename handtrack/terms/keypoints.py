@@ -91,7 +91,7 @@ class KeypointTerm(ObservationTerm):
         observed = self.observed
         targets, sigma = _targets(observed)
         if isinstance(observed, ImagePins):
-            bone, own = pinned_joint_indices(self.model, observed.pins)
+            bone, own = pinned_places(self.model, observed.pins)
         else:
             known, joint = _are_known(targets), self._joints
             bone, own = self.model.joint_bone[joint], points_meant(self.model, observed)[joint]
@@ -120,9 +120,7 @@ def points_meant(model: ArticulatedModel, observed: Keypoints | ImageKeypoints) 
     return model.seen_point if isinstance(observed, ImageKeypoints) else model.joint_point
 
 
-def pinned_joint_indices(
-    model: ArticulatedModel, pins: Sequence[Pin]
-) -> tuple[Ints[K], Floats[K, D3]]:
+def pinned_places(model: ArticulatedModel, pins: Sequence[Pin]) -> tuple[Ints[K], Floats[K, D3]]:
     """Return the bones, and the points in their frames [m], that are pinned. Raises HandtrackError for a place that the model
     has not.
     """
