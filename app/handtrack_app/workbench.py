@@ -251,7 +251,8 @@ class Workbench:
             self.redraw()
         if self._plays_first and progress.state == "idle":  # the demo is open
             strip, self._plays_first = self.layout.timeline.strip, False
-            self.state.playing = strip is not None and bool((strip.status >= 0).any())
+            is_tracked = strip is not None and bool((strip.status >= 0).any())
+            self.state.playing = is_tracked and not self.state.version  # nobody edits yet
 
     def _notify(self, notice: snapshots.Notice) -> None:
         if self.server.get_clients():

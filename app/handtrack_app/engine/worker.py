@@ -20,6 +20,7 @@ from handtrack_app.engine.document_snapshots import (
 from handtrack_app.engine.live_control import open_live_document
 from handtrack_app.engine.open_session import OpenSession
 from handtrack_app.engine.pictures.camera_pictures import Painter
+from handtrack_app.engine.posing_service import pose
 from handtrack_app.engine.service import RenderThread
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol.calls import Call, Mailbox, command, rules_of
@@ -28,7 +29,7 @@ from handtrack_app.rerun.recorder import LiveRecorder
 
 
 class Preview:
-    """Lives on the worker's thread. Calls besides those for frames and pictures wait until the session is open."""
+    """Lives on the worker's thread. Calls besides these wait until the session is open."""
 
     def __init__(
         self, document: Document, publish: Callable[[Snapshot], None], waiting: Sized
@@ -46,6 +47,13 @@ class Preview:
         self.document.show(frame)
         self._publish(pose_snapshot(self.document))
         self.painter.is_stale = True
+
+    @command()
+    def set_pose(self, frame: int, values: tuple[float, ...], version: int, **_: object) -> None:
+        """Show a pose that is set by hand; the open session sets it."""
+        self.document.apply(pose(self.document, frame, values))
+        self.document.version = version
+        self.show_frame(frame)
 
     @command()
     def want_pictures(

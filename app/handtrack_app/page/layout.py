@@ -106,7 +106,7 @@ class PageLayout:
         self.masks = MaskPanel(page, others.add_tab("Masks"), stage)
         self.cloud = CloudPanel(page, others.add_tab("Cloud"), stage.mark_box)
         self.help.marks = (
-            lambda: page.state.version,
+            lambda: 0 if self.pose.pose is None else self.pose.pose.version,
             lambda: (
                 () if self.pose.pose is None else tuple(pin.pixel for pin in self.pose.pose.pins)
             ),

@@ -10,6 +10,7 @@ from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
 from tests.app.desk import EngineInThreads
 from tests.app.fake_run import fake_document
+from tests.app.waiting import eventually
 from tests.session.small_session import keypoints, make_session
 
 
@@ -36,7 +37,11 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
     worker.engine.show_frame(5)
     values = fake_document(tmp_path).start
     values[0] += 0.01
-    worker.engine.set_pose(5, tuple(values.tolist()), 1)  # it waits, and is not lost
+    worker.engine.set_pose(5, tuple(values.tolist()), 1)  # it shows at once, and is not lost
+    is_shown = lambda one: isinstance(one, snapshots.PoseSnapshot) and one.version == 1  # noqa: E731
+    eventually(
+        lambda: any(is_shown(one) for one in seen), "the pose shows before the session opens"
+    )
     held.set()
     assert worker.wait_opened(60.0) is None
     worker.stop()

@@ -8,7 +8,7 @@ from handtrack.session import bundled
 from handtrack.session.bundled import working_folder
 from handtrack.session.layout import POSES_FILE
 from handtrack_app.engine import opening
-from tests.app.desk import shown
+from tests.app.desk import in_threads, shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 
@@ -59,3 +59,11 @@ def test_the_demo_plays_at_once_what_is_tracked(tmp_path):
     with shown(tmp_path, opener=fake_document, demo=True) as bench:
         eventually(lambda: bench.state.playing, "it plays at once")
         assert not bench.worker.busy
+    bench = in_threads(tmp_path, opener=fake_document, demo=True)
+    bench.state.begin_edit()
+    bench.start()
+    eventually(lambda: bench.layout.progress.state == "idle", "it is open")
+    bench.engine.show_frame(3)
+    eventually(lambda: bench.stage.pose and bench.stage.pose.frame == 3, "all before is shown")
+    assert not bench.state.playing, "whoever moved a finger meanwhile sees the finger"
+    bench.stop()
