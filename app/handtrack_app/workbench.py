@@ -68,7 +68,6 @@ class Workbench:
         self.worker = engine(self._snapshots.put)
         self._ends_within_s = _STOP_S if plan.live is None else _LIVE_STOP_S
         self._ready, self._stopping = threading.Event(), threading.Event()
-        self._unread: list[snapshots.Notice] = []
         self._wanted: dict[str, tuple[object, ...]] = {}
         self.engine = self.worker.engine
         self._is_demo = self._plays_first = demo
@@ -135,9 +134,6 @@ class Workbench:
     def _welcome(self, client: viser.ClientHandle) -> None:
         if self.stage.field_camera() is not None:
             self.redraw()  # its screen
-        unread, self._unread = self._unread, []
-        for notice in unread:
-            self.page.notify(notice.level, notice.title, notice.text, client)
 
     # ---- from the page
 
@@ -255,10 +251,7 @@ class Workbench:
             self.state.playing = is_tracked and not self.state.version  # nobody edits yet
 
     def _notify(self, notice: snapshots.Notice) -> None:
-        if self.server.get_clients():
-            self.page.notify(notice.level, notice.title, notice.text)
-        else:  # nobody is there yet: the first to come is told
-            self._unread.append(notice)
+        self.page.notify(notice.level, notice.title, notice.text)
 
     def _show_rerun(self, rerun: snapshots.RerunPage) -> None:
         print(f"handtrack: residuals are at {rerun.url}", flush=True)

@@ -117,7 +117,7 @@ class OpenSession:
             self.serve(view)
         self.show_all()
         if self._restored:
-            say("info", "Welcome back", self._restored)
+            say("done", "Welcome back", self._restored)
         blind = nothing_seen(document.run)
         if blind:
             say("warning", "Nothing to track by yet", blind)
@@ -314,7 +314,7 @@ class OpenSession:
         changed = self.document.state.changed(before)
         frames = [frame for kind, frame in changed if kind == "pose"]
         self.document.show(min(frames, default=self.document.frame))
-        self._say("info", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
+        self._say("done", f"{done}: {action.words[:1].lower()}{action.words[1:]}", "")
         if len(frames) < len(changed):
             self._show_settings()
             self._tuning.say_notes(known)

@@ -13,7 +13,7 @@ import viser
 
 from handtrack_app.page.help import Help, add_work_keys
 from handtrack_app.page.html import dress, escaped
-from handtrack_app.page.page import GUIDE, Page, put
+from handtrack_app.page.page import DONE, GUIDE, INFO, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
 from handtrack_app.page.panels.copying import Library
 from handtrack_app.page.panels.export import ExportPanel
@@ -24,7 +24,7 @@ from handtrack_app.page.panels.pose_words import group_of
 from handtrack_app.page.panels.review import NextStep, ReviewPanel
 from handtrack_app.page.panels.settings import LimitsPanel, RefitSwitch, SettingsPanel
 from handtrack_app.page.panels.tracking import LivePanel, TakesPanel, TrackingPanel
-from handtrack_app.page.panels.view import WIDTH, SessionPanel, colours, head
+from handtrack_app.page.panels.view import WIDTH, SessionPanel, Taste, colours, head
 from handtrack_app.page.scene.handles import GrabKeys
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.time.timeline import TimelinePanel
@@ -115,7 +115,7 @@ class PageLayout:
             lambda: self.export.delivered,
         )
         self.messages.build(others.add_tab("Messages"))
-        page.heard.append(self.messages.take)
+        page.heard.extend((self.messages.take, self._unfold))
         gui.main_panel.dock_right()
         gui.main_panel.set_width(WIDTH)
 
@@ -195,6 +195,12 @@ class PageLayout:
         self.saved = work.saved
         self._show_head()
 
+    def _unfold(self, notice: Notice) -> None:
+        """Show the panel where it is hidden: an error is read there."""
+        for client in self.page.server.get_clients().values() if notice.level == "error" else ():
+            if self.room.tastes.get(client.client_id, Taste()).folded:
+                self.room.fold(client, folded=False)
+
     def show_notice(self, notice: Notice) -> None:
         """Keep the reason of a session that cannot be opened, and what was found out about the recording, for those who come later."""
         if notice.of_recording:
@@ -207,8 +213,7 @@ class PageLayout:
 # ---- What was said to the user: it stays to be read; and what is to be done or known stands until it is put away
 
 
-_COLOURS = {GUIDE: "#56b4e9", "info": "#56b4e9", "done": "#009e73", "warning": "#e69f00", "error": "#d55e00"}  # fmt: skip
-_STANDS = (GUIDE, "warning", "error")
+_COLOURS = {GUIDE: "#56b4e9", INFO: "#56b4e9", DONE: "#009e73", "warning": "#e69f00", "error": "#d55e00"}  # fmt: skip
 _FRAME, _LINK = re.compile(r"\b(frame) (\d+)", re.I), r"<a href='#' data-frame='\2'>\1 \2</a>"
 """the style's script goes to the frame of such a link"""
 _MOST = 100  # messages that are kept
@@ -238,11 +243,13 @@ class Messages:
             self.list = self.page.gui.add_html(_NONE)
 
     def take(self, notice: Notice) -> None:
-        """Keep what is said; the same again takes the place of the older one."""
+        """Keep what is said; the same again takes the place of the older one, and an answer to what was tried stands until the next."""
         with self._lock:
             self._all.appendleft(notice)
-            if notice.level in _STANDS and not (notice.level == GUIDE and self.is_posed):
-                self._standing = [one for one in self._standing if one.title != notice.title]
+            self._standing = [
+                one for one in self._standing if one.title != notice.title and one.level != INFO
+            ]
+            if notice.level != DONE and not (notice.level == GUIDE and self.is_posed):
                 self._standing.append(notice)
         self._show()
 

@@ -23,8 +23,8 @@ from handtrack_app.protocol.snapshots import Notice, SessionSnapshot
 if TYPE_CHECKING:
     from handtrack_app.viser_internals import GuiModalHandle, HotkeyKey, KeyModifier
 
-GUIDE = "guide"
-"""level of what is said before there is a pose"""
+GUIDE, INFO, DONE = "guide", "info", "done"
+"""levels: of what is said before there is a pose, where nothing was to be done, and of what was done"""
 
 
 @dataclass
@@ -351,14 +351,12 @@ class Page:
     def notify(
         self, level: str, title: str, text: str, client: viser.ClientHandle | None = None
     ) -> None:
-        """Show a notification for a while, on one client or on all; it can be read later, too. Guidance stands in the panel alone."""
-        colour = {"done": "teal", "warning": "orange", "error": "red"}.get(level, "blue")
-        close = 8.0 if level in ("info", "done") else 15.0
+        """Add to the messages; of what is done, show a notification for a while, on one client or on all. All else stands in the panel."""
         for hear in self.heard:
             hear(Notice(level, title, text))
         clients = [client] if client is not None else list(self.server.get_clients().values())
-        for target in clients if level != GUIDE else ():
-            target.add_notification(title, text, color=colour, auto_close_seconds=close)  # type: ignore[arg-type]
+        for target in clients if level == DONE else ():
+            target.add_notification(title, text, color="teal", auto_close_seconds=8.0)
 
     def remembered(
         self, client: viser.ClientHandle, name: str, act: Callable[[str | None], None]

@@ -20,10 +20,20 @@ def test_what_matters_is_read_whole_and_stays(tmp_path):
         page = view.page
         bench.layout.messages.see_pose(False)  # as where there is no first pose
         bench.page.notify("guide", "What to do first", "Press the button that finds the hand.")
-        bench.page.notify("error", "A title that is longer than some", LONG)
+        bench.page.notify("warning", "Frame 3 fits, with low confidence", "Frame 4 as well.")
+        page.keyboard.press("t")
+        tab = page.get_by_role("tab", name="Review", exact=True)
+        eventually(lambda: not tab.is_visible(), "the panel is hidden")
+        bench.page.notify(
+            "error", "A title that is longer than some", LONG.replace("Word", "Cause")
+        )
+        eventually(tab.is_visible, "an error is read in the panel")
+        bench.page.notify("info", "Nothing to undo", "The history ends here.")
+        bench.page.notify("done", "Saved", LONG)
         assert eventually(lambda: page.evaluate(CUT), "a notice") == [False]
-        guide = page.locator(".mantine-Notification-root", has_text="What to do first")
-        assert not guide.count(), "guidance stands in the panel alone"
+        for told in ("What to do first", "low confidence", "A title that"):
+            notice = page.locator(".mantine-Notification-root", has_text=told)
+            assert not notice.count(), "notices tell what is done, and nothing else"
         notices = page.locator(".mantine-Notification-closeButton")
         while notices.count():
             notices.first.click()
@@ -32,13 +42,15 @@ def test_what_matters_is_read_whole_and_stays(tmp_path):
         def read(text):
             return page.locator(".handtrack-note:visible", has_text=text).count() == 1
 
-        assert read("Word11"), "gone from the scene, not from the page"
+        assert read("Cause11"), "gone from the scene, not from the page"
         view.press("Put away")
-        eventually(lambda: read("Press the button") and not read("Word11"), "the one before it")
+        eventually(lambda: read("Frame 4") and not read("Cause11"), "the one before it")
+        view.press("Put away")
+        eventually(lambda: read("Press the button") and not read("Frame 4"), "the one before it")
         bench.page.edit_pose({"root_tx": 0.01}, "Move")
         eventually(lambda: not read("Press the button"), "it has done its work")
         bench.page.notify("warning", "Frame 7 does not fit well", "Frame 9 does.")
         page.locator("a[data-frame='9']:visible").first.click()
         eventually(lambda: bench.state.frame == 9, "a link leads to its frame")
         view.show_tab("Messages")
-        eventually(lambda: read("Press the button") and read("Word11"), "all can be read again")
+        eventually(lambda: read("Press the button") and read("Cause11"), "all can be read again")

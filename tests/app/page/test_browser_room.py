@@ -50,7 +50,7 @@ def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path):
         eventually(lambda: stands(bench), "it looks through a camera")
         eventually(lambda: is_large(bench, view), "through a camera")
         low, high = hand_in_page(bench, view)
-        bench.page.notify("warning", "Something", "was to be said.")
+        bench.page.notify("done", "Something", "was to be said.")
         notice = eventually(lambda: view.page.evaluate(NOTICE), "a notice")
         assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
 

@@ -45,6 +45,8 @@ def test_nothing_stands_before_the_image_while_a_box_is_dragged(cloudy):
         eventually(lambda: cloudy.state.display.cloud_wide, "a large picture")
         client.set_value(skin.drag, True)
         eventually(lambda: shown() == {False}, "the bare image")
+        told = lambda: any("Drag a box over" in str(message) for _, message in client.messages)  # noqa: E731
+        eventually(told, "what to do stands beside the view")
         eventually(
             lambda: not wide.value and not cloudy.state.display.cloud_wide, "no picture either"
         )

@@ -1,6 +1,5 @@
 """The workbench on loopback: handles follow the worker, clients' values are checked, and the hand moves at once."""
 
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -97,8 +96,10 @@ def test_a_pose_that_comes_late_leads_nobody_back_to_its_frame(bench, monkeypatc
         assert state.frame == stands
 
 
-def test_a_page_that_comes_late_is_told_what_was_said(bench, wire):
+def test_a_page_that_comes_late_is_told_what_was_said(bench):
     """Fault C41."""
-    bench._snapshots.put(snapshots.Notice("info", "Welcome back", "Restored: 3 poses."))
-    time.sleep(0.1)
-    eventually(lambda: any("Welcome back" in str(message) for _, message in wire.messages), "told")
+    bench._snapshots.put(snapshots.Notice("done", "Welcome back", "Restored: 3 poses."))
+    eventually(lambda: "Welcome back" in bench.layout.messages.list.content, "said to nobody")
+    with WireClient(bench.url) as wire:
+        came = lambda: any("Welcome back" in str(message) for _, message in wire.messages)  # noqa: E731
+        eventually(came, "told")

@@ -237,6 +237,10 @@ _BRUSHES = {
     "as it is": "as it is",
 }
 """words → what is sent"""
+_TASK = (
+    "Drag with the left button over the image, or click. X swaps the brush, [ and ] change its radius. The wheel and the right "
+    "button still move the view; key 0 ends."
+)
 _RADIUS = (1, 80, 1)  # [px]
 _FACTOR = 1.2  # by which a key changes the radius
 _MOST = 20  # frames to carry to, each way
@@ -294,16 +298,8 @@ class CorrectingWidgets:
         put(self.words, content=text(lines))
 
     def _begin(self, client: viser.ClientHandle) -> None:
-        camera = self.camera(client)
-        self.stage.paint_on(camera, client, self._pointed)
+        self.stage.paint_on(self.camera(client), client, _TASK, self._pointed)
         self._show_painting(client)
-        self.page.notify(
-            "info",
-            f"Painting over {camera}",
-            "Drag with the left button over the image, or click. X swaps the brush, [ and ] change its radius. The wheel and the "
-            "right button still move the view; key 0 ends.",
-            client,
-        )
 
     def _end(self, client: viser.ClientHandle) -> None:
         self.stage.look(self.page.state.look(client.client_id).through, client)

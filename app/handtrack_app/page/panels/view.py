@@ -439,6 +439,8 @@ def view_words(view: Through) -> str:
         words += ", follows the {kind}"
     if view.left:
         words, colour = f"<b>You left {name}:</b> C goes back", "#e69f00"
+    if view.task:
+        words += f"<br>{html.escape(view.task)}"
     return (
         f"<div style='margin:.3em .9em 0;padding:.15em .6em;border-left:3px solid {colour};font-size:.9em'>"
         f"{words}</div>"

@@ -325,6 +325,8 @@ class Through:
     """it shows the hand wherever that goes; until the user chooses what to see"""
     left: bool = False
     """the user walked out of the camera"""
+    task: str = ""
+    """what the user is to do in it, in words"""
     told: deque[_Told] = field(default_factory=lambda: deque(maxlen=32))
 
     @property
@@ -359,6 +361,14 @@ class Views:
             self._through[client.client_id] = through
             through.zoom = self._at_hand(through) or through.zoom
             self._stand(client, through)
+
+    def ask(self, client: viser.ClientHandle, task: str) -> None:
+        """Say beside a page's view what is to be done in it; no more, for no words."""
+        with self._lock:
+            through = self._through.get(client.client_id)
+            if through is not None:
+                through.task = task
+                self.changed(client, through)
 
     def leave(self, client: viser.ClientHandle) -> None:
         """Let a page look freely again, from wherever it is put next."""

@@ -377,14 +377,17 @@ class Stage:
             look_from(client, view(self.session, self.pose.middle))
         self.page.redraw()
 
-    def paint_on(self, camera: str, client: viser.ClientHandle, pointed: Pointed) -> None:
-        """Look through a camera at its mask, and tell where its image is touched, until somebody looks elsewhere."""
+    def paint_on(
+        self, camera: str, client: viser.ClientHandle, task: str, pointed: Pointed
+    ) -> None:
+        """Look through a camera at its mask, and tell where its image is touched, until somebody looks elsewhere. task: in words."""
         if self.cameras is None or camera not in self.cameras.cards:
             return
         self.look(camera, client, marking=True)
         self.looking.set_paint(client.client_id, "mask")
         self.page.redraw()
         self.looking.listen(client, pointed)
+        self.looking.views.ask(client, task)
 
     def mark_box(
         self,
@@ -412,11 +415,12 @@ class Stage:
 
         self._marks[client.client_id] = once
         self.looking.boxed.add(client.client_id)
-        words = f"Press the mouse and drag over {over}. The model is hidden until then; key 0 returns to the orbit view."
-        self.page.notify("info", f"Drag a box in {camera}", words, client)
+        words = f"Drag a box over {over}. The model is hidden until then; key 0 returns to the orbit view."
+        self.looking.views.ask(client, words)
 
     def _end_mark(self, client: viser.ClientHandle) -> None:
         """Wait for a box no more: drags move the picture again."""
         self.looking.boxed.discard(client.client_id)
         if (waits := self._marks.pop(client.client_id, None)) is not None:
             client.scene.remove_rect_select_callback(waits)
+            self.looking.views.ask(client, "")
