@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
 from hashlib import blake2b
@@ -43,19 +43,8 @@ _MADE = {TRACKS_FOLDER, "versions"}
 """folders of a session that tracking writes: they are no input"""
 
 
-@dataclass(frozen=True)
-class Recording:
-    """One session folder of a batch."""
-
-    name: str
-    """of its files in the output folder; each differs"""
-    folder: Path
-    digest: str
-    """of what is read of it, what was asked for, and the versions that do it: the same digest gives the same bytes"""
-
-
-def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list[Recording]:
-    """Return the recordings that patterns name, each once, in order of their paths.
+def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list[Outcome]:
+    """Return the recordings that patterns name, each once and as begun, in order of their paths.
 
     A pattern is a session folder, its session.toml, or either with * ? [ ] and **. words: how `track` is asked. A folder
     without session.toml is a recording too, and will be refused by name. Raises HandtrackError where a pattern matches nothing.
@@ -74,7 +63,7 @@ def recordings(patterns: Sequence[str], words: Sequence[str], out: Path) -> list
     ordered = sorted(folders)
     asked = [*words, *(f"{name} {version}" for name, version in sorted(versions_in_use().items()))]
     names = _names(ordered)
-    return [Recording(n, f, _digest(*asked, *_inputs(f))) for n, f in zip(names, ordered, strict=True)]  # fmt: skip
+    return [Outcome(n, str(f), _digest(*asked, *_inputs(f))) for n, f in zip(names, ordered, strict=True)]  # fmt: skip
 
 
 def _is_output(path: Path, out: Path) -> bool:
@@ -132,9 +121,11 @@ class Outcome:
     """What became of a recording."""
 
     recording: str
+    """name of its files in the output folder; each differs"""
     folder: str
     digest: str
-    state: str
+    """of what is read of it, what was asked for, and the versions that do it: the same digest gives the same bytes"""
+    state: str = STARTED
     exit_code: int | None = None
     seconds: float = 0.0
     frames: Mapping[str, int] = field(default_factory=dict)
@@ -229,7 +220,7 @@ def track_one(
     words: Sequence[str],
     out: Path,
     threads: int,
-    recording: Recording,
+    recording: Outcome,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> Outcome:
     """Return how `handtrack track FOLDER …` ended; its outcome and its log are files in the output folder.
@@ -237,9 +228,9 @@ def track_one(
     words: the options. threads: that it may use. should_stop: asked all the time; then it is told to stop as by Ctrl-C.
     """
     began = time.monotonic()
-    log = out / "logs" / f"{recording.name}.log"
+    log = out / "logs" / f"{recording.recording}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", _CHILD, "track", str(recording.folder), *words, "--json"]
+    command = [sys.executable, "-m", _CHILD, "track", recording.folder, *words, "--json"]
     where = os.pathsep.join(path for path in sys.path if path)
     environment = os.environ | {"HANDTRACK_THREADS": str(threads), "PYTHONPATH": where}
     with log.open("wb") as errors, log.with_suffix(".json").open("w+b") as told:
@@ -260,13 +251,13 @@ def track_one(
     # told to stop before it could listen: it has saved nothing, for it had begun nothing
     code = _STOPPED if asked and child.returncode == -signal.SIGTERM else child.returncode
     outcome = _outcome(recording, code, text, log, time.monotonic() - began)
-    file = out / "outcomes" / f"{recording.name}.json"
+    file = out / "outcomes" / f"{recording.recording}.json"
     file.parent.mkdir(parents=True, exist_ok=True)
     replace_text(file, json.dumps(outcome.table(), indent=1, ensure_ascii=False) + "\n")
     return outcome
 
 
-def _outcome(recording: Recording, code: int, text: str, log: Path, seconds: float) -> Outcome:
+def _outcome(recording: Outcome, code: int, text: str, log: Path, seconds: float) -> Outcome:
     told = {}
     with suppress(ValueError):
         told = json.loads(text)
@@ -275,10 +266,11 @@ def _outcome(recording: Recording, code: int, text: str, log: Path, seconds: flo
     if state == REFUSED and _HELD in cause:
         state = FAILED
     output = str(told.get("output", "")) if isinstance(told, dict) else ""
-    return Outcome(
-        recording.name, str(recording.folder), recording.digest, state, code, round(seconds, 3),
-        told.get("frames", {}), _p_off(recording.folder / POSES_FILE) if code == 0 else None,
-        told.get("warnings", []), cause, output, datetime.now(UTC).isoformat(timespec="seconds"),
+    return replace(
+        recording, state=state, exit_code=code, seconds=round(seconds, 3), frames=told.get("frames", {}),
+        p_off=_p_off(Path(recording.folder) / POSES_FILE) if code == 0 else None,
+        warnings=told.get("warnings", []), cause=cause, output=output,
+        ended=datetime.now(UTC).isoformat(timespec="seconds"),
     )  # fmt: skip
 
 
@@ -309,12 +301,12 @@ _RETRIES = 2
 """of a recording whose dask worker was lost"""
 
 
-Track = Callable[[Recording, Callable[[], bool]], Outcome]
+Track = Callable[[Outcome, Callable[[], bool]], Outcome]
 """tracks a recording, until it is to stop"""
 
 
 def on_this_machine(
-    todo: Sequence[Recording],
+    todo: Sequence[Outcome],
     track_it: Track,
     jobs: int,
     should_stop: Callable[[], bool],
@@ -329,10 +321,10 @@ def on_this_machine(
     def stopped() -> bool:
         return over.is_set() or should_stop()
 
-    def track(recording: Recording) -> Outcome | None:
+    def track(recording: Outcome) -> Outcome | None:
         if stopped():
             return None
-        tell(Outcome(recording.name, str(recording.folder), recording.digest, STARTED))
+        tell(recording)
         return track_it(recording, stopped)
 
     with ThreadPoolExecutor(jobs, "batch") as pool:
@@ -346,7 +338,7 @@ def on_this_machine(
 
 
 def on_dask(
-    address: str, todo: Sequence[Recording], track_it: Track, should_stop: Callable[[], bool]
+    address: str, todo: Sequence[Outcome], track_it: Track, should_stop: Callable[[], bool]
 ) -> Iterator[Outcome]:
     """Yield outcomes as they come from a dask cluster, whose workers see the same folders and have handtrack installed.
 
@@ -358,7 +350,7 @@ def on_dask(
     stop = f"handtrack-stop-{uuid4()}"
     try:
         left = {
-            client.submit(_tracked, one, track_it, partial(_is_asked, stop), key=f"{one.name}-{one.digest}", pure=False, retries=_RETRIES): one
+            client.submit(_tracked, one, track_it, partial(_is_asked, stop), key=f"{one.recording}-{one.digest}", pure=False, retries=_RETRIES): one
             for one in todo
         }  # fmt: skip
         asked = False
@@ -374,7 +366,7 @@ def on_dask(
         client.close()
 
 
-def _tracked(one: Recording, track_it: Track, should_stop: Callable[[], bool]) -> Outcome | None:
+def _tracked(one: Outcome, track_it: Track, should_stop: Callable[[], bool]) -> Outcome | None:
     """Return how a recording's tracking ended, of which a worker has its turn; None where nothing is to be begun any more."""
     if should_stop():
         return None
@@ -390,14 +382,14 @@ def _is_asked(name: str) -> bool:
     return bool(_event(name).is_set())
 
 
-def _ended(future: Any, one: Recording) -> Outcome | None:
+def _ended(future: Any, one: Outcome) -> Outcome | None:
     """Return the outcome of a recording; a failed one where its worker was lost too often, or cannot run handtrack."""
     error = "it was cancelled" if future.cancelled() else future.exception()
     if error is None:
         return future.result()
     cause = f"dask: {str(error) or type(error).__name__}"
     ended = datetime.now(UTC).isoformat(timespec="seconds")
-    return Outcome(one.name, str(one.folder), one.digest, FAILED, cause=cause, ended=ended)
+    return replace(one, state=FAILED, cause=cause, ended=ended)
 
 
 def _client(address: str) -> Any:
@@ -569,7 +561,7 @@ def run(args: argparse.Namespace) -> int:
         stopped = stop()
     known = latest(read_ledger(ledger))
     write_report(out, list(known.values()))
-    own = [known[str(one.folder)] for one in plan if str(one.folder) in known]
+    own = [known[one.folder] for one in plan if one.folder in known]
     _tell(args, own, out)
     if stopped or any(one.state == INTERRUPTED for one in own):
         say("handtrack batch: interrupted; --resume goes on.")
@@ -587,8 +579,8 @@ def track_words(args: argparse.Namespace) -> list[str]:
     return words + ["--yes"] * args.yes
 
 
-def _is_settled(one: Recording, before: dict[str, Outcome]) -> bool:
-    known = before.get(str(one.folder))
+def _is_settled(one: Outcome, before: dict[str, Outcome]) -> bool:
+    known = before.get(one.folder)
     return known is not None and known.digest == one.digest and known.is_settled
 
 

@@ -142,14 +142,6 @@ def _expanded(part: str, where: str) -> list[Path]:
     return natural_order(files)
 
 
-class _InOrder(ImageFiles):
-    """Images by their order: for a lens alone, where no other camera must agree."""
-
-    def __init__(self, paths: Sequence[Path], kind: str, where: str) -> None:
-        super().__init__((), kind, where=where)
-        self._files = dict(enumerate(paths))
-
-
 def _source(paths: list[Path], where: str, kind: str, synchronised: bool) -> FrameSource:
     images = [path for path in paths if path.suffix.lower() in IMAGE_SUFFIXES]
     if len(paths) == 1 and not images:
@@ -157,8 +149,8 @@ def _source(paths: list[Path], where: str, kind: str, synchronised: bool) -> Fra
     if len(images) < len(paths):
         other = next(path for path in paths if path not in images)
         raise HandtrackError(f"{where}: {other} is no image; expected either images or one video.")
-    shown = str(paths[0].parent)
-    return ImageFiles(paths, kind, where=shown) if synchronised else _InOrder(paths, kind, shown)
+    # of a lens alone by their order: no other camera must agree
+    return ImageFiles(paths, kind, where=str(paths[0].parent), in_order=not synchronised)
 
 
 def _searched(

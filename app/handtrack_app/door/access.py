@@ -105,12 +105,8 @@ _Inner = Callable[[ServerConnection, Request], Response | None]
 # ---- requests
 
 
-class _Refused(Exception):
-    """A request that is answered with a sentence."""
-
-    def __init__(self, status: HTTPStatus, message: str) -> None:
-        super().__init__(message)
-        self.status, self.message = status, message
+class Rejected(Exception):
+    """A request, with its status and a sentence; or a message, that no page of ours would send."""
 
 
 @dataclass
@@ -170,8 +166,9 @@ class Handshake:
                     self.hide_address()
                 elif inner is not None:
                     response = inner(connection, request)
-            except _Refused as refused:
-                response = connection.respond(refused.status, _PAGE.format(refused.message))
+            except Rejected as refused:
+                status, message = refused.args
+                response = connection.respond(status, _PAGE.format(message))
                 del response.headers["Content-Type"]
                 response.headers["Content-Type"] = "text/html; charset=utf-8"
                 host = None
@@ -191,14 +188,14 @@ class Handshake:
         reached = str(connection.local_address[0]).lower() if connection.local_address else ""
         name = _name(f"//{host}")
         if host is None or not name or (name not in self.names and name != reached):
-            raise _Refused(
+            raise Rejected(
                 HTTPStatus.FORBIDDEN,
                 "The workbench does not know itself by this name. Use the address that it printed.",
             )
         if origin is not None and (
             _name(origin) != name or urlsplit(origin).netloc.lower() != host.lower()
         ):
-            raise _Refused(HTTPStatus.FORBIDDEN, "This page does not belong to the workbench.")
+            raise Rejected(HTTPStatus.FORBIDDEN, "This page does not belong to the workbench.")
         return host
 
     def _check_token(self, request: Request, host: str, asked: list[str]) -> None:
@@ -206,7 +203,7 @@ class Handshake:
         parts = [one.strip().partition("=") for one in cookies]
         kept = [value for name, _, value in parts if name == cookie_name(host)]
         if not any(hmac.compare_digest(one.encode(), self.token.encode()) for one in asked + kept):
-            raise _Refused(
+            raise Rejected(
                 HTTPStatus.FORBIDDEN,
                 "Open the workbench by the whole address that it printed, with the token at its end. Each start has a "
                 "new token.",
@@ -214,12 +211,12 @@ class Handshake:
 
     def _check_room(self, connection: ServerConnection) -> None:
         if len(connection.server.connections) >= MOST_CLIENTS:
-            raise _Refused(
+            raise Rejected(
                 HTTPStatus.SERVICE_UNAVAILABLE,
                 f"{MOST_CLIENTS} pages show this workbench already; close one.",
             )
         if not self._new.take():
-            raise _Refused(
+            raise Rejected(
                 HTTPStatus.TOO_MANY_REQUESTS, "Too many pages open at once; try again in a second."
             )
 
@@ -230,10 +227,10 @@ def cookie_name(host: str) -> str:
 
 
 def _only(request: Request, name: str) -> str | None:
-    """Return a header; None where it is missing. Raises _Refused where it stands twice."""
+    """Return a header; None where it is missing. Raises Rejected where it stands twice."""
     found = request.headers.get_all(name)
     if len(found) > 1:
-        raise _Refused(HTTPStatus.BAD_REQUEST, f"The request has {len(found)} headers {name}.")
+        raise Rejected(HTTPStatus.BAD_REQUEST, f"The request has {len(found)} headers {name}.")
     return found[0] if found else None
 
 
@@ -248,10 +245,6 @@ def _name(url: str) -> str:
 
 
 # ---- messages
-
-
-class Rejected(Exception):
-    """A message that no page of ours would send."""
 
 
 @dataclass

@@ -15,7 +15,6 @@ from handtrack_app.page.help import Help, add_work_keys
 from handtrack_app.page.html import dress, escaped
 from handtrack_app.page.page import DONE, GUIDE, INFO, Page, put
 from handtrack_app.page.panels.cloud import CloudPanel
-from handtrack_app.page.panels.copying import Library
 from handtrack_app.page.panels.export import ExportPanel
 from handtrack_app.page.panels.masks import MaskPanel
 from handtrack_app.page.panels.plots import PlotsPanel
@@ -94,7 +93,6 @@ class PageLayout:
         self.pose = PosePanel(page, card, joints, stage)
         self.guesses = self.pose.guesses
         stage.take_guess = self.guesses.take
-        self.library = Library(page, self.pose.take)
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))
         self.limits = LimitsPanel(page, posing.add_tab("Limits"), refits)
         with posing.add_tab("Certainty"):

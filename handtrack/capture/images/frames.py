@@ -211,8 +211,10 @@ class ImageFiles:
         kind: str = COLOUR,
         expected_size: tuple[int, int] | None = None,
         where: str = "",
+        in_order: bool = False,
     ) -> None:
-        self._files = files_by_frame(paths)
+        """in_order: frames are counted as the files come, whatever numbers their names have."""
+        self._files = dict(enumerate(paths)) if in_order else files_by_frame(paths)
         self._kind = kind
         self._expected_size = expected_size
         self._where = where

@@ -18,7 +18,6 @@ from handtrack_app.commands.batch import (
     INTERRUPTED,
     STARTED,
     Outcome,
-    Recording,
     append,
     read_ledger,
 )
@@ -145,6 +144,6 @@ def test_a_torn_line_of_the_ledger_costs_that_line_alone(tmp_path):
 
 def test_what_is_stopped_before_it_listens_was_interrupted_and_did_not_fail(tmp_path, quick):
     """A child that is told to stop while Python still starts ends by the signal."""
-    early = Recording("early", tmp_path, "5f0c")
+    early = Outcome("early", str(tmp_path), "5f0c")
     ended = batch.track_one((), tmp_path, 1, early, should_stop=lambda: True)
     assert (ended.state, ended.exit_code) == (INTERRUPTED, 130)

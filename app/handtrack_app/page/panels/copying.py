@@ -248,39 +248,31 @@ _GROUP = "<div class='handtrack-wide' style='font-weight:600;padding-top:.3em'>{
 _PICTURE = 'div:has(> .handtrack-poses) ~ div:nth-child({place}) .mantine-Button-root {{ background-image: url("data:image/svg+xml,{svg}"); }}'
 
 
-@dataclass
-class Library:
-    """Opens the window for a page that asked."""
+def show_library(page: Page, take: Callable[[str], None], library: LibrarySnapshot) -> None:
+    """Show the pictures that came to the page that asked for them. take: a pose was chosen, by its name."""
+    client = page.server.get_clients().get(library.client_id)
+    if client is None or not library.poses:
+        return
+    rows: list[str | PoseName] = []
+    for group in dict.fromkeys(pose.group for pose in library.poses):
+        rows += [group, *(pose for pose in library.poses if pose.group == group)]
 
-    page: Page
-    take: Callable[[str], None]
-    """a pose was chosen, by its name"""
+    def choose(name: str) -> None:
+        page.close_dialog(client)
+        take(name)
 
-    def show(self, library: LibrarySnapshot) -> None:
-        """Show the pictures that came to the page that asked for them."""
-        client = self.page.server.get_clients().get(library.client_id)
-        if client is None or not library.poses:
-            return
-        rows: list[str | PoseName] = []
-        for group in dict.fromkeys(pose.group for pose in library.poses):
-            rows += [group, *(pose for pose in library.poses if pose.group == group)]
-
-        def choose(name: str) -> None:
-            self.page.close_dialog(client)
-            self.take(name)
-
-        with self.page.dialog(client, "Choose a pose"):
-            style = "".join(
-                _PICTURE.format(place=place, svg=quote(row.picture))
-                for place, row in enumerate(rows, start=2)  # this text is the window's first part
-                if isinstance(row, PoseName)
-            )
-            client.gui.add_html(
-                f"<style>{_GRID}{style}</style><b class='handtrack-poses handtrack-wide'></b>"
-            )
-            for row in rows:
-                if isinstance(row, PoseName):
-                    button = client.gui.add_button(row.short, hint=row.title)
-                    button.on_click(lambda _, name=row.name: choose(name))
-                else:
-                    client.gui.add_html(_GROUP.format(html.escape(row)))
+    with page.dialog(client, "Choose a pose"):
+        style = "".join(
+            _PICTURE.format(place=place, svg=quote(row.picture))
+            for place, row in enumerate(rows, start=2)  # this text is the window's first part
+            if isinstance(row, PoseName)
+        )
+        client.gui.add_html(
+            f"<style>{_GRID}{style}</style><b class='handtrack-poses handtrack-wide'></b>"
+        )
+        for row in rows:
+            if isinstance(row, PoseName):
+                button = client.gui.add_button(row.short, hint=row.title)
+                button.on_click(lambda _, name=row.name: choose(name))
+            else:
+                client.gui.add_html(_GROUP.format(html.escape(row)))
