@@ -8,12 +8,10 @@ import importlib
 import io
 import os
 import sys
-import tempfile
 import traceback
 from pathlib import Path
 from typing import NamedTuple
 
-from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.errors import HandtrackError, not_enough_memory, unknown_name
 from handtrack.export.registry import FORMATS
 from handtrack.version import VERSION
@@ -26,7 +24,6 @@ def main(argv: list[str] | None = None) -> int:
     # Matrices here are small: threads of BLAS only get in each other's way, and change the order of sums.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("MKL_NUM_THREADS", "1")
-    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that knows no "−" shows "?"
@@ -45,6 +42,9 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
+    from handtrack.capture.images.containers import CAPTURE_OPTIONS
+
+    os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", CAPTURE_OPTIONS)
     try:
         module, name = args.runs.split(":")
         run = getattr(importlib.import_module(f"handtrack_app.commands.{module}"), name)
@@ -84,6 +84,8 @@ def _failed(args: argparse.Namespace, text: str, code: int) -> int:
 
 def _internal(error: Exception) -> str:
     """Return what the user is told of a mistake of ours; the traceback goes to a file."""
+    import tempfile  # with what it imports a tenth of the start
+
     what = f"an error inside handtrack, not in your data: {type(error).__name__}: {error}."
     try:
         handle, name = tempfile.mkstemp(prefix="handtrack_error_", suffix=".log")
@@ -369,7 +371,7 @@ COMMANDS: dict[str, _Command] = {
         _option("--bayer", metavar="PATTERN", help="images are raw mosaics: RGGB, BGGR, GRBG or GBRG"),
         _JSON,
     )),
-    "board": _Command("board:save_board", "Write a calibration board to print, in its true size.", (
+    "board": _Command("calibration:save_board", "Write a calibration board to print, in its true size.", (
         _option("--out", type=Path, required=True, metavar="FILE.svg|.pdf|.png"),
         _BOARD,
         _option("--dpi", type=float, default=300.0, help="of a PNG; SVG and PDF are exact"), _JSON,
@@ -377,6 +379,9 @@ COMMANDS: dict[str, _Command] = {
     "doctor": _Command("doctor:check_session", "Check a session folder and report problems.", (
         _SESSION,
         _option("--picture", type=Path, metavar="FILE.png", help="also draw the cameras, and the hand if joints locate it; suspect cameras are orange"), _JSON,
+    )),
+    "completion": _Command("completion:print_script", "Print the script by which a shell completes commands, options and files.", (
+        _option("shell", choices=("bash", "zsh"), help='for bash: eval "$(handtrack completion bash)" in ~/.bashrc; of zsh a file _handtrack in $fpath'),
     )),
     "bench": _Command("checks:run_benchmarks", "Run the benchmarks: each figure beside its reference, in one run.", (
         _option("name", nargs="?", help="one benchmark (default: all quick ones)"), _JSON,
@@ -389,7 +394,7 @@ COMMAND_GROUPS = {
     "tracking": ("new", "track", "batch", "takes", "export", "evaluate"),
     "preparing a recording": ("doctor", "calibrate", "board", "detect", "detector", "masks", "stereo"),
     "a person": ("person", "spread", "skin", "retarget"),
-    "models and tests": ("model", "simulate", "bench", "warmup"),
+    "models and tests": ("model", "simulate", "bench", "warmup", "completion"),
 }  # fmt: skip
 """in the order of `handtrack --help`; an alias, such as `size`, is in none"""
 
@@ -402,8 +407,8 @@ def _listing() -> str:
     return "\n".join(lines[1:])
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser of all commands."""
+def build_parser(described: bool = False) -> argparse.ArgumentParser:
+    """Return the parser of all commands. described: each in the parser's own list too, from which shtab knows them."""
     parser = argparse.ArgumentParser(
         prog="handtrack",
         description="Track the full 3D pose of a hand by fitting an articulated model to the images of calibrated cameras.",
@@ -420,7 +425,8 @@ def build_parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", help="see below")
     for name, (runs, words, options) in COMMANDS.items():
-        command = commands.add_parser(name, description=words, allow_abbrev=False)
+        listed = {"help": words} if described else {}
+        command = commands.add_parser(name, description=words, allow_abbrev=False, **listed)
         command.set_defaults(runs=runs)
         for names, how in options:
             command.add_argument(*names, **how)  # type: ignore[arg-type]

@@ -3,7 +3,10 @@
 import csv
 import json
 import shutil
+import subprocess
 from pathlib import Path
+
+import pytest
 
 from handtrack import Session, bundled_session, read_npz
 from handtrack.diagnostics.flexion import BENT_JOINTS
@@ -40,6 +43,25 @@ def test_a_mistake_of_ours_is_told_as_one(handtrack, monkeypatch, session):
     log = Path(ended.err.rsplit(" ", 1)[1].strip().rstrip("."))
     assert "Traceback" in log.read_text()
     log.unlink()
+
+
+def test_bash_completes_commands_options_choices_and_files(handtrack, tmp_path):
+    pytest.importorskip("shtab")
+    (tmp_path / "bash").write_text(handtrack.does("completion", "bash").out)
+    (tmp_path / "recording").mkdir()
+
+    def completed(*words: str) -> list[str]:
+        line = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _shtab_handtrack"
+        script = f'source ./bash; {line}; echo "${{COMPREPLY[@]}}"'
+        ended = subprocess.run(
+            ["bash", "-c", script], check=False, cwd=tmp_path, capture_output=True, text=True
+        )
+        return ended.stdout.split()
+
+    assert completed("handtrack", "tra") == ["track"]
+    assert completed("handtrack", "track", "--se") == ["--set", "--seed"]
+    assert "seeded" in completed("handtrack", "new", "--masks", "s")
+    assert completed("handtrack", "track", "rec") == ["recording"]
 
 
 # ---- track, evaluate, export -----------------------------------------------------------------------
