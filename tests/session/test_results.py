@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 import time
 import zipfile
 from dataclasses import MISSING, fields, replace
@@ -267,3 +269,54 @@ def test_whatever_may_change_poses_is_another_beginning(folder):
     (folder / "cam0/003.png").unlink()
     now = changed(before, made_from(folder))
     assert now == {"session.toml", "calibration.toml", "masks of cam0", "images of cam0"}
+
+
+ADDED_FIELD = """
+import csv, importlib.util, sys
+from dataclasses import replace
+from pathlib import Path
+import numpy as np
+
+name, folder = "handtrack.tracking.frame.result", Path(sys.argv[1])
+spec = importlib.util.find_spec(name)
+field = '''    grip_n: float = field(
+        default=float("nan"), metadata=column(gaps="missing", turned=lambda a, _: -a, unit="N", meaning="force")
+    )
+'''
+source = Path(spec.origin).read_text().replace("    views: int =", field + "    views: int =")
+sys.modules[name] = module = importlib.util.module_from_spec(spec)
+exec(compile(source, spec.origin, "exec"), module.__dict__)
+
+from handtrack.export.table import ResultsTable
+from handtrack.export.tables.csv_wide import write
+from handtrack.export.upright import upright
+from handtrack.session.formats.tables import read_npz, write_npz
+from handtrack.store.record import Record
+from handtrack.store.step_record import read_result, result_content
+from handtrack.tracking.frame.tables.labelled import labelled
+from tests.sample_track import hand_track
+
+track = hand_track()
+frames = [replace(f, grip_n=float(f.frame)) for f in track.frames() if f.frame != 3]
+assert read_result(Record(1, "frame", *result_content(frames[2]))).grip_n == 2.0
+write_npz(folder / "poses.npz", track.labels.track(frames))
+track = read_npz(folder / "poses.npz")
+assert [f.grip_n for f in track.frames()] == [0, 1, 2, 4]
+assert labelled(track).arrays["grip_n"].unit == "N"
+assert track.to_xarray().grip_n.shape == (4,) and track.to_dataframe().grip_n[4] == 4.0
+table, side = write(folder / "poses.csv", ResultsTable(track))
+assert [row["grip_n"] for row in csv.DictReader(table.open())] == ["0", "1", "2", "4"]
+assert '"grip_n": "force"' in side.read_text()
+assert upright(track, "y", "z").grip_n.tolist() == [0, -1, -2, -4]
+assert np.isnan(ResultsTable(track).without_gaps.track.grip_n).tolist() == [False] * 3 + [True, False]
+assert track.between(range(2, 9)).grip_n.tolist() == [2, 4]
+"""
+
+
+def test_a_field_added_to_a_frames_result_reaches_everything(tmp_path):
+    """One declaration more in the source, and nothing else is told of it."""
+    pytest.importorskip("pandas")
+    pytest.importorskip("xarray")
+    words = [sys.executable, "-c", ADDED_FIELD, tmp_path]
+    run = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr

@@ -15,7 +15,7 @@ from handtrack.export.tables.cells import beside
 from handtrack.files.atomic import replace_text
 from handtrack.geometry.rotation import euler_angles
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.session.formats.tables import is_length
+from handtrack.tracking.frame.result import is_length
 
 ROOT_TURNS = ("root_turn_x", "root_turn_y", "root_turn_z")
 """coordinates in place of the root's rotation vector"""

@@ -15,8 +15,8 @@ from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
 from handtrack.files.versions import keep_version
-from handtrack.session.formats.tables import AXES, anatomy_arrays, is_length
-from handtrack.tracking.frame.result import Status
+from handtrack.session.formats.tables import AXES, anatomy_arrays
+from handtrack.tracking.frame.result import Status, is_length
 
 _BEGINS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 

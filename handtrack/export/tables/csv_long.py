@@ -12,7 +12,7 @@ from handtrack.export.isb import isb_angles, isb_std
 from handtrack.export.table import ResultsTable
 from handtrack.export.tables.cells import beside, number, write_rows, write_sidecar
 from handtrack.geometry.rotation import quaternion_wxyz
-from handtrack.session.formats.tables import is_length
+from handtrack.tracking.frame.result import is_length
 
 _FRAME = ["frame", "time_s", "status"]
 _MEANINGS = {

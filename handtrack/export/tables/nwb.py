@@ -14,7 +14,8 @@ from handtrack.arrays import D2, Bytes, N
 from handtrack.export.shown.mesh import joint_links
 from handtrack.export.table import ArchiveMetadata, ResultsTable
 from handtrack.files.atomic import replacing
-from handtrack.session.formats.tables import AXES, is_length
+from handtrack.session.formats.tables import AXES
+from handtrack.tracking.frame.result import is_length
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 
 

@@ -166,11 +166,6 @@ def _check_rows(path: Path, track: TrackResult) -> None:
         raise HandtrackError(f"{path}: status has values other than {known[0]} to {known[-1]}.")
 
 
-def is_length(parameter: str) -> bool:
-    """Return whether a joint parameter is a translation [m]; the others are angles [rad]."""
-    return parameter.endswith(("_tx", "_ty", "_tz"))
-
-
 # ---- How the model of a result is built: hierarchy, rest pose, hinges, limits. For readers who have the file alone
 
 

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-_LENGTHS = ("root_tx", "root_ty", "root_tz")
-"""parameters that are no angles"""
 PARTS = ("palm", *FINGERS)
 """of a hand, of which it is said how probably each is off"""
 
@@ -114,17 +112,34 @@ class FrameHead:
         default=None,
         metadata=columns(
             _reason,
-            reason=Column(str, missing="", gaps="missing", read=lambda r: r.words),
+            reason=Column(
+                str,
+                missing="",
+                gaps="missing",
+                read=lambda r: r.words,
+                meaning="why the frame is doubtful or lost",
+            ),
             reason_kind=Column(str, missing="", gaps="dropped", read=lambda r: r.kind),
             reason_where=Column(str, (2,), "", gaps="dropped", read=lambda r: (r.part, r.camera)),
             reason_numbers=Column(float, (2,), gaps="dropped", read=lambda r: (r.number, r.other)),
         ),
     )
-    """why the frame is doubtful or lost; stacked in words, and by kind, place and numbers"""
-    p_off_25mm: float = field(default=float("nan"), metadata=column(gaps="missing"))
-    """probability that some joint is more than 25 mm off, beside a constant offset of definition; NaN where nothing is said"""
-    views: int = field(default=0, metadata=column(gaps="missing"))
-    """silhouettes, clouds and images that the energy is of; 0: not known"""
+    """stacked in words, and by kind, place and numbers"""
+    p_off_25mm: float = field(
+        default=float("nan"),
+        metadata=column(
+            gaps="missing",
+            meaning="probability that some joint is more than 25 mm off, beside a constant offset of definition",
+        ),
+    )
+    """NaN where nothing is said"""
+    views: int = field(
+        default=0,
+        metadata=column(
+            gaps="missing", meaning="number of silhouettes, clouds and images that the energy is of"
+        ),
+    )
+    """0: not known"""
 
     def __repr__(self) -> str:
         note = f": {self.note}" if self.note else ""
@@ -198,9 +213,15 @@ class FrameResult(FrameHead):
     )
     """world [m]; hands only"""
     p_off_10mm: Floats[K] | None = field(
-        default=None, metadata=column(gaps="missing", names="part_names", known_names=PARTS)
+        default=None,
+        metadata=column(
+            gaps="missing",
+            names="part_names",
+            known_names=PARTS,
+            meaning="probability that some joint of {} is more than 10 mm off",
+        ),
     )
-    """that some joint of each of PARTS is more than 10 mm off; hands only"""
+    """hands only"""
     alternatives: tuple[Alternative, ...] = field(
         default=(),
         metadata=columns(
@@ -219,6 +240,11 @@ FIELDS = result_fields(fields(FrameResult))
 """fields of a frame's result"""
 COLUMNS = {name: column for known in FIELDS.values() for name, column in known.columns.items()}
 """arrays of a sequence, which they are stacked into"""
+
+
+def is_length(parameter: str) -> bool:
+    """Return whether a joint parameter is a translation [m]; the others are angles [rad]."""
+    return parameter.endswith(("_tx", "_ty", "_tz"))
 
 
 def unconfirmed(result: FrameResult, confidence: float) -> FrameResult:
@@ -261,11 +287,6 @@ class TrackLabels:
         assert frames, "no frames"
         assert (np.diff([f.frame for f in frames]) > 0).all(), "frames must ascend, each once"
         own = {entry.name: getattr(self, entry.name) for entry in fields(TrackLabels)}
-        own |= {
-            entry.name: tuple(own[entry.name])
-            for entry in fields(TrackLabels)
-            if entry.metadata.get("along")
-        }
         track = TrackResult(**own | stacked(FIELDS, frames))
         named = (len(self.parameter_names), len(self.bone_names), len(self.joint_names))
         found = (
@@ -351,7 +372,7 @@ class TrackResult(TrackLabels):
 
     def angle(self, name: str, degrees: bool = True) -> Floats[F]:
         """Return a joint's angle in every frame, such as `index_pip_flex`. Raises HandtrackError for a name it does not have."""
-        angles = [n for n in self.parameter_names if n not in _LENGTHS]
+        angles = [n for n in self.parameter_names if not is_length(n)]
         if name not in angles:
             raise unknown_name("angle", name, angles)
         value = self.parameters[:, self.parameter_names.index(name)]
@@ -374,19 +395,10 @@ class TrackResult(TrackLabels):
 
         Angles in degrees, places in metres, as their names say. Raises HandtrackError where pandas is not installed.
         """
-        columns: dict[str, Any] = {
-            "time_s": self.time_s,
-            "status": self.status,
-            "energy": self.energy,
-        }
-        for row, name in enumerate(self.parameter_names):
-            unit, factor = ("m", 1.0) if name in _LENGTHS else ("deg", 180.0 / np.pi)
-            columns[f"{name}_{unit}"] = factor * self.parameters[:, row]
-            columns[f"{name}_std_{unit}"] = factor * self.parameter_std[:, row]
-        for row, name in enumerate(self.joint_names):
-            for axis, letter in enumerate("xyz"):
-                columns[f"{name}_{letter}_m"] = self.joint_positions[:, row, axis]
-        index = _library("pandas").Index(self.frame, name="frame")
+        from handtrack.tracking.frame.tables.labelled import frame_columns
+
+        columns = {name: values for name, values, _ in frame_columns(self, with_std=True)}
+        index = _library("pandas").Index(columns.pop("frame"), name="frame")
         return _library("pandas").DataFrame(columns, index=index)
 
     def to_xarray(self) -> xarray.Dataset:

@@ -41,6 +41,8 @@ class Column:
     turned: Callable[[Any, Floats[D3, D3]], Any] = lambda array, turn: array
     """the array in a turned world; None: it goes"""
     unit: str = "1"
+    meaning: str = ""
+    """in words, for readers of tables"""
     names: str = ""
     """the label that says what stands along its last axis"""
     known_names: tuple[str, ...] = ()
@@ -109,6 +111,15 @@ def _result_field(entry: Field[Any]) -> ResultField:
     how = {"axes": axes, "missing": {int: 0, str: "", float: np.nan}[kind]} | told.get("how", {})
     join = join or (kind if not axes else _unless_missing if is_optional else np.copy)
     return ResultField({entry.name: Column(kind, **how)}, lambda row, *_: join(row), is_optional)
+
+
+def per_frame(known: Mapping[str, ResultField]) -> Iterator[tuple[str, Column]]:
+    """Yield the optional arrays that tables hold beside a pose: a number or text for each frame, or one for each named thing."""
+    for field in known.values():
+        for name, column in field.columns.items():
+            is_plain = len(column.axes) == bool(column.names)
+            if field.is_optional and is_plain and column.gaps != "dropped":
+                yield name, column
 
 
 def _unless_missing(row: Array) -> Array | None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from handtrack.arrays import Array, Axes, F, Floats, J
 from handtrack.model.articulated import JOINT_CENTRES
-from handtrack.tracking.frame.result import COLUMNS, FIELDS, Status, TrackResult
+from handtrack.tracking.frame.result import FIELDS, Status, TrackResult, is_length
+from handtrack.tracking.frame.result_fields import per_frame
 
 _USUAL_FPS = 30.0  # of a single frame, which says nothing of the rate
 _XYZ = ("x", "y", "z")
+_BEFORE_OTHERS = ("p_off_25mm", "p_off_10mm", "reason")
+"""in this order after the joints, since scripts may read columns by position; what is declared later comes after them"""
 
 
 class Labelled(NamedTuple):
@@ -35,8 +38,8 @@ class LabelledTrack(NamedTuple):
 
 def labelled(track: TrackResult) -> LabelledTrack:
     """Return a track's arrays: `position`, `position_std`, `position_covariance` and `confidence` by keypoint, `angle` and
-    `angle_std` by parameter, `T_world_bone` by bone, `frame`, `status`, `energy`, and where they are known `p_off_10mm` by part and
-    what else is one number or text a frame, such as `views`, `p_off_25mm`, `reason`.
+    `angle_std` by parameter, `T_world_bone` by bone, `frame`, `status`, `energy`, and where they are known those of `per_frame`,
+    such as `views`, `p_off_25mm`, `p_off_10mm` by part, `reason`.
     """
     time, points = ("time",), ("time", "space", "keypoints", "individuals")
     covariance = track.joint_covariance
@@ -72,13 +75,11 @@ def labelled(track: TrackResult) -> LabelledTrack:
         "status": Labelled(time, track.status, "1"),
         "energy": Labelled(time, track.energy, "1"),
     }
-    for name, known in FIELDS.items():
-        values = getattr(track, name, None)
-        if known.is_optional and values is not None and values.ndim == 1:
-            arrays[name] = Labelled(time, values, COLUMNS[name].unit)
-    if track.p_off_10mm is not None and track.part_names is not None:
-        coordinates["part"] = track.part_names
-        arrays["p_off_10mm"] = Labelled(("time", "part"), track.p_off_10mm, "1")
+    for name, column in per_frame(FIELDS):
+        if (values := getattr(track, name)) is not None:
+            axes = (column.names.removesuffix("_names"),) if column.names else ()
+            coordinates |= {axis: getattr(track, column.names) for axis in axes}
+            arrays[name] = Labelled((*time, *axes), values, column.unit)
     attributes = {
         "source_software": "handtrack",
         "ds_type": "poses",
@@ -90,6 +91,40 @@ def labelled(track: TrackResult) -> LabelledTrack:
         "keypoint_definition": track.keypoint_definition or JOINT_CENTRES,
     }
     return LabelledTrack(coordinates, arrays, attributes)
+
+
+def frame_columns(
+    track: TrackResult, with_std: bool = False
+) -> Iterator[tuple[str, Array[F], str]]:
+    """Yield the columns of a table with a row for each frame: name, values and meaning. Angles in degrees, lengths in metres.
+
+    with_std: each parameter's standard deviation after it.
+    """
+    yield "frame", track.frame, "number of the frame, from 0"
+    yield "time_s", track.time_s, "time [s]"
+    meaning = "0 tracked, 1 doubtful, 2 lost (holds the last estimate), 3 set by hand"
+    yield "status", track.status, meaning
+    meaning = "what is left unexplained; to be compared within a session only"
+    yield "energy", track.energy, meaning
+    for row, name in enumerate(track.parameter_names):
+        unit, factor, meaning = "deg", 180.0 / np.pi, "angle [°]"
+        if is_length(name):
+            unit, factor, meaning = "m", 1.0, "place of the root in the world [m]"
+        elif name.startswith("root_r"):
+            meaning = "turn of the root in the world: a rotation vector's component [°]"
+        yield f"{name}_{unit}", factor * track.parameters[:, row], meaning
+        if with_std:
+            std = factor * track.parameter_std[:, row]
+            yield f"{name}_std_{unit}", std, f"its standard deviation: {meaning}"
+    for row, name in enumerate(track.joint_names):
+        for axis, values in zip(_XYZ, track.joint_positions[:, row].T, strict=True):
+            yield f"{name}_{axis}_m", values, f"{axis} of {name} in the world [m]"
+    later = dict(per_frame(FIELDS))
+    for name, column in ({name: later[name] for name in _BEFORE_OTHERS} | later).items():
+        if (values := getattr(track, name)) is not None:
+            along = getattr(track, column.names) if column.names else ("",)
+            for thing, own in zip(along, values.reshape(len(track), -1).T, strict=True):
+                yield f"{name}_{thing}".rstrip("_"), own, column.meaning.format(thing)
 
 
 def frame_rate(track: TrackResult) -> float:
