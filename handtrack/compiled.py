@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import sys
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -21,6 +23,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.misc.appdirs import AppDirs
 
 _FOLDER = Path(AppDirs("handtrack", appauthor=False).user_cache_dir) / "kernels"
+_KEPT_S = 180 * 86_400.0
 
 
 class _Locator(_CacheLocator):
@@ -60,6 +63,14 @@ class _Files(FunctionCache._impl_class):
 
 class _Cache(FunctionCache):
     _impl_class = _Files
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep code, and remove what was written long ago from its folder: of versions that are gone. Others compile again."""
+        super().save_overload(sig, data)
+        for file in Path(self._cache_path).glob("*.nb[ci]"):
+            with suppress(OSError):
+                if file.stat().st_mtime < time.time() - _KEPT_S:
+                    file.unlink()
 
 
 @cache

@@ -34,6 +34,11 @@ def test_machine_code_is_made_anew_where_a_function_that_it_calls_changed_in_ano
     (other / "inner.py").write_text(INNER.format(2))
     assert called(other, cache) == ["6"]
     assert called(one, cache) == ["4", "1"], "both versions are kept"
+    for file in (before := [*cache.glob("inner/*.nb?")]):
+        os.utime(file, (0, 0))
+    (one / "inner.py").write_text(INNER.format(3))
+    assert called(one, cache) == ["8"]
+    assert not any(file.exists() for file in before), "what was written long ago goes"
 
 
 def test_a_function_of_a_module_that_is_loaded_by_its_file_is_called_again_and_again(tmp_path):

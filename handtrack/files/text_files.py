@@ -14,6 +14,17 @@ from xml.etree import ElementTree
 from handtrack.errors import HandtrackError
 
 MOST_BYTES = 64 << 20  # of a description in words or numbers; a calibration has some kB
+UNITS_M = {
+    word: metres
+    for words, metres in {
+        "m meter meters metre metres": 1.0,
+        "mm millimeter millimeters millimetre millimetres": 1e-3,
+        "cm centimeter centimeters centimetre centimetres": 1e-2,
+        "in inch inches": 0.0254,
+    }.items()
+    for word in words.split()
+}
+"""metres in the units of length that files name"""
 
 
 def check_given(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
@@ -103,6 +114,14 @@ def number_in(cell: str, where: str) -> float:
         return float(cell) if cell.strip() else math.nan
     except ValueError:
         raise HandtrackError(f"{where}: '{cell[:40]}'; expected a number.") from None
+
+
+def metres_in(unit: Any, where: str) -> float:
+    """Return the metres in a unit of length, given by name or as a number of metres. Raises HandtrackError."""
+    known = float(unit) if isinstance(unit, int | float) else UNITS_M.get(str(unit).strip().lower())
+    if known is None or not known > 0:
+        raise HandtrackError(f"{where} = {unit!r}; expected one of {', '.join(UNITS_M)}.")
+    return known
 
 
 def _no_constant(name: str) -> float:

@@ -21,9 +21,9 @@ from PIL import Image
 
 from handtrack.arrays import D3, D4, Bytes, Floats, H, Ints, N, R, W, runs
 from handtrack.errors import HandtrackError, unknown_name
+from handtrack.files.text_files import UNITS_M
 
 EXAMPLES = "chessboard:9x6:25mm (inner corners) or charuco:7x5:30mm:22mm:DICT_4X4_50 (squares)"
-_UNIT_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def _length(part: str, text: str) -> float:
         raise HandtrackError(
             f"board '{text}': '{part}' is no length; expected a number with its unit, such as 25mm."
         )
-    length = float(found[1]) * _UNIT_M[found[2]]
+    length = float(found[1]) * UNITS_M[found[2]]
     if not 1e-3 <= length <= 2.0:
         raise HandtrackError(
             f"board '{text}': a side of {length * 1e3:g} mm; expected 1 mm to 2 m. Is the unit "

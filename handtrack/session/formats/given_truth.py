@@ -12,7 +12,15 @@ from handtrack.arrays import D3, F, Floats, Ints, N, indices
 from handtrack.capture.joints.given_joints import named_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import check_given, first_bytes, number_in, read_rows, read_text
+from handtrack.files.text_files import (
+    UNITS_M,
+    check_given,
+    first_bytes,
+    metres_in,
+    number_in,
+    read_rows,
+    read_text,
+)
 from handtrack.session.formats.truth import Truth, read_truth
 
 _HAND_M = (
@@ -117,7 +125,6 @@ def write_truth(path: Path, truth: Truth) -> None:
 _WHAT = "points in space"
 _LARGEST = 1 << 29
 _MOST_MARKERS = 2000
-_UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "meters": 1.0, "metres": 1.0, "millimeters": 0.001}
 _COLUMN = re.compile(r"(.+?)[_. ]?([xyz])(?:[_. ]?(m|mm|cm))?", re.IGNORECASE)
 ACCEPTED = "truth.npz, TRC, C3D, or a CSV with the columns frame and <point>_x, _y, _z (or frame, joint, x, y, z)"
 
@@ -161,9 +168,7 @@ def _trc(rows: list[list[str]], path: Path) -> Markers:
     about = {
         key.strip().lower(): value.strip() for key, value in zip(rows[1], rows[2], strict=False)
     }
-    unit = about.get("units", "").lower()
-    if unit not in _UNITS_M:
-        raise HandtrackError(f"{path}: Units '{unit}'; expected one of {', '.join(_UNITS_M)}.")
+    unit_m = metres_in(about.get("units", ""), f"{path}: Units")
     names = tuple(name.strip() for name in rows[3][2:] if name.strip())
     body = [row for row in rows[5:] if any(cell.strip() for cell in row)]
     places = [[2 + 3 * i + k for k in range(3)] for i in range(len(names))]
@@ -172,7 +177,7 @@ def _trc(rows: list[list[str]], path: Path) -> Markers:
         [row[0] for row in body],
         [row[1] if len(row) > 1 else "" for row in body],
         _numbers(body, places, path),
-        _UNITS_M[unit],
+        unit_m,
         path,
     )
 
@@ -194,7 +199,7 @@ def _wide(rows: list[list[str]], head: list[str], path: Path) -> Markers:
     frames = [str(i) if at_frame is None else _cell(row, at_frame) for i, row in enumerate(body)]
     times = [] if at_time is None else [_cell(row, at_time) for row in body]
     numbers = _numbers(body, [[places[n][axis] for axis in "xyz"] for n in names], path)
-    unit = _UNITS_M[next(iter(units))] if units else None
+    unit = UNITS_M[next(iter(units))] if units else None
     return _markers(names, frames, times, numbers, unit, path, counted=True)
 
 
@@ -237,7 +242,7 @@ def _c3d(path: Path) -> Markers:
                 )
             names = tuple(label.strip() for label in reader.point_labels[: reader.point_used])
             units = reader.get("POINT:UNITS")
-            unit = str(units.string_value).strip().lower() if units is not None else "mm"
+            unit = str(units.string_value) if units is not None else "mm"
             read = [(number, points) for number, points, _ in reader.read_frames(copy=True)]
             rate = float(reader.point_rate)
     except HandtrackError:
@@ -246,14 +251,13 @@ def _c3d(path: Path) -> Markers:
         raise HandtrackError(
             f"{path}: not readable as C3D ({str(error)[:80] or type(error).__name__})."
         ) from None
-    if unit not in _UNITS_M or not read:
-        raise HandtrackError(
-            f"{path}: {len(read)} frames in '{unit}'; expected frames in one of {', '.join(_UNITS_M)}."
-        )
+    if not read:
+        raise HandtrackError(f"{path}: no frames in it.")
+    unit_m = metres_in(unit, f"{path}: POINT:UNITS")
     frames = np.array([number - 1 for number, _ in read])  # C3D counts from 1
     points = np.array([rows[: len(names), :5] for _, rows in read], dtype=float)
     positions = np.where((points[..., 3] < 0)[..., None], np.nan, points[..., :3])
-    return Markers(names, frames, frames / rate if rate > 0 else None, positions, _UNITS_M[unit])
+    return Markers(names, frames, frames / rate if rate > 0 else None, positions, unit_m)
 
 
 def _markers(

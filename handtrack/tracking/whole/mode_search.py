@@ -172,7 +172,7 @@ class ModeSearch:
                 return
             speed = self.motion.kept * speed
             expected = self.evidence.model.clipped(moved(pose[None], speed[None])[0])
-            there = self._known(other, expected)
+            there = self._nearest(other, expected)
             found = there or self._descended(other, expected, True, "carried on")
             if found is None:
                 pose = expected
@@ -210,14 +210,14 @@ class ModeSearch:
     def _add(self, n: int, found: Minimum) -> bool:
         """Add a minimum, unless it is known; return whether it isn't."""
         row = self.minima[n]
-        if self._known(n, found.pose) is not None:
+        if self._nearest(n, found.pose) is not None:
             return False
         if row[0].origin == "bridged":
             row.clear()
         row.append(found)
         return True
 
-    def _known(self, n: int, pose: Floats[P]) -> Minimum | None:
+    def _nearest(self, n: int, pose: Floats[P]) -> Minimum | None:
         """Return the nearest of a frame's minima that a pose is one with."""
         seen = [one for one in self.minima[n] if one.origin != "bridged"]
         far = [largest_move_m(self.evidence.model, one.pose, pose) for one in seen]

@@ -22,6 +22,7 @@ from handtrack.capture.calibration.formats.given_rig import (
     whole_size,
 )
 from handtrack.errors import HandtrackError
+from handtrack.files.text_files import metres_in
 from handtrack.geometry.source_lens import FISHEYE_COUNT
 
 _NAMES = {
@@ -48,24 +49,6 @@ _STEREO = re.compile(r"^(.*?)_?(1|2|left|right|l|r)$", re.IGNORECASE)
 _LIMIT = 64  # cameras
 _MIDDLE = 0.05  # of the image: exchanged sides of 10:9 move its middle by as much
 _LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's width
-UNITS_M = {
-    "m": 1.0,
-    "meter": 1.0,
-    "meters": 1.0,
-    "metre": 1.0,
-    "metres": 1.0,
-    "mm": 1e-3,
-    "millimeter": 1e-3,
-    "millimeters": 1e-3,
-    "millimetre": 1e-3,
-    "millimetres": 1e-3,
-    "cm": 1e-2,
-    "centimeter": 1e-2,
-    "centimeters": 1e-2,
-    "in": 0.0254,
-    "inch": 0.0254,
-    "inches": 0.0254,
-}
 
 
 def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> GivenRig | None:
@@ -116,10 +99,7 @@ def _in_unit(rig: GivenRig, tree: Mapping[str, Any], where: str) -> GivenRig:
     said = _known(tree).get("unit")
     if said is None:
         return rig
-    unit = UNITS_M.get(str(said).lower()) if not isinstance(said, int | float) else float(said)
-    if unit is None or not unit > 0:
-        raise HandtrackError(f"{where}: unit = {said!r}; expected one of {', '.join(UNITS_M)}.")
-    return replace(rig, unit_m=unit)
+    return replace(rig, unit_m=metres_in(said, f"{where}: unit"))
 
 
 def _tables(
@@ -161,13 +141,7 @@ def _is_camera(table: Mapping[str, Any]) -> bool:
 
 def _name(table: Mapping[str, Any], otherwise: str | None) -> str | None:
     known = _known(table).get("name")
-    if isinstance(known, str) and known:
-        return known
-    plain = {_plain(key): value for key, value in table.items()}
-    number = plain.get("camid", plain.get("port"))  # Caliscope, and Pyxy3D before
-    if isinstance(number, int) and otherwise == str(number):
-        return f"cam_{number}"
-    return otherwise
+    return known if isinstance(known, str) and known else otherwise
 
 
 def _unstacked(tree: Mapping[str, Any]) -> list[tuple[str | None, Mapping[str, Any]]]:

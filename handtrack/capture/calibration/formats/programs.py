@@ -16,7 +16,6 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from handtrack.arrays import D3, Floats
-from handtrack.capture.calibration.formats.camera_tables import UNITS_M
 from handtrack.capture.calibration.formats.given_rig import (
     GivenCamera,
     GivenRig,
@@ -28,7 +27,7 @@ from handtrack.capture.calibration.formats.given_rig import (
     whole_size,
 )
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import check_given
+from handtrack.files.text_files import check_given, metres_in
 from handtrack.geometry.rotation import matrix_from_quaternion
 
 _T = TypeVar("_T")
@@ -102,12 +101,8 @@ def read_matlab(tree: Any, where: str) -> GivenRig | None:
         _matlab_camera(part, f"{where}, {name}", *pose)
         for (name, part), pose in zip(parts.items(), poses, strict=True)
     )
-    said = str(parts[_MARK].get("WorldUnits") or table.get("WorldUnits") or "mm").lower()
-    if said not in UNITS_M:
-        raise HandtrackError(
-            f"{where}: WorldUnits = '{said}'; expected one of {', '.join(UNITS_M)}."
-        )
-    return GivenRig("MATLAB's stereoParameters", cameras, UNITS_M[said])
+    said = str(parts[_MARK].get("WorldUnits") or table.get("WorldUnits") or "mm")
+    return GivenRig("MATLAB's stereoParameters", cameras, metres_in(said, f"{where}: WorldUnits"))
 
 
 def _found(tree: Any, mark: str) -> Mapping[str, Any] | None:
