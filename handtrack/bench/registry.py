@@ -51,7 +51,6 @@ _EXPERIMENTS = {
     "freedoms": "clouds.freedoms",
     "combined": "clouds.combined",
     "capture": "clouds.capture",
-    "forearms": "silhouettes.forearms",
     "jumps": "jumps.minima",
     "auto_start": "starts.auto_start",
     "start_confidence": "starts.start_confidence",
@@ -66,7 +65,6 @@ _EXPERIMENTS = {
     "hostile": "workbench.hostile",
     "soak": "workbench.soak",
     "pin_latency": "workbench.pin_latency",
-    "long_page": "workbench.long_page",
 }
 
 BENCHMARKS = {

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from handtrack import Camera, CameraRig
-from handtrack.arrays import D3, D21, Array, F, Floats, N, T
+from handtrack.arrays import D3, D21, Array, F, Floats, H, M, N, T, W
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.session import layout
@@ -33,7 +33,6 @@ from handtrack.session.session_file import (
 )
 from handtrack.simulation.simulate import simulated_rig
 from tests.experiments.honesty import motions
-from tests.experiments.honesty.drawing import outline, ragged
 from tests.experiments.honesty.meshes import HandMesh, read_meshes
 from tests.experiments.honesty.people import as_person, mirrored, somebody
 from tests.experiments.mean_hand.makehuman import Base, people
@@ -254,9 +253,9 @@ def _write_masks(
         missing = (second and frame < 10) or (frame > 0 and rng.random() < 0.2)
         if "gaps" in faults and missing:
             continue
-        mask = outline(camera, hand.vertices_at(frame + BEFORE - back), hand.triangles)
+        mask = _outline(camera, hand.vertices_at(frame + BEFORE - back), hand.triangles)
         if "ragged" in faults:
-            mask = ragged(mask, rng)
+            mask = _ragged(mask, rng)
         cv2.imwrite(str(to / f"{frame:06d}.png"), mask)
 
 
@@ -272,6 +271,35 @@ def _write_joints(
         rows = np.column_stack([pixels, rng.random(21) > _NOT_FOUND])
         person = {"hand_right_keypoints_2d": np.round(rows * rows[:, 2:], 2).ravel().tolist()}
         (to / f"{frame:06d}.json").write_text(json.dumps({"people": [person]}))
+
+
+# ---- Meshes as cameras see them: masks, and what is wrong with real ones
+
+_FINE, _SHIFT = 16, 4  # sub-pixel places of OpenCV's polygons, as a number and in bits
+
+
+def _outline(camera: Camera, vertices: Floats[N, D3], triangles: Array[M, D3]) -> Array[H, W]:
+    """Return the silhouette, uint8 0 or 255."""
+    width, height = camera.size
+    mask = np.zeros((height, width), np.uint8)
+    corners = np.round(camera.project(vertices)[triangles] * _FINE).astype(np.int32)
+    for corner in corners:
+        cv2.fillConvexPoly(mask, corner, 255, cv2.LINE_8, _SHIFT)
+    return mask
+
+
+def _ragged(mask: Array[H, W], rng: np.random.Generator) -> Array[H, W]:
+    """Return the mask as a colour threshold gives it: an edge that wanders by about 0.7 px, small bites and holes."""
+    noise = cv2.GaussianBlur(rng.normal(size=mask.shape), (0, 0), 3.0)
+    noise *= 0.7 / noise.std()
+    inside = cv2.distanceTransform(mask, cv2.DIST_L2, 5)
+    outside = cv2.distanceTransform(255 - mask, cv2.DIST_L2, 5)
+    found = np.where(inside - outside > noise, 255, 0).astype(np.uint8)
+    rows, columns = np.nonzero(found)
+    for _ in range(rng.integers(0, 3)):
+        i = rng.integers(len(rows))
+        cv2.circle(found, (int(columns[i]), int(rows[i])), int(rng.integers(1, 3)), 0, -1)
+    return found
 
 
 if __name__ == "__main__":

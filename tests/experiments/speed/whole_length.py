@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import resource
 import sys
 import tempfile
@@ -22,9 +21,8 @@ from handtrack.tracking.sequence import refine_recording
 from handtrack.tracking.size.person import OpenPerson
 
 _MODULE = "tests.experiments.speed.whole_length"
-_LENGTHS = "HANDTRACK_LENGTHS"
-"""the environment's name for frames, such as `1000 10000`; 10,000 take most of an hour"""
-_USUAL = "250 500 1000"
+_LENGTHS = (250, 500, 1000)
+"""frames; 10,000 take most of an hour"""
 _MADE = 50
 """frames that are made; they come again, to and fro, each with masks of its own"""
 _MB = 1024.0
@@ -36,17 +34,16 @@ def whole_length() -> dict[str, Any]:
     The ratio is of seconds a frame, the longest beside the shortest.
     """
     figures: dict[str, Any] = {}
-    lengths = [int(word) for word in os.environ.get(_LENGTHS, _USUAL).split()]
     with tempfile.TemporaryDirectory() as folder:
         simulate(Path(folder), Simulation(frames=_MADE, images=False))
-        for length in lengths:
+        for length in _LENGTHS:
             figures |= alone(_MODULE, folder, str(length))
-    first, last = (figures[f"frames_{n}_ms_a_frame"] for n in (lengths[0], lengths[-1]))
-    more = figures[f"frames_{lengths[-1]}_mb"] - figures[f"frames_{lengths[0]}_mb"]
+    first, last = (figures[f"frames_{n}_ms_a_frame"] for n in (_LENGTHS[0], _LENGTHS[-1]))
+    more = figures[f"frames_{_LENGTHS[-1]}_mb"] - figures[f"frames_{_LENGTHS[0]}_mb"]
     return {
         "ratio": last / first,
-        "reference": f"the same of {lengths[0]} frames",
-        "kb_a_frame": 1e3 * more / max(lengths[-1] - lengths[0], 1),
+        "reference": f"the same of {_LENGTHS[0]} frames",
+        "kb_a_frame": 1e3 * more / max(_LENGTHS[-1] - _LENGTHS[0], 1),
     } | figures
 
 

@@ -6,8 +6,7 @@ Needs the shared test data (HANDTRACK_DATA).
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -27,38 +26,23 @@ FRAMES: dict[str, Sequence[int]] = {
 BASIN_MM = 12.0
 
 
-@dataclass(frozen=True)
-class Start:
-    """One frame's search."""
-
-    error_mm: float
-    """mean over the 21 joints"""
-    seconds: float
-    """of processor time, one thread"""
-    confidence: float
-
-
-def searched(session: Session, frames: Sequence[int]) -> list[Start]:
-    """Return how the search went in frames of a session with truth; the hand's size is the adults' mean."""
-    run = TrackingRun.open(session, use_init=False)
-    find_first_poses(run, frames[0])  # compiles
-    return [search(run, frame) for frame in frames]
-
-
-def search(run: TrackingRun, frame: int) -> Start:
-    """Return how the search went in one frame."""
-    truth = run.session.truth
+def searched(session: Session, frames: Sequence[int]) -> Iterator[tuple[float, float, float]]:
+    """Yield each frame's error over the 21 joints [mm], processor time of one thread [s], and confidence; the hand's size is the adults' mean."""
+    run, truth = TrackingRun.open(session, use_init=False), session.truth
     assert truth is not None and truth.keypoints21 is not None
-    run.seen(frame)  # what is read and computed of a frame is kept
-    begin = time.process_time()
-    found = find_first_poses(run, frame)
-    seconds = time.process_time() - begin
-    if not found:
-        return Start(np.inf, seconds, 0.0)
-    best = found[0]
-    points = best.model.keypoints21(best.model.bones(best.params))
-    row = int(np.flatnonzero(truth.frame == frame)[0])
-    return Start(mean_mm(points, truth.keypoints21[row]), seconds, best.confidence)
+    find_first_poses(run, frames[0])  # compiles
+    for frame in frames:
+        run.seen(frame)  # what is read and computed of a frame is kept
+        begin = time.process_time()
+        found = find_first_poses(run, frame)
+        seconds = time.process_time() - begin
+        if not found:
+            yield np.inf, seconds, 0.0
+            continue
+        best = found[0]
+        points = best.model.keypoints21(best.model.bones(best.params))
+        row = int(np.flatnonzero(truth.frame == frame)[0])
+        yield mean_mm(points, truth.keypoints21[row]), seconds, best.confidence
 
 
 def auto_start() -> dict[str, float | str]:
@@ -67,13 +51,12 @@ def auto_start() -> dict[str, float | str]:
         "bar": "≥ 18 of 20 frames of 3 and 6 cameras within 12 mm, ≤ 5 s each; same for stereo and depth"
     }
     for name, frames in FRAMES.items():
-        starts = searched(recording(name), frames)
-        errors = np.array([start.error_mm for start in starts])
+        errors, seconds, confidences = np.array(list(searched(recording(name), frames))).T
         figures |= {
             f"{name}_found": f"{int((errors <= BASIN_MM).sum())} of {len(frames)}",
             f"{name}_median_mm": float(np.median(errors)),
             f"{name}_worst_mm": float(errors.max()),
-            f"{name}_slowest_s": max(start.seconds for start in starts),
-            f"{name}_least_confidence": min(start.confidence for start in starts),
+            f"{name}_slowest_s": float(seconds.max()),
+            f"{name}_least_confidence": float(confidences.min()),
         }
     return figures

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from handtrack import HandScale, Observation, load_model
@@ -21,23 +19,8 @@ _WANDER = 2.5  # times the usual wandering: about 5 cm and 40°
 _SIZE_SIGMA, _PART_SIGMA = 0.04, 0.02  # by how much the filmed hand's size is not the model's
 
 
-@dataclass(frozen=True)
-class Gap:
-    """One seed's tracking over a gap."""
-
-    moved_mm: float
-    """mean move of the joints between the last frame seen and the first one seen again"""
-    error_mm: Floats[K]
-    """(SEEN_AFTER,) mean joint error of the frames after the gap"""
-
-    @property
-    def is_back(self) -> bool:
-        """Whether the last of the frames after the gap is within 15 mm."""
-        return bool(self.error_mm[-1] <= BACK_MM)
-
-
-def gap_runs(seed: int, size: tuple[int, int] = (640, 480)) -> dict[bool, Gap]:
-    """Return how tracking went on after ten frames without any silhouette, with jumps (True) and without.
+def gap_errors(seed: int) -> tuple[float, dict[bool, Floats[K]]]:
+    """Return how far the hand moved in ten frames without any silhouette, and the errors after them, with jumps (True) and without [mm].
 
     Three cameras; the hand goes through the poses of `gestures` and wanders; its size is not quite the model's.
     """
@@ -51,7 +34,7 @@ def gap_runs(seed: int, size: tuple[int, int] = (640, 480)) -> dict[bool, Gap]:
     count = SEEN_BEFORE + BLANK + SEEN_AFTER
     first = int(rng.integers(_FRAMES - count + 1))
     poses = [filmed.transform.solver_params(x) for x in joint[first : first + count]]
-    rig = simulated_rig(CAMERAS, size)
+    rig = simulated_rig(CAMERAS)
     blank = range(SEEN_BEFORE, SEEN_BEFORE + BLANK)
 
     seen = [
@@ -64,8 +47,8 @@ def gap_runs(seed: int, size: tuple[int, int] = (640, 480)) -> dict[bool, Gap]:
     for jumps in (True, False):
         results = tracked(model, {"tracker.recovery": jumps}, seen, poses[0])
         off = np.stack([r.joint_positions for r in results[blank.stop :]]) - truth[blank.stop :]
-        gaps[jumps] = Gap(moved, 1e3 * np.linalg.norm(off, axis=2).mean(axis=1))
-    return gaps
+        gaps[jumps] = 1e3 * np.linalg.norm(off, axis=2).mean(axis=1)
+    return moved, gaps
 
 
 def recovery(seeds: int = 50) -> dict[str, float | str]:
@@ -73,16 +56,17 @@ def recovery(seeds: int = 50) -> dict[str, float | str]:
     figures: dict[str, float | str] = {
         "bar": f"with jumps ≥ 90 % of {seeds} seeds back within {BACK_MM:g} mm"
     }
-    runs = [gap_runs(seed) for seed in range(seeds)]
+    runs = [gap_errors(seed) for seed in range(seeds)]
+    moved = np.array([far for far, _ in runs])
     for name, jumps in (("with", True), ("without", False)):
-        gaps = [run[jumps] for run in runs]
-        last = np.array([gap.error_mm[-1] for gap in gaps])
+        errors = np.array([gaps[jumps] for _, gaps in runs])
+        first, last = errors[:, 0], errors[:, -1]
         figures |= {
-            f"{name}_back": float(np.mean([gap.is_back for gap in gaps])),
-            f"{name}_back_at_once": float(np.mean([gap.error_mm[0] <= BACK_MM for gap in gaps])),
+            f"{name}_back": float(np.mean(last <= BACK_MM)),
+            f"{name}_back_at_once": float(np.mean(first <= BACK_MM)),
             f"{name}_median_mm": float(np.median(last)),
             f"{name}_p90_mm": float(np.quantile(last, 0.9)),
-            "moved_median_mm": float(np.median([gap.moved_mm for gap in gaps])),
-            "moved_p90_mm": float(np.quantile([gap.moved_mm for gap in gaps], 0.9)),
+            "moved_median_mm": float(np.median(moved)),
+            "moved_p90_mm": float(np.quantile(moved, 0.9)),
         }
     return figures
