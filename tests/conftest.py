@@ -3,6 +3,7 @@
 import atexit
 import os
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 
@@ -12,10 +13,11 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 if "HANDTRACK_HOME" not in os.environ:  # copies and logs do not go to whoever runs the tests
     os.environ["HANDTRACK_HOME"] = tempfile.mkdtemp(prefix="handtrack_tests_")
     atexit.register(shutil.rmtree, os.environ["HANDTRACK_HOME"], ignore_errors=True)
-if os.environ.pop(
-    "PYTHONDONTWRITEBYTECODE", None
-):  # else each program that a test starts would compile all its modules anew
-    os.environ["PYTHONPYCACHEPREFIX"] = os.path.join(os.environ["HANDTRACK_HOME"], "bytecode")
+# else each program that a test starts would compile all modules anew; spawned ones only read what this process has written
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+    sys.pycache_prefix = os.path.join(os.environ["HANDTRACK_HOME"], "bytecode")
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+    sys.dont_write_bytecode = False
 if worker := os.environ.get("PYTEST_XDIST_WORKER"):  # no worker reads another one's logs
     os.environ["HANDTRACK_HOME"] = os.path.join(os.environ["HANDTRACK_HOME"], worker)
     os.makedirs(os.environ["HANDTRACK_HOME"], exist_ok=True)
