@@ -10,7 +10,7 @@ import os
 import sys
 import traceback
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from handtrack.errors import HandtrackError, not_enough_memory, unknown_name
 from handtrack.export.registry import FORMATS
@@ -425,7 +425,7 @@ def build_parser(described: bool = False) -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", help="see below")
     for name, (runs, words, options) in COMMANDS.items():
-        listed = {"help": words} if described else {}
+        listed: dict[str, Any] = {"help": words} if described else {}
         command = commands.add_parser(name, description=words, allow_abbrev=False, **listed)
         command.set_defaults(runs=runs)
         for names, how in options:
