@@ -209,12 +209,15 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
 def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):
     """It has no videos here: joints alone will do."""
     trial = project(tmp_path / "p")
-    start.folder.value = str(trial)
-    start.look()
+    monkeypatch.setattr("handtrack_app.start.start_page.has_weights", lambda: False)
+    with WireClient(start.door.url) as client:
+        client.set_value(start.folder, str(trial))
+        eventually(lambda: start.make.visible, "it is known")
     assert "a Pose2Sim project" in start.found.content
+    assert not start.fetch.visible, "its joints need no detector"
     asked: list[list[str]] = []
     monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
     start.make_session()
     (words,) = asked
     assert words[words.index("--project") + 1] == str(trial)
-    assert "--video" not in words
+    assert "--video" not in words and "--track" in words

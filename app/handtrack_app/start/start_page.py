@@ -203,7 +203,9 @@ class StartPage:
         put(self.making, visible=False)
         self._found = None
         self._list(folder)
-        if any(path.suffix.lower() in VIDEOS for path in folder.glob("*")) or is_pose2sim(folder):
+        has_joints = is_pose2sim(folder)
+        if has_joints or any(path.suffix.lower() in VIDEOS for path in folder.glob("*")):
+            self._offer_tracking(has_joints)
             self.calibration.value = self.out.value = ""
             self._taken = []
             self.look()
@@ -332,8 +334,13 @@ class StartPage:
         self._run(
             "Fetching the hand detector",
             ["detector", "install"],
-            lambda: put(self.fetch, visible=False),
+            partial(self._offer_tracking, False),
         )
+
+    def _offer_tracking(self, has_joints: bool) -> None:
+        """Track after import where something tells the subject's joints: the files, or the detector, which is offered else."""
+        self.track.value = has_joints or has_weights()
+        put(self.fetch, visible=not self.track.value)
 
     def check(self, folder: Path) -> None:
         """Let the doctor look at a session."""
@@ -354,11 +361,11 @@ class StartPage:
         self.door.messages.files[id_of(self.upload)] = self._uploaded
         self.track = gui.add_checkbox(
             "Track after import",
-            has_weights(),
+            False,
             hint="Finds the hand in the images, where the hand detector is installed, or the body by its 2D joints, and tracks all frames.",
         )
         self.fetch = gui.add_button(
-            f"Get the hand detector ({DOWNLOAD_MB} MB)", icon=viser.Icon.DOWNLOAD, color="gray", visible=not has_weights(),
+            f"Get the hand detector ({DOWNLOAD_MB} MB)", icon=viser.Icon.DOWNLOAD, color="gray",
             hint="Fetches the two networks that find a hand in images, once for all recordings. Google's, Apache License 2.0.",
         )  # fmt: skip
         self._on(self.fetch, self.fetch_detector)
