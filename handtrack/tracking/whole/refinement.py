@@ -68,6 +68,10 @@ class CameraError:
         return not any(self.std[:7])
 
     @property
+    def _side(self) -> str:
+        return "late" if self.late_frames > 0 else "early"
+
+    @property
     def figures(self) -> str:
         """What was estimated, with standard deviations."""
         turn, shift = np.linalg.norm(self.turn_deg), np.linalg.norm(self.shift_mm)
@@ -75,7 +79,7 @@ class CameraError:
             (f"rotation {turn:.2f}° (± {{:.2f}})", max(self.std[:3])),
             (f"position {shift:.1f} mm (± {{:.1f}})", max(self.std[3:6])),
             (f"focal length {self.zoom_percent:+.2f} % (± {{:.2f}})", self.std[6]),
-            (f"time {self.late_frames:+.2f} frames late (± {{:.2f}})", self.std[7]),
+            (f"time {abs(self.late_frames):.2f} frames {self._side} (± {{:.2f}})", self.std[7]),
         ]
         return ", ".join(words.format(std) for words, std in parts if std)
 
@@ -86,7 +90,7 @@ class CameraError:
             (np.linalg.norm(self.turn_deg), max(self.std[:3]), _LEAST_DEG, "turned by {:.1f}°"),
             (np.linalg.norm(self.shift_mm), max(self.std[3:6]), _LEAST_MM, "shifted by {:.0f} mm"),
             (self.zoom_percent, self.std[6], _LEAST_PERCENT, "of a focal length {:+.1f} % off"),
-            (self.late_frames, self.std[7], _LEAST_FRAMES, "{:.1f} frames late"),
+            (abs(self.late_frames), self.std[7], _LEAST_FRAMES, f"{{:.1f}} frames {self._side}"),
         ]
         off = [
             words.format(size)

@@ -67,7 +67,7 @@ def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder
     (said,) = (
         found.text for found in examine(session) if NAME in found.text and "1.50°" in found.text
     )
-    assert "4.0 mm" in said and "+2.00 frames" in said
+    assert "4.0 mm" in said and "2.00 frames late" in said
 
 
 def test_what_a_later_estimate_finds_adds_to_a_correction(folder):
@@ -97,6 +97,7 @@ def test_a_correction_of_another_calibration_does_not_apply(folder):
 def test_a_time_offset_is_not_applied_where_a_turned_camera_explains_more(tmp_path, monkeypatch):
     """A camera turned by 1.5° was taken for one that is 1.5 frames early, where its rotation was not estimated."""
     late = CameraError("side", (0.0,) * 3, (0.0,) * 3, 0.0, -1.5, (*[0.0] * 7, 0.1, 0.1))
+    assert late.words == "camera 'side' is 1.5 frames early" and "1.50 frames early" in late.figures
     looks = "handtrack_app.engine.review_service.inconsistency_of_cameras"
     monkeypatch.setattr(looks, lambda run, results: "camera 'side' is turned")
     for worker, listener in a_desk(tmp_path, step_s=0.0, refined_by=0.1, refined_cameras=(late,)):
@@ -108,5 +109,5 @@ def test_a_time_offset_is_not_applied_where_a_turned_camera_explains_more(tmp_pa
         assert not worker.document.state.camera
         monkeypatch.setattr(looks, lambda run, results: "")
         worker.engine.correct_cameras(("side",))
-        listener.told("side by time -1.50 frames")
+        listener.told("side by time 1.50 frames early")
         assert worker.document.state.camera["side"].error == late
