@@ -140,8 +140,11 @@ def _names(action: argparse.Action) -> str:
 
 def formats() -> str:
     """Return the table of export formats."""
-    rows = [f"| `{known.name}` | `poses{known.ending}` | {known.purpose} |" for known in FORMATS]
-    return "\n".join(["| `--to` | file | for |", "|---|---|---|", *rows])
+    rows = [
+        f"| `{known.name}` | `poses{known.ending}` | {known.purpose} | {known.units} |"
+        for known in FORMATS
+    ]
+    return "\n".join(["| `--to` | file | for | units |", "|---|---|---|---|", *rows])
 
 
 def public_names() -> dict[str, str]:

@@ -118,6 +118,13 @@ def show_value(client: viser.ClientHandle, widget: Any, value: object) -> None:
     send(client, GuiUpdateMessage(id_of(widget), {"value": value}))
 
 
+def mark(slider: viser.GuiMultiSliderHandle[float], value: float) -> None:
+    """Mark a value on a range, for all pages."""
+    marks = (messages.GuiSliderMark(value, None),)
+    if properties(slider)._marks != marks:
+        slider._marks = marks
+
+
 def show_node(client: viser.ClientHandle, node: str, visible: bool) -> None:
     """Show or hide a node for one client."""
     send(client, messages.SetSceneNodeVisibilityMessage(node, visible))

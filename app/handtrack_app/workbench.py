@@ -196,6 +196,7 @@ class Workbench:
         subscribe(snapshots.MaskPicture, stage.show_masks, layout.masks.show)
         subscribe(snapshots.GuessesSnapshot, stage.show_guesses, layout.guesses.show)
         subscribe(snapshots.CurvesSnapshot, layout.plots.show)
+        subscribe(snapshots.CloseSnapshot, layout.review.show_pictures)
         subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.show_score)
         subscribe(snapshots.LibrarySnapshot, partial(show_library, self.page, layout.pose.take))
         subscribe(snapshots.ComparedSnapshot, stage.show_compared)
@@ -246,6 +247,7 @@ class Workbench:
         if self.state.tracking != tracking:
             self.state.tracking = tracking
             self.redraw()
+            self.layout.review.ask()
         if self._plays_first and progress.state == "idle":  # the demo is open
             strip, self._plays_first = self.layout.timeline.strip, False
             is_tracked = strip is not None and bool((strip.status >= 0).any())

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from functools import partial
+
 import numpy as np
 
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.errors import HandtrackError
+from handtrack.model.articulated import ArticulatedModel
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
+from handtrack.session.session import Session
 from handtrack.session.session_state import decide
+from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document_snapshots import pose_snapshot, timeline_snapshot
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import command
 from handtrack_app.protocol.palette import COMPARED
 from handtrack_app.protocol.snapshots import (
+    CloseSnapshot,
     ComparedSnapshot,
     Curve,
     CurvesSnapshot,
@@ -63,6 +71,18 @@ class ReviewService(Service):
         done = f"Corrected: {'; '.join(figures)}" if on else "The calibration counts again"
         again = f"{done}. Frames tracked so far stay; track again to use it."
         self.publish(Notice("done", f"Camera{named}", again))
+
+    @command(view=True, latest=())
+    def want_close(self, frames: tuple[int, ...]) -> None:
+        """Show small pictures of these frames, where they are tracked."""
+        document = self.document
+        results = [document.results[frame] for frame in frames if frame in document.results]
+        self.opened.render_thread.ask(
+            "close",
+            partial(
+                close_pictures, self.opened.pictures, document.run.session, document.model, results
+            ),
+        )
 
     @command(view=True, latest=())
     def want_curves(self, names: tuple[str, ...]) -> None:
@@ -124,3 +144,25 @@ class ReviewService(Service):
             curves.append(Curve(name, values, std, rows.other[:, at].copy(), truth))
         fps = float(document.run.session.fps)
         self.publish(CurvesSnapshot(rows.frames.start, fps, tuple(curves), self.number))
+
+
+def close_pictures(
+    maker: CameraPictures,
+    session: Session,
+    model: ArticulatedModel,
+    results: Iterable[FrameResult],
+) -> CloseSnapshot:
+    """Return small pictures of tracked frames: of the camera that a low confidence names, else of the first. On the render thread only."""
+    maker.see(session)
+    names, aside = session.rig.names, model.skeleton.bone("forearm") if model.has_forearm else None
+    pictures = {}
+    for result in results:
+        camera = "" if result.reason is None else result.reason.camera
+        flesh = model.flesh["fine"].posed(
+            model.bones(model.params_within_limits(result.parameters))
+        )
+        close = maker.screen(
+            camera if camera in names else names[0], result.frame, "close", flesh, None, aside
+        )
+        pictures[result.frame] = shrunk(close)
+    return CloseSnapshot(pictures)

@@ -48,6 +48,13 @@ def picture(image: Bytes[H, W, D3], style: str = "") -> str:
     return f"<img alt='' decoding='sync' style='{style}' src='data:image/jpeg;base64,{data}'>"
 
 
+def card(name: str, lines: Iterable[str], picture: str = "", kind: str = "") -> str:
+    """Return a card of plain words; the button after it lies over it. picture: HTML. kind: a class for the style sheet."""
+    words = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
+    kinds = f"handtrack-card {kind}".strip()
+    return f"<div class='{kinds}'><span>{picture}</span><div><b>{html.escape(name)}</b>{words}</div></div>"
+
+
 def rgb(colour: Iterable[float]) -> str:
     """Return a colour as CSS has it."""
     return f"rgb{tuple(map(int, colour))}"
@@ -151,11 +158,14 @@ div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 a
 .mantine-Notification-description { font-size: 13px !important; line-height: 1.3; color: inherit !important; opacity: .9; }
 /* rows of three buttons fit beside their label */
 div[style*="width: 7.25em"] { width: 5.9em !important; }
-.mantine-Flex-root[style*="wrap"] > .mantine-Button-root { padding-inline: .35em !important; }
+.mantine-Flex-root[style*="wrap"] > .mantine-Button-root { padding-inline: .2em !important; }
 .mantine-Flex-root[style*="wrap"] { gap: .3em !important; }
 /* legible: 13 px and 4.5 : 1 */
 p.mantine-Text-root[style*="letter-spacing"] { font-size: 13px !important; color: var(--mantine-color-text) !important; opacity: .9; }
 .multi-slider-mark-label, .mantine-Slider-markLabel { font-size: 11px !important; color: var(--mantine-color-text) !important; opacity: .85; }
+.mantine-NumberInput-root[style*="width: 3rem"] { width: 3.5rem !important; }
+.mantine-NumberInput-root[style*="width: 3rem"] .mantine-Input-input { padding-inline: 2px !important; text-align: center; }
+.multi-slider-mark:only-child { width: 3px; height: 12px; border-radius: 1px; transform: none; background-color: #e69f00 !important; }
 .mantine-Input-input, .mantine-Button-label, .mantine-Checkbox-label { font-size: 13px !important; }
 .mantine-Button-root[style*="--button-color: var(--mantine-color-black)"]:not([style*="--button-bg"]) { --button-color: #fff !important; }
 [data-mantine-color-scheme="light"] .mantine-Button-root[style*="--button-color: var(--mantine-color-black)"]:not([style*="--button-bg"]) {
@@ -190,19 +200,20 @@ body:not([data-overlay="residual"]) #handtrack-legend > .residual, body:not([dat
 .handtrack-row { display: flex; gap: .8em; justify-content: space-between; }
 .handtrack-row > b { text-align: right; font-variant-numeric: tabular-nums; }
 .handtrack-chip { display: inline-block; width: .7em; height: .7em; border-radius: 2px; margin-right: .4em; }
-/* in a low window, as of 150 %, the tabs need the room: the session's counts go, and the numbers share a line */
+/* in a low window, as of 150 %, the tabs need the room: the session's counts and a reason's numbers go, and the others share a line */
 @media (max-height: 640px) {
-  .handtrack-counts { display: none; }
+  .handtrack-counts, .handtrack-detail { display: none; }
   .handtrack-score > .handtrack-row { display: inline-flex; gap: .35em; margin-right: .8em; }
-  .handtrack-why { overflow: hidden; white-space: nowrap; text-overflow: ellipsis; }
 }
 .handtrack-table { width: 100%; padding: .2em .9em; font-size: 13px; line-height: 1.4; }
 [data-mantine-color-scheme="light"] .handtrack-warning { color: #a14a00; }
-/* the start page: the button of a card lies over it */
+/* a card, as of the start page and of Review: its button lies over it */
 .handtrack-card { display: flex; gap: .9em; align-items: center; height: 76px; margin: .25em .9em; font-size: 13px; line-height: 1.4; }
 .handtrack-card > span { flex: 0 0 100px; height: 68px; background: rgba(128, 128, 128, .25); border-radius: 4px; overflow: hidden; }
 .handtrack-card img { width: 100%; height: 100%; object-fit: cover; }
 .handtrack-card > div { overflow-wrap: anywhere; padding-right: 6em; }
+.handtrack-card.handtrack-interval > div { padding-right: .4em; line-height: 1.3; }
+.handtrack-card.handtrack-here { outline: 2px solid #3594d6; border-radius: 4px; }
 div:has(> .handtrack-card) + div { margin-top: -80px; position: relative; }
 div:has(> .handtrack-card) + div .mantine-Button-root { height: 76px !important; background: rgba(128, 128, 128, .08) !important; color: transparent !important;
   border: 1px solid rgba(128, 128, 128, .35) !important; }

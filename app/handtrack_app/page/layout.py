@@ -150,6 +150,7 @@ class PageLayout:
         """Show a pose in the panels. newest: what can be moved moves, too; no edit is under way."""
         self.pose.show(pose, newest)
         self.certainty.content = certainty_table(self.pose.names, pose.std)
+        self.limits.show(pose)
         if not newest:
             return
         self.timeline.show_pose(pose)

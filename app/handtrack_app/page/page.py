@@ -207,7 +207,7 @@ _OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => {
   tab?.click();
 }, 300 * n));"""
 """viser opens tabs by the pointer alone; one within another is drawn after it"""
-_ASKED_S = 60.0  # a browser is waited for
+ASKED_S = 60.0  # a browser is waited for
 _MODIFIERS = {
     "cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift", "alt": "Alt", "alt+shift": "Alt Shift",
 }  # fmt: skip
@@ -367,7 +367,7 @@ class Page:
 
         def ask() -> None:
             try:
-                kept = client.local_storage.get_item(name, timeout=_ASKED_S)
+                kept = client.local_storage.get_item(name, timeout=ASKED_S)
             except (RuntimeError, TimeoutError):
                 kept = None
             if client.client_id in self.server.get_clients():

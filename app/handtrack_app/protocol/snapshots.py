@@ -143,6 +143,13 @@ class CurvesSnapshot:
     """that is compared"""
 
 
+@dataclass(frozen=True)
+class CloseSnapshot:
+    """Small pictures RGB of frames as they are tracked, close to the model and with its outline."""
+
+    pictures: dict[int, Bytes[H, W, D3]]
+
+
 # ---- The timeline as the engine tells it: the whole recording at a glance, and what is new of it while tracking
 # goes on
 
@@ -659,6 +666,6 @@ class Opened:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | ComparedSnapshot | CurvesSnapshot | ScoreSnapshot | LibrarySnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | ComparedSnapshot | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | LibrarySnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
     | Opened
 )  # fmt: skip

@@ -25,9 +25,9 @@ from handtrack.session.session import Session
 from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
 from handtrack_app.log import LOG_FILE, logging_to
-from handtrack_app.page.html import dress, escaped, picture, table, text
-from handtrack_app.page.page import put
-from handtrack_app.protocol.palette import BRAND
+from handtrack_app.page.html import card, dress, escaped, picture, table, text
+from handtrack_app.page.page import ASKED_S, put
+from handtrack_app.page.panels.view import KEPT_AS, SYSTEM, Taste, colours
 from handtrack_app.start.found_files import (
     CALIBRATIONS,
     VIDEOS,
@@ -90,14 +90,9 @@ class StartPage:
         self._out = Path()
         """the session that an import made which ended early"""
         gui = self.door.server.gui
-        gui.configure_theme(
-            dark_mode=True,
-            show_logo=False,
-            show_share_button=False,
-            control_width="large",
-            brand_color=BRAND,
-        )
+        colours(gui)
         dress(self.door.server)
+        self.door.server.on_client_connect(_welcome)
         self.output = gui.add_html("")
         self.bar = gui.add_progress_bar(0.0, visible=False)
         self.pictures = gui.add_html("", visible=False)
@@ -160,9 +155,9 @@ class StartPage:
         shown = list[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]()
         for folder, kind, act in cards:
             find = partial(bundled_session, folder.name) if kind else partial(Path, folder)
-            card = gui.add_html(_card(folder.name, kind or str(folder.parent)))
+            one = gui.add_html(card(folder.name, (kind or str(folder.parent),)))
             self._on(gui.add_button(f"Open {folder.name}", color="gray"), act)
-            shown.append((card, find, folder.name, kind or str(folder.parent)))
+            shown.append((one, find, folder.name, kind or str(folder.parent)))
         self._draw(partial(self._draw_cards, shown))
 
     def _draw(self, work: Callable[[], None]) -> None:
@@ -173,7 +168,7 @@ class StartPage:
     def _draw_cards(
         self, cards: Iterable[tuple[viser.GuiHtmlHandle, Callable[[], Path], str, str]]
     ) -> None:
-        for card, find, name, where in cards:
+        for shown, find, name, where in cards:
             with suppress(HandtrackError, OSError):
                 session = Session.open(find())
                 words = f"{len(session.views)} cameras, {session.frame_count} frames"
@@ -181,7 +176,7 @@ class StartPage:
                 image = next((one for one in images if one is not None), None)
                 if self._ended.is_set():
                     return
-                card.content = _card(name, where, words, "" if image is None else _picture(image))
+                shown.content = card(name, (where, words), "" if image is None else _picture(image))
 
     def _open_example(self, name: str) -> None:
         self.open(bundled_session(name))
@@ -485,15 +480,18 @@ class StartPage:
             self._say("That did not work:", f"{type(error).__name__}: {error}")
 
 
+def _welcome(client: viser.ClientHandle) -> None:
+    """Give a page the colours that its browser remembers, else the system's."""
+    run_javascript(client, SYSTEM)
+    with suppress(RuntimeError, TimeoutError):  # it left
+        taste = Taste.read(client.local_storage.get_item(KEPT_AS, timeout=ASKED_S))
+        if taste is not None:
+            colours(client.gui, taste.colours)
+
+
 def _picture(image: Bytes[H, W, D3]) -> str:
     """Return a picture BGR as HTML, small."""
     return picture(small_picture(image)[..., ::-1])
-
-
-def _card(name: str, where: str, words: str = "", picture: str = "") -> str:
-    """Return a recording as a card; the button after it lies over it."""
-    lines = "".join(f"<div>{html.escape(line)}</div>" for line in (where, words))
-    return f"<div class='handtrack-card'><span>{picture}</span><div><b>{html.escape(name)}</b>{lines}</div></div>"
 
 
 def _counted(inside: list[Path]) -> str:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import viser.transforms as vtf
 
+from handtrack.export.registry import export_format
+from handtrack_app.page.panels.export import card_words
 from handtrack_app.workbench import Workbench
 from tests.app.desk import in_threads
 from tests.app.fake_run import FRAMES, fake_document
@@ -143,7 +145,7 @@ def _tracks(bench: Workbench, view: PageUnderTest, goes_on: threading.Event) -> 
 def _downloads(view: PageUnderTest, folder: Path) -> None:
     view.show_tab("Export")
     with view.page.expect_download() as pending:
-        view.press("Download")
+        view.press(card_words(export_format("csv")))
     target = folder / pending.value.suggested_filename
     pending.value.save_as(target)
     rows = list(csv.DictReader(target.read_text().splitlines()))

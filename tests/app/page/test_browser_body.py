@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from handtrack.export.registry import export_format
 from handtrack.simulation.simulate import Simulation, simulate
+from handtrack_app.page.panels.export import card_words
 from tests.app.desk import in_threads
 from tests.app.page.test_browser import browsing, stands
 from tests.app.waiting import eventually
@@ -65,7 +67,7 @@ def test_a_body_is_tracked_corrected_accepted_and_exported_by_mouse(tmp_path):
         )
         view.show_tab("Export")
         with page.expect_download() as download:
-            view.press("Download")
+            view.press(card_words(export_format("csv")))
         target = tmp_path / "angles.csv"
         download.value.save_as(target)
         lines = target.read_text(encoding="utf-8").splitlines()

@@ -29,6 +29,7 @@ def test_a_doubtful_frame_is_gone_to_accepted_and_let_go(bench, wire):
     assert "Track some frames" in review.head.content
     _tracked(bench)
     assert review.rows[0].visible and review.rows[0].label == "7, low confidence"
+    eventually(lambda: "<img" in review.cards[0].content, "with a picture")
     wire.set_value(review.go, "Next")
     eventually(lambda: state.frame == 7, "gone to")
     wire.set_value(review.accept, "Interval")

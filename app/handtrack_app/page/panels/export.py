@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import viser
 
-from handtrack.export.registry import AXES, FORMATS, export_format
+from handtrack.export.registry import AXES, FORMATS, ExportFormat
+from handtrack_app.page.html import escaped
 from handtrack_app.page.page import Page
 from handtrack_app.protocol.snapshots import Download
 
-_USUAL = "csv"
 _AS_RECORDED = "as recorded"
-_TEXT = "<div style='padding:.1em .9em .5em;font-size:.9em;opacity:.8'>{}</div>"
 
 
 @dataclass
@@ -27,41 +27,28 @@ class ExportPanel:
     def __post_init__(self) -> None:
         gui, page = self.page.gui, self.page
         with self.tab:
-            gui.add_html(_TEXT.format("What has been tracked so far, for other programs."))
-            kinds = tuple(known.name for known in FORMATS)
-            chosen = page.choice(
-                "Format",
-                kinds,
-                lambda _: explain(),
-                "The formats of `handtrack export --to`.",
-                _USUAL,
-            )
-            purpose = gui.add_html("")
-            up = gui.add_dropdown(
-                "Up",
+            gui.add_html(escaped("What has been tracked so far, for other programs."))
+            self.up = gui.add_dropdown(
+                "Up axis",
                 (_AS_RECORDED, *AXES),
                 initial_value=_AS_RECORDED,
-                hint="Which of the world's axes points up: those who read this format take one for it.",
+                hint="Which axis of the calibration points up: formats with an up axis are turned to it.",
             )
-            page.button(
-                "Download", lambda client: download(client), "download",  # noqa: PLW0108 - it stands below
-                "Written in the background, then sent.", None, by_page=True,
-            )  # fmt: skip
             page.button(
                 "First-frame pose (JSON)", lambda client: page.engine.export("init", client.client_id), "download",
                 "The pose you see, as init.json.", by_page=True,
             )  # fmt: skip
+            for group in dict.fromkeys(known.group for known in FORMATS):
+                with gui.add_folder(group, expand_by_default=group == FORMATS[0].group):
+                    gui.add_html("<div class='handtrack-queue'></div>")
+                    for known in FORMATS:
+                        if known.group == group:
+                            act = partial(self._download, known)
+                            page.button(card_words(known), act, "download", by_page=True)
 
-        def explain() -> None:
-            known = export_format(chosen.value)
-            purpose.content = _TEXT.format(known.purpose)
-            up.visible = bool(known.up)
-
-        def download(client: viser.ClientHandle) -> None:
-            axis = up.value if up.visible and up.value != _AS_RECORDED else ""
-            page.engine.export(chosen.value, client.client_id, axis)
-
-        explain()
+    def _download(self, known: ExportFormat, client: viser.ClientHandle) -> None:
+        axis = self.up.value if known.up and self.up.value != _AS_RECORDED else ""
+        self.page.engine.export(known.name, client.client_id, axis)
 
     def deliver(self, download: Download) -> None:
         """Send a file to the client that asked for it."""
@@ -73,3 +60,9 @@ class ExportPanel:
             self.page.notify(
                 "done", "Exported", f"{download.name}, {size:.0f} kB, is in your downloads.", client
             )
+
+
+def card_words(known: ExportFormat) -> str:
+    """Return what a format is for, its units and axes."""
+    axes = f"readers expect {known.up} up" if known.up else "axes as calibrated"
+    return f"{known.name}: {known.purpose}" + (f" [{known.units}; {axes}]" if known.units else "")

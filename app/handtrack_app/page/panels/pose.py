@@ -46,7 +46,7 @@ from handtrack_app.protocol.snapshots import (
 if TYPE_CHECKING:
     from handtrack_app.viser_internals import KeyModifier
 
-_ROW = 18  # letters of the groups in a row of buttons, in a panel of usual width
+_ROW = 17  # letters of the groups in a row of buttons, in a panel of usual width
 _MOST_IN_ROW = 3
 _FLIP = "Before/after"
 _NOW: str = "now"
@@ -305,7 +305,7 @@ def score_rows(score: ScoreSnapshot, with_energy: bool = True) -> list[tuple[str
     rows = []
     if score.energy and with_energy:
         energy = sum(score.energy.values())
-        rows.append(("energy", f"{energy:.1f}{_change(energy, score.fitted_energy, 1)}"))
+        rows.append(("cost", f"{energy:.1f}{_change(energy, score.fitted_energy, 1)}"))
     if score.overlap:
         each = (f"{c}\u00a0{s:.2f}{_change(s, fitted.get(c), 2)}" for c, s in score.overlap.items())
         rows.append(("overlap", ", ".join(each)))
@@ -329,7 +329,7 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
     if math.isfinite(pose.error_mm):
         facts.append(("mean joint error", f"{pose.error_mm:.1f} mm"))
     if math.isfinite(pose.energy):
-        facts.append(("energy", f"{pose.energy:.1f}"))
+        facts.append(("cost", f"{pose.energy:.1f}"))
     if score is not None:
         facts += score_rows(score, with_energy=not math.isfinite(pose.energy))
     rows = "".join(row(name, value) for name, value in facts)
@@ -340,8 +340,11 @@ def pose_card(pose: PoseSnapshot, score: ScoreSnapshot | None = None) -> str:
             "<div style='margin-top:.2em'><b>Accepted</b>: tracking and refining leave it.</div>"
         )
     if pose.note:
-        note = html.escape(pose.note)
-        rows += f"<div class='handtrack-why' style='opacity:.8;line-height:1.3;margin-top:.2em' title='{note}'>{note}</div>"
+        what, bracket, more = html.escape(pose.note).partition(" (")
+        rows += (
+            f"<div style='opacity:.8;line-height:1.3;margin-top:.2em' title='{html.escape(pose.note)}'>{what}"
+            f"<span class='handtrack-detail'>{bracket}{more}</span></div>"
+        )
     return (
         "<div class='handtrack-score' style='padding:.2em .9em .3em;font-size:.9em;line-height:1.4'>"
         "<div style='display:flex;justify-content:space-between;align-items:center'>"

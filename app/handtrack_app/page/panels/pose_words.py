@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from handtrack_app.protocol.palette import limb_of
 
 _LIMBS = ("Trunk", "Head", "Left arm", "Right arm", "Left leg", "Right leg")
-PLACE, OTHERS = "Place", "Others"
+PLACE, OTHERS = "Position", "Others"
 _ORDER = (PLACE, "Wrist", "Thumb", "Index", "Middle", "Ring", "Little", *_LIMBS, OTHERS)
 _LARGE_M = 0.5
 """what reaches farther is placed by centimetres, else by millimetres: a body's 1.75 m are as many of these as a hand's 190 mm of those"""

@@ -12,11 +12,11 @@ import viser
 
 from handtrack.diagnostics.review import Stretch
 from handtrack.store.spans import Span
-from handtrack_app.page.html import text
+from handtrack_app.page.html import card, picture, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose import GuessesPanel
 from handtrack_app.page.panels.tracking import Order, TrackingPanel
-from handtrack_app.protocol.snapshots import NO_TIMELINE, TimelineSnapshot
+from handtrack_app.protocol.snapshots import NO_TIMELINE, CloseSnapshot, TimelineSnapshot
 
 _ROWS = 8  # of the list, on one page
 _GO: tuple[str, ...] = ("Previous", "Next")
@@ -34,6 +34,11 @@ class ReviewPanel:
     at: int | None = None
     """the place in the queue that was gone to"""
     rows: list[viser.GuiButtonHandle] = field(default_factory=list)
+    cards: list[viser.GuiHtmlHandle] = field(default_factory=list)
+    """of the same intervals, with a picture of the worst frame: the buttons lie over them"""
+    _asked: tuple[Stretch, ...] = ()
+    """intervals whose pictures were asked for"""
+    _pictures: dict[int, str] = field(default_factory=dict)
     moved: Callable[[], None] = lambda: None
     """called when another interval is gone to"""
     _met: dict[tuple[int, int], None] = field(default_factory=dict)
@@ -71,9 +76,9 @@ class ReviewPanel:
                 "Release", _LET_GO, self.let_go, "Tracking and refining may change these again.", visible=False
             )  # fmt: skip
             self.here = gui.add_html(here_words(0, False, None))
-            self.rows = [
-                page.button("–", partial(self._chosen, n), visible=False) for n in range(_ROWS)
-            ]
+            for n in range(_ROWS):
+                self.cards.append(gui.add_html("", visible=False))
+                self.rows.append(page.button("–", partial(self._chosen, n), visible=False))
             self.more = gui.add_html("")
         page.key("Review: next in the queue", "Z", partial(self.step, 1), "shift")
         page.key("Review: previous in the queue", "U", partial(self.step, -1), "shift")
@@ -205,14 +210,34 @@ class ReviewPanel:
             there = place < len(self.stretches)
             if there:
                 stretch = self.stretches[place]
+                span, _, brief = str(stretch).partition(", ")
+                here = "handtrack-here" if place == self.at else ""
+                shown = self._pictures.get(stretch.worst, "")
                 put(row, label=str(stretch), hint=stretch.words)
-                put(row, color="blue" if place == self.at else "gray")
+                put(
+                    self.cards[n],
+                    content=card(span, (brief,), shown, f"handtrack-interval {here}"),
+                )
+            put(self.cards[n], visible=there)
             put(row, visible=there)
         left = len(self.stretches) - first - _ROWS
         words = f"{first} before these, {left} after" if first else f"{left} more"
         shown = f"<div style='padding:.1em .9em .5em;font-size:.9em;opacity:.75'>{words}</div>"
         put(self.more, content=shown if left > 0 or first else "")
         self.show_frame()
+        self.ask()
+
+    def ask(self) -> None:
+        """Ask for the pictures of the intervals listed, unless tracking goes on, which needs the time."""
+        listed = self.stretches[self._first_row : self._first_row + _ROWS]
+        if listed != self._asked and not self.page.state.tracking:
+            self._asked = listed
+            self.page.engine.want_close(tuple(stretch.worst for stretch in listed))
+
+    def show_pictures(self, close: CloseSnapshot) -> None:
+        """Show the pictures that came."""
+        self._pictures = {frame: picture(image) for frame, image in close.pictures.items()}
+        self._show()
 
     def _show_cameras(self, strip: TimelineSnapshot) -> None:
         """Say which cameras are off or corrected, and by how much: all of each can be changed."""

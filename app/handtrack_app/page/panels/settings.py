@@ -16,9 +16,17 @@ from handtrack.model.shape import ShapeNumber
 from handtrack.setting import Setting
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import SETTINGS
+from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import PLACE, groups_of, label_of, unit_of
-from handtrack_app.protocol.snapshots import CLOUD, IMAGES, KEYPOINTS, SILHOUETTES, SessionSnapshot
+from handtrack_app.protocol.snapshots import (
+    CLOUD,
+    IMAGES,
+    KEYPOINTS,
+    SILHOUETTES,
+    PoseSnapshot,
+    SessionSnapshot,
+)
 
 Box = tuple[int, int, int, int]
 """x, y, width, height [px]"""
@@ -359,7 +367,7 @@ class LimitsPanel:
         with self.tab:
             gui.add_html(
                 "<div style='padding:.5em .9em .2em;font-size:.9em;opacity:.75'>How far each joint may bend, in "
-                "degrees. The solver stays inside, and so do the pose sliders.</div>"
+                "degrees. The orange tick is the present angle. The solver stays inside, and so do the pose sliders.</div>"
             )
             self.refits.build()
             self.back = self.page.button(
@@ -386,6 +394,12 @@ class LimitsPanel:
                     self.ranges[name].value = shown
                 self._name(name, shown)
         self.back.visible = any(self._own(name) is not None for name in self.ranges)
+
+    def show(self, pose: PoseSnapshot) -> None:
+        """Mark the present angle of every joint between its limits."""
+        for name, value in zip(self.names, pose.values.tolist(), strict=True):
+            if name in self.ranges:
+                internals.mark(self.ranges[name], float(round(math.degrees(value))))
 
     def _own(self, name: str) -> tuple[float, float] | None:
         """Return the interval [rad] that the user set; None where the model's holds."""
@@ -478,7 +492,7 @@ CONTROLS: dict[str, tuple[Setting, ...]] = {
 
 _HINT = (
     "Each change of a setting, limit or filter fits the frame shown anew at once, from where it stands; the card says what that did "
-    "to energy and overlap. Ctrl-Z takes the change and its fit back together; Tab shows the pose before."
+    "to cost and overlap. Ctrl-Z takes the change and its fit back together; Tab shows the pose before."
 )
 
 

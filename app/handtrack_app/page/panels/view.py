@@ -262,13 +262,13 @@ def _activity(progress: ProgressSnapshot) -> str:
 # it
 
 
-_KEPT_AS = "handtrack.room"  # in the browser's storage
+KEPT_AS = "handtrack.room"  # in the browser's storage
 _LARGER = 1.25
 _LARGE = "document.documentElement.style.setProperty('--mantine-scale', '{}', 'important')"
 DARK, LIGHT, USUAL, LARGE = "dark", "light", "usual", "large"
 WIDTH = 276
 """of the panel, with usual text [px]: the scene keeps 70 % of a window of 1280 x 800"""
-_SYSTEM = """
+SYSTEM = """
 const key = "viser-user:handtrack.room";
 if (!localStorage.getItem(key)) localStorage.setItem(key, JSON.stringify({
   folded: false, text: "usual", colours: matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"}));
@@ -334,14 +334,14 @@ class Room:
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
-        internals.run_javascript(client, _SYSTEM)
+        internals.run_javascript(client, SYSTEM)
 
         def begin(kept: str | None) -> None:
             taste = Taste.read(kept)
             if taste is not None:
                 self._apply(client, taste)
 
-        self.page.remembered(client, _KEPT_AS, begin)
+        self.page.remembered(client, KEPT_AS, begin)
 
     def fold(self, client: viser.ClientHandle, folded: bool | None = None) -> None:
         """Hide the panel, or show a hidden one."""
@@ -352,7 +352,7 @@ class Room:
         """Change a taste, and let the browser remember it."""
         taste = replace(self.tastes.get(client.client_id, Taste()), **values)
         self._apply(client, taste)
-        client.local_storage.set_item(_KEPT_AS, json.dumps(asdict(taste)))
+        client.local_storage.set_item(KEPT_AS, json.dumps(asdict(taste)))
 
     def _other_colours(self, client: viser.ClientHandle) -> None:
         now = self.tastes.get(client.client_id, Taste()).colours

@@ -237,7 +237,7 @@ def _main_curve(strip: TimelineSnapshot) -> tuple[Floats[N], str, str]:
     """Return the values of the first lane, what they are, and their unit."""
     if np.isfinite(strip.error_mm).any():
         return strip.error_mm, "joint error", "mm"
-    return strip.energy, "energy", ""
+    return strip.energy, "cost", ""
 
 
 def _curve_lane(
@@ -315,7 +315,7 @@ def _term_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
         return "".join(f"<div>{one(frame) or '&nbsp;'}</div>" for one in values)
 
     return Lane(
-        label, height, [_ground(height), *lines], value, f"The energy's parts, to {_number(top)}"
+        label, height, [_ground(height), *lines], value, f"The cost's terms, to {_number(top)}"
     )
 
 
