@@ -103,7 +103,7 @@ class StereoSettings:
         "sgbm",
         "How pairs are matched: OpenCV's semi-global matching, or windows alone, as in the 2004 paper.",
         label="Method",
-        words={"sgbm": "semi-global (SGBM)", "correlation": "correlation (2004)"},
+        words={"sgbm": "semi-global", "correlation": "correlation (2004)"},
     )
     window_px: int | None = setting(
         None,

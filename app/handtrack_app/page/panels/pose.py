@@ -17,7 +17,14 @@ from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.html import chip, rgb, row, table, text
 from handtrack_app.page.page import Page, UserEvent, put
 from handtrack_app.page.panels.copying import CopyPanel
-from handtrack_app.page.panels.pose_words import group_of, groups_of, label_of, length_unit, unit_of
+from handtrack_app.page.panels.pose_words import (
+    PLACE,
+    group_of,
+    groups_of,
+    label_of,
+    length_unit,
+    unit_of,
+)
 from handtrack_app.page.pins.grips import Grips, moved_root, near_joint_m
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.palette import (
@@ -367,9 +374,9 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
         return text("Track this frame to see how well each joint is seen.")
     cells: dict[str, list[str]] = {}
     for name, value in zip(names, std.tolist(), strict=True):
-        row = {"root_t": "Place mm", "root_r": "Turn"}.get(name[:6], group_of(name))
+        row = "Rotation" if name.startswith("root_r") else group_of(name)
         cells.setdefault(row, []).append(_cell(name, value))
-    heads = {"Place mm": ("x", "y", "z"), "Thumb": ("flex", "abd.", "2nd", "3rd")}
+    heads = {PLACE: ("x mm", "y mm", "z mm"), "Thumb": ("flex", "abd.", "2nd", "3rd")}
     rows = ""
     for group, row in cells.items():
         if group in heads:
@@ -381,7 +388,7 @@ def certainty_table(names: tuple[str, ...], std: Floats[S] | None) -> str:
     return (
         "<div style='padding:.4em .9em;font-size:13px;line-height:1.5'>"
         "<div style='opacity:.85;margin-bottom:.4em'>Standard deviation of each joint in this frame. "
-        "Yellow is badly seen; <b>unseen</b> cannot be told from these images.</div>"
+        "Yellow is uncertain; <b>unseen</b> is not determined by these images.</div>"
         "<table style='width:100%;table-layout:fixed;border-spacing:2px;border-collapse:separate'>"
         f"<colgroup><col style='width:6.2em'></colgroup>{rows}</table></div>"
     )
