@@ -23,10 +23,10 @@ from handtrack.capture.masks.segmentation import METHODS, mask_method_table
 from handtrack.diagnostics.residual_image import mask_picture
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.session.session import Session
-from handtrack.session.session_state import NOTHING, Correction, Edit, MaskSource, decide
+from handtrack.session.session_state import Correction, Edit, MaskSource, decide
 from handtrack.session.sources.corrected_masks import encoded
-from handtrack.session.sources.views import MaskChoice, View
-from handtrack_app.engine.document import Document, source_of, usual_values
+from handtrack.session.sources.views import View
+from handtrack_app.engine.document import source_of, usual_values
 from handtrack_app.engine.jobs import BackgroundJob
 from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet, shrunk
 from handtrack_app.engine.service import PreviewService
@@ -149,149 +149,12 @@ _MOST_POINTS, _LARGEST_PX = 4096, 500.0  # of a stroke; no page sends more
 _DEPTHS_M = {"near_m": 0.2, "far_m": 0.8}  # of a hand before a camera on a desk, to begin with
 
 
-def masks_changed(document: Document, camera: str, values: Mapping[str, object]) -> Edit:
-    """Change method, thresholds or box of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
-    views = {view.name: view for view in document.run.session.views}
-    if camera and camera not in views:
-        raise unknown_name("camera", camera, tuple(views))
-    wanted = [views[camera]] if camera else list(views.values())
-    found, why = dict[str, MaskSource](), ""
-    for view in wanted:
-        try:
-            found[view.name] = _changed(document, view, dict(values))
-        except HandtrackError as error:
-            why = str(error)
-    if not found:
-        raise HandtrackError(why)
-    return decide(masks=found)
-
-
-def _changed(document: Document, view: View, values: dict[str, object]) -> MaskSource:
-    source = source_of(document.masks[view.name])
-    table, roi = source.masks, source.roi
-    if "method" in values:
-        table = _begun(document, view, str(values.pop("method")))
-    if "roi" in values:
-        roi, box = None, values.pop("roi")
-        if isinstance(box, list | tuple):
-            x, y, width, height = (int(part) for part in box)
-            roi = x, y, width, height
-    if values:
-        known = table if isinstance(table, dict) else dict[str, object]()
-        for name in values:
-            if name not in known:
-                raise HandtrackError(f"the masks of camera '{view.name}' have no setting '{name}'.")
-        table = {**known, **values}
-    return MaskSource(table, roi)
-
-
-def _begun(document: Document, view: View, name: str) -> str | dict[str, object] | None:
-    """Return a method as it begins: as session.toml has it, else as it is usual. Raises HandtrackError where it cannot be."""
-    saved = document.saved_masks[view.name][0]
-    if name == NO_MASKS:
-        return None
-    if name == FILES:
-        if not isinstance(saved, str):
-            raise HandtrackError(
-                f"session.toml names no files of masks for camera '{view.name}': `masks = \"masks/{view.name}/*.png\"` does."
-            )
-        return saved
-    if name not in possible_methods(document, view):
-        needs = METHODS[name].needs if name in METHODS else "a method that is known"
-        raise HandtrackError(
-            f"masks of camera '{view.name}' cannot be made by '{name}': it needs {needs}, and joints for 'seeded'."
-        )
-    if saved is not None and not isinstance(saved, str) and saved.name == name:
-        return mask_method_table(saved)
-    kind = METHODS[name]
-    width, height = view.camera.size
-    middle = [3 * width // 7, 3 * height // 7, width // 7, height // 7]
-    needed = {"sample": middle, "reference": document.frame, **_DEPTHS_M}
-    given = {item.name: needed[item.name] for item in fields(kind) if item.name in needed}
-    return {"method": name, **usual_values(kind), **given}
-
-
-def possible_methods(document: Document, view: View) -> tuple[str, ...]:
-    """Return the methods that a camera has what it takes for; files where session.toml names some."""
-    settings, saved = view.settings, document.saved_masks[view.name][0]
-    found = [name for name, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
-    if settings.keypoints is None:
-        found = [name for name in found if name != "seeded"]
-    return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
-
-
-def marked_box(
-    document: Document, camera: str, what: str, box: tuple[int, int, int, int], frame: int
-) -> Edit:
-    """Take a box dragged over a camera's undistorted image as its region of interest, or as the sample of skin."""
-    view = document.run.session.view(camera)
-    x, y, width, height = box
-    edges = [(x + s * width, y + t * height) for s in (0, 0.5, 1) for t in (0, 0.5, 1)]
-    places = _as_taken(view, edges)
-    size = np.array(view.camera.size)
-    low = np.clip(np.round(places.min(axis=0)), 0, size - 2).astype(int)
-    high = np.clip(np.round(places.max(axis=0)), low + 2, size).astype(int)
-    values: dict[str, object] = {what: tuple(int(v) for v in (*low, *(high - low)))}
-    if what == "sample":
-        values["reference"] = document.clamped(frame)
-    return masks_changed(document, camera, values)
-
-
-def painting(
-    document: Document,
-    frame: int,
-    camera: str,
-    brush: str,
-    points: Sequence[tuple[float, float]],
-    radius_px: float,
-) -> Edit:
-    """Paint a stroke over a camera's mask. Raises HandtrackError where there is nothing to paint on."""
-    view, own = _place(document, camera, frame)
-    stroke = np.asarray(points[:_MOST_POINTS], dtype=float).reshape(-1, 2)
-    stroke = stroke[np.isfinite(stroke).all(axis=1)]
-    if not len(stroke) or brush not in BRUSHES or not np.isfinite(radius_px):
-        return NOTHING
-    layer = view.corrections.layer(own)
-    layer = empty_layer(view.camera.size) if layer is None else layer
-    radius = min(max(float(radius_px), 0.5), _LARGEST_PX)
-    after = painted(layer, _as_taken(view, stroke.tolist()), radius, BRUSHES[brush])
-    content = encoded(after)
-    now = None if content is None else Correction(content)
-    return decide(correction={(view.name, own): now})
-
-
-def correction_dropped(document: Document, camera: str, frame: int) -> Edit:
-    """Drop the correction of a camera's frame."""
-    view, own = _place(document, camera, frame)
-    return decide(correction={(view.name, own): None})
-
-
-def is_painted(document: Document, camera: str, own_frame: int) -> bool:
-    """Return whether a frame was corrected there, and not only carried to it."""
-    correction = document.in_force(("correction", (camera, own_frame)))
-    return correction is not None and not correction.carried
-
-
-def _place(document: Document, camera: str, frame: int) -> tuple[View, int]:
-    view = document.run.session.view(camera)
-    own = view.own_frame(document.clamped(frame))
-    if own is None:
-        raise HandtrackError(f"camera '{camera}' shows nothing at frame {frame}.")
-    return view, own
-
-
 def _as_taken(view: View, points: Sequence[Sequence[float]]) -> Floats[N, D2]:
     """Return where points of the undistorted image (N, 2) lie in the image as it was taken [px]."""
     places = np.asarray(points, dtype=float)
     if view.camera.is_distorted:
         places = view.camera.distort_points(places)
     return np.nan_to_num(places, nan=-1e4)
-
-
-def method_of(choice: MaskChoice) -> str:
-    """Return the page's name of where masks come from."""
-    masks = choice[0]
-    return NO_MASKS if masks is None else FILES if isinstance(masks, str) else masks.name
 
 
 _MOST_CARRIED = 50  # frames each way; what is carried drifts
@@ -344,15 +207,14 @@ class MaskService(PreviewService):
         views = document.run.session.views
         cards = []
         for view in views:
-            masks, roi = document.masks[view.name]
-            table = {} if masks is None or isinstance(masks, str) else mask_method_table(masks)
-            table.pop("method", None)
+            source = source_of(document.masks[view.name])
+            table = dict(source.masks) if isinstance(source.masks, dict) else {}
+            method = str(table.pop("method", NO_MASKS if source.masks is None else FILES))
             cards.append(
                 MaskCameraCard(
-                    view.name, view.camera.size, method_of((masks, roi)), table, roi,
-                    possible_methods(document, view),
+                    view.name, view.camera.size, method, table, source.roi, self._possible(view)
                 )
-            )  # fmt: skip
+            )
         words = ""
         if all(set(card.possible) <= {FILES, NO_MASKS} for card in cards):
             words = _NO_IMAGES
@@ -368,16 +230,98 @@ class MaskService(PreviewService):
         empty for all that have what it takes.
         """
         names, slid = ", ".join(values), edits.is_slid(*values.values())
-        self._do(
-            f"Masks: {names}", lambda: masks_changed(self.document, camera, values), f"{camera} {names}", slid
-        )  # fmt: skip
+        edit = partial(self._changed, camera, values)
+        self._do(f"Masks: {names}", edit, f"{camera} {names}", slid)
+
+    def _changed(self, camera: str, values: Mapping[str, object]) -> Edit:
+        """Return the edit of one camera's masks, or of all that have what it takes. Raises HandtrackError."""
+        views = {view.name: view for view in self.document.run.session.views}
+        if camera and camera not in views:
+            raise unknown_name("camera", camera, tuple(views))
+        found, why = dict[str, MaskSource](), ""
+        for view in [views[camera]] if camera else views.values():
+            try:
+                found[view.name] = self._source(view, dict(values))
+            except HandtrackError as error:
+                why = str(error)
+        if not found:
+            raise HandtrackError(why)
+        return decide(masks=found)
+
+    def _source(self, view: View, values: dict[str, object]) -> MaskSource:
+        """Return where a camera's masks come from with other values. Raises HandtrackError."""
+        source = source_of(self.document.masks[view.name])
+        table, roi = source.masks, source.roi
+        if "method" in values:
+            table = self._begun(view, str(values.pop("method")))
+        if "roi" in values:
+            roi, box = None, values.pop("roi")
+            if isinstance(box, list | tuple):
+                x, y, width, height = (int(part) for part in box)
+                roi = x, y, width, height
+        if values:
+            known = table if isinstance(table, dict) else dict[str, object]()
+            for name in values:
+                if name not in known:
+                    raise HandtrackError(
+                        f"the masks of camera '{view.name}' have no setting '{name}'."
+                    )
+            table = {**known, **values}
+        return MaskSource(table, roi)
+
+    def _begun(self, view: View, name: str) -> str | dict[str, object] | None:
+        """Return a method as it begins: as session.toml has it, else as it is usual. Raises HandtrackError where it cannot be."""
+        saved = self.document.saved_masks[view.name][0]
+        if name == NO_MASKS:
+            return None
+        if name == FILES:
+            if not isinstance(saved, str):
+                raise HandtrackError(
+                    f"session.toml names no files of masks for camera '{view.name}': `masks = \"masks/{view.name}/*.png\"` does."
+                )
+            return saved
+        if name not in self._possible(view):
+            needs = METHODS[name].needs if name in METHODS else "a method that is known"
+            raise HandtrackError(
+                f"masks of camera '{view.name}' cannot be made by '{name}': it needs {needs}, and joints for 'seeded'."
+            )
+        if saved is not None and not isinstance(saved, str) and saved.name == name:
+            return mask_method_table(saved)
+        kind = METHODS[name]
+        width, height = view.camera.size
+        middle = [3 * width // 7, 3 * height // 7, width // 7, height // 7]
+        needed = {"sample": middle, "reference": self.document.frame, **_DEPTHS_M}
+        given = {item.name: needed[item.name] for item in fields(kind) if item.name in needed}
+        return {"method": name, **usual_values(kind), **given}
+
+    def _possible(self, view: View) -> tuple[str, ...]:
+        """Return the methods that a camera has what it takes for; files where session.toml names some."""
+        settings, saved = view.settings, self.document.saved_masks[view.name][0]
+        found = [n for n, kind in METHODS.items() if getattr(settings, kind.needs) is not None]
+        if settings.keypoints is None:
+            found = [name for name in found if name != "seeded"]
+        return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
 
     @command(edits=True, words="a box for masks")
     def mark_mask_box(
         self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
     ) -> None:
         """Take a box x, y, w, h [px] of a camera's undistorted image as region of interest (`roi`) or as skin (`sample`)."""
-        self._do("Masks: box", lambda: marked_box(self.document, camera, what, box, frame))
+
+        def edit() -> Edit:
+            view = self.document.run.session.view(camera)
+            x, y, width, height = box
+            edges = [(x + s * width, y + t * height) for s in (0, 0.5, 1) for t in (0, 0.5, 1)]
+            places = _as_taken(view, edges)
+            size = np.array(view.camera.size)
+            low = np.clip(np.round(places.min(axis=0)), 0, size - 2).astype(int)
+            high = np.clip(np.round(places.max(axis=0)), low + 2, size).astype(int)
+            values: dict[str, object] = {what: tuple(int(v) for v in (*low, *(high - low)))}
+            if what == "sample":
+                values["reference"] = self.document.clamped(frame)
+            return self._changed(camera, values)
+
+        self._do("Masks: box", edit)
 
     @command(edits=True, words="settings of masks")
     def restore_masks(self) -> None:
@@ -409,8 +353,19 @@ class MaskService(PreviewService):
 
         def change() -> None:
             self.store.check()  # what is painted becomes a file
-            values = painting(self.document, frame, camera, brush, points, radius_px)
-            self.store.do(words, values, f"{words} {tag}", waits=True, is_stroke=True)
+            view, own = self._place(camera, frame)
+            stroke = np.asarray(points[:_MOST_POINTS], dtype=float).reshape(-1, 2)
+            stroke = stroke[np.isfinite(stroke).all(axis=1)]
+            if not len(stroke) or brush not in BRUSHES or not np.isfinite(radius_px):
+                return
+            layer = view.corrections.layer(own)
+            layer = empty_layer(view.camera.size) if layer is None else layer
+            radius = min(max(float(radius_px), 0.5), _LARGEST_PX)
+            after = painted(layer, _as_taken(view, stroke.tolist()), radius, BRUSHES[brush])
+            content = encoded(after)
+            now = None if content is None else Correction(content)
+            edit = decide(correction={(view.name, own): now})
+            self.store.do(words, edit, f"{words} {tag}", waits=True, is_stroke=True)
 
         self._change(change)
 
@@ -420,10 +375,24 @@ class MaskService(PreviewService):
 
         def change() -> None:
             self.store.check()
-            values = correction_dropped(self.document, camera, frame)
-            self.store.do(f"Correction of {camera} dropped, frame {frame}", values)
+            _, own = self._place(camera, frame)
+            edit = decide(correction={(camera, own): None})
+            self.store.do(f"Correction of {camera} dropped, frame {frame}", edit)
 
         self._change(change)
+
+    def _place(self, camera: str, frame: int) -> tuple[View, int]:
+        """Return a camera's view and its own frame. Raises HandtrackError where it shows nothing."""
+        view = self.document.run.session.view(camera)
+        own = view.own_frame(self.document.clamped(frame))
+        if own is None:
+            raise HandtrackError(f"camera '{camera}' shows nothing at frame {frame}.")
+        return view, own
+
+    def _is_painted(self, camera: str, own_frame: int) -> bool:
+        """Return whether a frame was corrected there, and not only carried to it."""
+        correction = self.document.in_force(("correction", (camera, own_frame)))
+        return correction is not None and not correction.carried
 
     @command(job=True, files=True, words="carrying masks on")
     def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
@@ -437,9 +406,7 @@ class MaskService(PreviewService):
             low, high = (min(max(n, 0), _MOST_CARRIED) for n in (before, behind))
             at = document.clamped(frame)
             frames = range(document.clamped(at - low), document.clamped(at + high) + 1)
-            work = partial(
-                carry, views=views, frame=at, reach=frames, is_painted=partial(is_painted, document)
-            )
+            work = partial(carry, views=views, frame=at, reach=frames, is_painted=self._is_painted)
             self.jobs.begin("carrying", work)
 
         self._change(change)

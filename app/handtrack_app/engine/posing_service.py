@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +49,21 @@ _SOURCES = {
 _NOTHING_BEFORE = "No step changed this frame's pose yet: there is no other to look at. After a fit, a drag or a moved slider there is."
 
 
+_MOST = 200
+"""pins of a frame; more than anybody places"""
+_FAR_PX = 10_000.0
+
+
+@dataclass
+class Pull:
+    """One drag: where it began, and what is seen meanwhile."""
+
+    tag: str
+    frame: int
+    stood: Floats[P]
+    seen: Observation
+
+
 class PosingService(Service):
     """Poses by hand, and by pins."""
 
@@ -78,8 +93,21 @@ class PosingService(Service):
         """Set a frame's pose by hand to the one that shows there (`shown`: a keyframe), to `start` (the first-frame pose), `previous`
         (the frame before), or a pose of the library, for the fingers.
         """
-        taken = taken_pose(self.document, frame, source)
-        self.opened.edit(frame, taken, _SOURCES.get(source, f"Pose {source!r}"))
+        document = self.document
+        current, model = document.pose_at(frame), document.model
+        taken = document.start
+        if source in document.pose_names:
+            taken = named_pose(model, source)
+            taken[:6] = current[:6]
+        elif source == "previous":
+            earlier = range(frame - 1, document.frames.start - 1, -1)
+            known = (f for f in earlier if f in document.by_hand or f in document.results)
+            if (before := next(known, None)) is not None:
+                taken = document.pose_at(before)
+        elif source == "shown":
+            taken = current
+        edit = pose(document, frame, taken.tolist())
+        self.opened.edit(frame, edit, _SOURCES.get(source, f"Pose {source!r}"))
 
     @command(
         edits=True,
@@ -96,8 +124,15 @@ class PosingService(Service):
         tag: str = "",
     ) -> None:
         """Bend a finger or limb so that what is held comes to a target in world [m]. tag: of the drag."""
-        pulled = pulled_place(self.document, frame, target, Pin("", (0.0, 0.0), *hold))
-        self.opened.edit(frame, pulled, f"Pull of {hold.words}", tag, True)
+        document, meant = self.document, np.asarray(target, dtype=float)
+        model = document.model
+        (bone,), (point,) = pinned_places(model, [Pin("", (0.0, 0.0), *hold)])
+        if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
+            raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
+        params = model.params_within_limits(document.pose_at(document.clamped(frame)))
+        reached = model.joint_params(reach(model, params, int(bone), point, meant))
+        edit = pose(document, frame, reached.tolist())
+        self.opened.edit(frame, edit, f"Pull of {hold.words}", tag, True)
 
     @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
     def forget_pose(self, frame: int, version: int) -> None:
@@ -143,11 +178,19 @@ class PosingService(Service):
         it changes least. tag: of the drag.
         """
         self._refuse_live()
-        pull = self._pull
-        if pull is None or (pull.tag, pull.frame) != (tag, frame):
-            pull = self._pull = begun_pull(self.document, frame, tag)
-        placed = with_pin(self.document, pull, Pin(camera, pixel, *hold), by_images)
-        self.opened.edit(frame, placed, f"Pin of {hold.words} in {camera}", tag, True)
+        frame = self.document.clamped(frame)
+        if self._pull is None or (self._pull.tag, self._pull.frame) != (tag, frame):
+            self._pull = self._begun(frame, tag)
+        pin, session = Pin(camera, pixel, *hold), self.document.run.session
+        pinned_places(self.document.model, [pin])
+        size = session.view(camera).camera.size
+        if not np.isfinite(pixel).all() or np.abs(np.subtract(pixel, size)).max() > _FAR_PX:
+            raise HandtrackError(f"a pin of {hold.words}: {pixel} is no pixel of {camera}.")
+        others = [p for p in session.pins.of(frame) if p.what != pin.what]
+        if len(others) >= _MOST:
+            raise HandtrackError(f"Frame {frame} has {_MOST} pins already; drop some first.")
+        edit = self._led(self._pull, (*others, pin), by_images)
+        self.opened.edit(frame, edit, f"Pin of {hold.words} in {camera}", tag, True)
 
     @command(edits=True, words="pins of frame {frame}", at_once=looks_elsewhere)
     def drop_pins(
@@ -155,16 +198,69 @@ class PosingService(Service):
     ) -> None:
         """Drop one of a frame's pins by its place in the list, or all (None)."""
         self._refuse_live()
-        pull = self._pull = begun_pull(self.document, frame, "")
-        left = pins_dropped(self.document, pull, which, by_images)
-        self.opened.edit(frame, left, "Pins dropped" if which is None else "Pin dropped")
+        document, frame = self.document, self.document.clamped(frame)
+        self._pull = self._begun(frame, "")
+        own, edit = document.run.session.pins.of(frame), NOTHING
+        left = () if which is None else tuple(p for n, p in enumerate(own) if n != which)
+        if left and left != own:
+            edit = self._led(self._pull, left, by_images)
+        elif not left and own:  # the pose goes with them where they led to it
+            led = {frame: None} if document.decided_pose(frame).pinned else {}
+            edit = decide(pins={frame: None}, pose=led)
+        self.opened.edit(frame, edit, "Pins dropped" if which is None else "Pin dropped")
 
     @command(edits=True, words="pins of frame {frame}")
     def copy_pins(self, frame: int, before: int, behind: int, version: int) -> None:
         """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
         self._refuse_live()
-        others = range(frame - before, frame + behind + 1)
-        self.opened.edit(frame, pins_copied(self.document, frame, others), "Pins copied")
+        pins, found = self.document.run.session.pins, dict[int, Sequence[Pin]]()
+        own = pins.of(frame)
+        what = {pin.what for pin in own}
+        corrections = np.array([p.pixel for p in own]).reshape(-1, 2) - self._pixels(frame, own)
+        for other in range(frame - before, frame + behind + 1):
+            if other == frame or other not in self.document.frames:
+                continue
+            moved = [
+                replace(pin, pixel=(float(x), float(y)))
+                for pin, (x, y) in zip(own, self._pixels(other, own) + corrections, strict=True)
+                if np.isfinite([x, y]).all()
+            ]
+            found[other] = [*(pin for pin in pins.of(other) if pin.what not in what), *moved]
+        self.opened.edit(frame, pinning(found), "Pins copied")
+
+    def _pixels(self, frame: int, pins: Sequence[Pin]) -> Floats[K, D2]:
+        """Return where the pinned places lie in their cameras' undistorted images [px], of the pose that was tracked at a frame, else
+        of the one that shows there.
+        """
+        document = self.document
+        model, result = document.model, document.results.get(frame)
+        values = document.pose_at(frame) if result is None else result.parameters
+        bone, point = pinned_places(model, pins)
+        places = model.bones(model.params_within_limits(values)).to_world(bone, point)
+        flat = {c.name: c.without_distortion() for c in document.run.session.rig}
+        at = np.full((len(pins), 2), np.nan)
+        for n, pin in enumerate(pins):
+            at[n] = flat[pin.camera].project(places[n : n + 1])[0]
+        return at
+
+    def _begun(self, frame: int, tag: str) -> Pull:
+        """Begin a pull at a frame, from the pose that shows there."""
+        model = self.document.model
+        params = model.params_within_limits(self.document.pose_at(frame))
+        return Pull(tag, frame, params, self.document.run.observation(frame, model.bones(params)))
+
+    def _led(self, pull: Pull, pins: Sequence[Pin], by_images: bool) -> Edit:
+        """Return pins, and the pose to which they lead."""
+        document = self.document
+        model = document.model
+        names = model.joint_names, model.skeleton.bone_names
+        held = document.run.session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
+        seen = replace(pull.seen, pins=held)
+        params = model.params_within_limits(document.pose_at(pull.frame))
+        tells = bool(seen.silhouettes or seen.keypoints or seen.cloud or seen.images)
+        found = pulled(model, document.run.settings, seen, params, by_images and tells, pull.stood)
+        posed = set_pose(document, pull.frame, model.joint_params(found), pinned=True)
+        return in_turn(pinning({pull.frame: pins}), posed)
 
     def _refuse_live(self) -> None:
         if self.document.run.session.live is not None:
@@ -173,14 +269,12 @@ class PosingService(Service):
             )
 
 
-def pose(document: Document, frame: int, values: Sequence[float], found: bool = False) -> Edit:
-    """Set a frame's pose, moved into the limits in force. found: a search gave it."""
+def pose(document: Document, frame: int, values: Sequence[float]) -> Edit:
+    """Set a frame's pose, moved into the limits in force."""
     model, given = document.model, np.asarray(values, dtype=float)
     if given.shape != (len(model.parameter_names),):
         return NOTHING  # sent before the model changed
-    return set_pose(
-        document, frame, model.joint_params(model.params_within_limits(given)), found=found
-    )
+    return set_pose(document, frame, model.joint_params(model.params_within_limits(given)))
 
 
 def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> Edit:
@@ -189,39 +283,6 @@ def set_pose(document: Document, frame: int, values: Floats[S], **how: bool) -> 
     known = document.decided_pose(frame).parameters  # of other models, too
     now = dict(zip(document.model.parameter_names, values.tolist(), strict=True))
     return decide(pose={frame: DecidedPose({**known, **now}, **how)})
-
-
-def taken_pose(document: Document, frame: int, source: str) -> Edit:
-    """Set a frame's pose to what it shows (`shown`), the first-frame pose (`start`), the one before (`previous`), or the library's
-    fingers.
-    """
-    current, model = document.pose_at(frame), document.model
-    if source in document.pose_names:
-        taken = named_pose(model, source)
-        taken[:6] = current[:6]
-    elif source == "previous":
-        earlier = range(frame - 1, document.frames.start - 1, -1)
-        known = (f for f in earlier if f in document.by_hand or f in document.results)
-        before = next(known, None)
-        taken = document.start if before is None else document.pose_at(before)
-    elif source == "shown":
-        taken = current
-    else:
-        taken = document.start
-    return pose(document, frame, taken.tolist())
-
-
-def pulled_place(
-    document: Document, frame: int, target: tuple[float, float, float], place: Pin
-) -> Edit:
-    """Bend a finger or limb so that a place of it comes to a point. Raises HandtrackError for what is no such place."""
-    model, meant = document.model, np.asarray(target, dtype=float)
-    (bone,), (point,) = pinned_places(model, [place])
-    if meant.shape != (3,) or not np.isfinite([*meant, *point]).all():
-        raise HandtrackError(f"a pull: expected a point in metres, found {target}.")
-    params = model.params_within_limits(document.pose_at(document.clamped(frame)))
-    reached = reach(model, params, int(bone), point, meant)
-    return pose(document, frame, model.joint_params(reached).tolist())
 
 
 _SAME = 1e-9
@@ -257,117 +318,6 @@ def _pose(document: Document, state: SessionState) -> Floats[S] | None:
             if result is not None:
                 return result.parameters
     return document.start if frame == document.first_frame else None
-
-
-# ---- Pins of the page: pulled at, dropped, copied; the pose follows at once
-
-
-_MOST = 200
-"""pins of a frame; more than anybody places"""
-_FAR_PX = 10_000.0
-
-
-@dataclass
-class Pull:
-    """One drag: where it began, and what is seen meanwhile."""
-
-    tag: str
-    frame: int
-    stood: Floats[P]
-    seen: Observation
-
-
-def with_pin(document: Document, pull: Pull, pin: Pin, by_images: bool) -> Edit:
-    """Let a place lie at a pixel, and the hand follow. Raises HandtrackError for what is no such place."""
-    model = document.model
-    pinned_places(model, [pin])
-    size = document.run.session.view(pin.camera).camera.size
-    if not np.isfinite(pin.pixel).all() or np.abs(np.subtract(pin.pixel, size)).max() > _FAR_PX:
-        raise HandtrackError(f"a pin of {pin.joint or pin.bone}: {pin.pixel} is no pixel of {pin.camera}.")  # fmt: skip
-    own = document.run.session.pins.of(pull.frame)
-    others = [p for p in own if p.what != pin.what]
-    if len(others) >= _MOST:
-        raise HandtrackError(f"Frame {pull.frame} has {_MOST} pins already; drop some first.")
-    return _led(document, pull, (*others, pin), by_images)
-
-
-def pins_dropped(document: Document, pull: Pull, which: int | None, by_images: bool) -> Edit:
-    """Drop one of a frame's pins, or all: then the pose goes with them where they led to it."""
-    own = document.run.session.pins.of(pull.frame)
-    left = () if which is None else tuple(p for n, p in enumerate(own) if n != which)
-    if left == own:
-        return NOTHING
-    if left:
-        return _led(document, pull, left, by_images)
-    frame = pull.frame
-    led = {frame: None} if document.decided_pose(frame).pinned else {}
-    return decide(pins={frame: None}, pose=led)
-
-
-def pins_copied(document: Document, frame: int, others: Iterable[int]) -> Edit:
-    """Copy a frame's pins to others, each moved as the place that it holds moves in what was tracked."""
-    pins, found = document.run.session.pins, dict[int, Sequence[Pin]]()
-    own = pins.of(frame)
-    what = {pin.what for pin in own}
-    corrections = _corrections(document, frame, own)
-    for other in others:
-        if other == frame or other not in document.frames:
-            continue
-        at = _pixels(document, _tracked(document, other), own)
-        moved = [
-            replace(pin, pixel=(float(x), float(y)))
-            for pin, (x, y) in zip(own, at + corrections, strict=True)
-            if np.isfinite([x, y]).all()
-        ]
-        kept = [pin for pin in pins.of(other) if pin.what not in what]
-        found[other] = [*kept, *moved]
-    return pinning(found)
-
-
-def begun_pull(document: Document, frame: int, tag: str) -> Pull:
-    """Begin a pull at a frame, from the pose that shows there."""
-    model, frame = document.model, document.clamped(frame)
-    params = model.params_within_limits(document.pose_at(frame))
-    seen = document.run.observation(frame, model.bones(params))
-    return Pull(tag, frame, params, seen)
-
-
-def _led(document: Document, pull: Pull, pins: Sequence[Pin], by_images: bool) -> Edit:
-    """Return pins, and the pose to which they lead."""
-    model, session = document.model, document.run.session
-    names = model.joint_names, model.skeleton.bone_names
-    held = session.pins.as_observed(pin for pin in pins if pin.is_on(*names))
-    seen = replace(pull.seen, pins=held)
-    params = model.params_within_limits(document.pose_at(pull.frame))
-    tells = bool(seen.silhouettes or seen.keypoints or seen.cloud or seen.images)
-    found = pulled(model, document.run.settings, seen, params, by_images and tells, pull.stood)
-    posed = set_pose(document, pull.frame, model.joint_params(found), pinned=True)
-    return in_turn(pinning({pull.frame: pins}), posed)
-
-
-def _tracked(document: Document, frame: int) -> Floats[S]:
-    """Return the pose that was tracked at a frame, else the one that shows there."""
-    result = document.results.get(frame)
-    return document.pose_at(frame) if result is None else result.parameters
-
-
-def _corrections(document: Document, frame: int, pins: Sequence[Pin]) -> Floats[K, D2]:
-    """Return how far each pin moves its place from where that was tracked [px]."""
-    return np.array([p.pixel for p in pins]).reshape(-1, 2) - _pixels(
-        document, _tracked(document, frame), pins
-    )
-
-
-def _pixels(document: Document, values: Floats[S], pins: Sequence[Pin]) -> Floats[K, D2]:
-    """Return where the pinned places of a pose lie in their cameras' undistorted images [px]."""
-    model, rig = document.model, document.run.session.rig
-    bone, point = pinned_places(model, pins)
-    places = model.bones(model.params_within_limits(values)).to_world(bone, point)
-    flat = {camera.name: camera.without_distortion() for camera in rig}
-    at = np.full((len(pins), 2), np.nan)
-    for n, pin in enumerate(pins):
-        at[n] = flat[pin.camera].project(places[n : n + 1])[0]
-    return at
 
 
 # ---- The score of the pose shown

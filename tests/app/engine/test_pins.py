@@ -1,11 +1,14 @@
 """Pins in the workbench: a joint is pulled to a pixel, the hand follows, it is undone, dropped, copied, kept, and tracked by."""
 
 import json
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 
 from handtrack.observation.pins import Pin
-from handtrack_app.engine.posing_service import begun_pull, pins_copied, with_pin
+from handtrack_app.engine.open_session import OpenSession
+from handtrack_app.engine.posing_service import PosingService
 from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
@@ -113,13 +116,22 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
     eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist(), "where pins led")
 
 
+def _posing(store: Persistence) -> PosingService:
+    """Return the service of a session without jobs and pages, whose edits are written at once."""
+    edit = lambda _frame, edit, words, *_: store.do(words, edit)  # noqa: E731
+    opened_ = SimpleNamespace(
+        document=store.document, store=store, jobs=None, publish=None, edit=edit
+    )
+    return PosingService(cast("OpenSession", opened_))
+
+
 def _with_pin(store: Persistence, frame: int) -> Pin:
     document = store.document
-    pull = begun_pull(document, frame, "drag")
     model = document.model
-    at = model.joint_positions(model.bones(pull.stood))[model.joint_names.index("ring_tip")]
+    bones = model.bones(model.params_within_limits(document.pose_at(frame)))
+    at = model.joint_positions(bones)[model.joint_names.index("ring_tip")]
     pin = Pin("front", _pixel(document, at + (0.0, -0.01, 0.0)), "ring_tip")
-    store.do("Pin", with_pin(document, pull, pin, by_images=True))
+    _posing(store).set_pin(frame, pin.camera, pin.pixel, 1, Hold("ring_tip"), tag="drag")
     return pin
 
 
@@ -149,7 +161,7 @@ def test_copied_pins_move_as_what_was_tracked_moves(tmp_path, left_open):
     store = tracked(opened(tmp_path))
     document = store.document
     pin = _with_pin(store, 5)
-    store.do("Copied", pins_copied(document, 5, range(4, 8)))
+    _posing(store).copy_pins(5, 1, 2, 2)
     assert document.run.session.pins.frames == [4, 5, 6, 7]
     (copy,) = document.run.session.pins.of(7)
     at = document.model.joint_names.index("ring_tip")
