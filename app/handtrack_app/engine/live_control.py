@@ -17,7 +17,7 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.opening import placed_in_view
 from handtrack_app.process.child import LiveOptions
-from handtrack_app.protocol.snapshots import LiveCameraCard, LiveSnapshot, Notice, Snapshot
+from handtrack_app.protocol.snapshots import COUNTED, LiveSnapshot, Notice, Snapshot
 
 _TELL_EVERY_S = 0.5
 KEEPS_NOTHING = "A live source keeps no files of its own: press 'Record', and open the recording, where everything can be saved."
@@ -101,7 +101,7 @@ class LiveControl:
 
     def words(self) -> str:
         """Return what became of the cameras' images while tracking."""
-        return " ".join(count_words(card) for card in self._cards())
+        return " ".join(self._count_words())
 
     def close(self) -> list[str]:
         """End recording and the cameras; return what is to be said at the end, in sentences."""
@@ -110,7 +110,7 @@ class LiveControl:
         except HandtrackError as error:
             said = str(error)
         self._feed.close()
-        return [*(count_words(card) for card in self._cards()), *filter(None, [said])]
+        return [*self._count_words(), *filter(None, [said])]
 
     def tell(self, at_once: bool = False) -> bool:
         """Show what became of the cameras' images, and tell of a camera that is gone: now and then; return whether it was now."""
@@ -126,7 +126,11 @@ class LiveControl:
                 )
         recording = self._recording
         told = LiveSnapshot(
-            self._cards(),
+            {
+                name: {what: count[what] for what in COUNTED}
+                for name, count in self._feed.counts.items()
+            },
+            {camera.name: camera.gone for camera in self._feed.cameras},
             "" if recording is None else str(recording.folder),
             0 if recording is None else recording.count,
         )
@@ -135,15 +139,17 @@ class LiveControl:
             self._publish(told)
         return True
 
-    def _cards(self) -> tuple[LiveCameraCard, ...]:
-        counts = self._feed.counts
-        return tuple(
-            LiveCameraCard(
-                camera.name, counts[camera.name]["used"], counts[camera.name]["dropped"],
-                counts[camera.name]["missing"], camera.gone,
+    def _count_words(self) -> list[str]:
+        """Return what became of each camera's images while tracking, in sentences."""
+        found = []
+        for camera in self._feed.cameras:
+            count = self._feed.counts[camera.name]
+            missing = f", {count['missing']} missing" if count["missing"] else ""
+            found.append(
+                f"{camera.name}: {count['used']} images tracked, {count['dropped']} dropped (came while a frame was solved)"
+                f"{missing}. {camera.gone}".rstrip()
             )
-            for camera in self._feed.cameras
-        )  # fmt: skip
+        return found
 
     @property
     def _session(self) -> LiveSession:
@@ -156,14 +162,6 @@ class LiveControl:
         feed = self._session.live
         assert feed is not None
         return feed
-
-
-def count_words(card: LiveCameraCard) -> str:
-    """Return what became of a camera's images while tracking, in a sentence."""
-    words = f"{card.name}: {card.used} images tracked, {card.dropped} dropped (came while a frame was solved)"
-    if card.missing:
-        words += f", {card.missing} missing"
-    return f"{words}. {card.gone}".rstrip()
 
 
 def _new_folder(session: Path) -> Path:

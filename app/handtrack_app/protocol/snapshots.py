@@ -447,25 +447,20 @@ class ProgressSnapshot:
     """the frame that was tracked last"""
 
 
-@dataclass(frozen=True)
-class LiveCameraCard:
-    """What became of one running camera's images since tracking began."""
-
-    name: str
-    used: int
-    dropped: int
-    """came while an earlier frame was still worked on"""
-    missing: int
-    """frames in which it showed nothing in time"""
-    gone: str
-    """why it gives no more images; empty while it does"""
+COUNTED = ("used", "dropped", "missing")
+"""what becomes of running cameras' images: the second came while an earlier frame was still worked on; the third are frames in which
+a camera showed nothing in time
+"""
 
 
 @dataclass(frozen=True)
 class LiveSnapshot:
     """How it goes with running cameras."""
 
-    cameras: tuple[LiveCameraCard, ...]
+    counts: Mapping[str, Mapping[str, int]]
+    """by camera its images of each kind of COUNTED since tracking began"""
+    gone: Mapping[str, str]
+    """by camera why it gives no more images; empty while it does"""
     recording: str
     """the folder; empty while nothing is recorded"""
     recorded: int

@@ -13,6 +13,7 @@ from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.palette import FOUND, STATUS
 from handtrack_app.protocol.snapshots import (
     APART,
+    COUNTED,
     NO_TIMELINE,
     LiveSnapshot,
     ProgressSnapshot,
@@ -430,18 +431,15 @@ def live_table(live: LiveSnapshot) -> str:
         for word in ("tracked", "dropped", "missing")
     )
     rows = "".join(
-        f"<tr><td>{html.escape(card.name)}</td>"
-        + "".join(
-            f"<td style='text-align:right'>{n}</td>"
-            for n in (card.used, card.dropped, card.missing)
-        )
+        f"<tr><td>{html.escape(name)}</td>"
+        + "".join(f"<td style='text-align:right'>{count[what]}</td>" for what in COUNTED)
         + "</tr>"
         + (
-            f"<tr><td colspan='4' style='color:#e69f00'>{html.escape(card.gone)}</td></tr>"
-            if card.gone
+            f"<tr><td colspan='4' style='color:#e69f00'>{html.escape(live.gone[name])}</td></tr>"
+            if live.gone[name]
             else ""
         )
-        for card in live.cameras
+        for name, count in live.counts.items()
     )
     recorded = ""
     if live.recording:
