@@ -105,7 +105,7 @@ class Workbench:
         self.stage = Stage(self.page)
         self.layout = PageLayout(self.page, self.stage, self.worker.start_again)
         self._subscribe()
-        self.page.on(self.layout.session.others, lambda _: self.left.set())
+        self.page.on(self.layout.session.others, lambda *_: self.left.set())
         self.in_flight = InFlight(self.page, self._snapshots.put)
         self.server.on_client_disconnect(lambda _: self.in_flight.clear())
         self.player = Player(self.state, self._ask_for, self.in_flight, self.redraw)
@@ -292,12 +292,12 @@ class Workbench:
 @logging_to(LOG_FILE)
 def run_workbench(
     plan: EnginePlan,
-    child: EngineChild | None = None,
-    host: str = "127.0.0.1",
-    port: int = 8080,
-    open_browser: bool = True,
-    demo: bool = False,
-    token: str | None = None,
+    child: EngineChild | None,
+    host: str,
+    port: int,
+    open_browser: bool,
+    demo: bool,
+    token: str | None,
 ) -> Door | None:
     """Serve the workbench until Ctrl-C, or until somebody wants another recording: then return its door, closed. Raises HandtrackError for a host or port that cannot be used.
 

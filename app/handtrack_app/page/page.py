@@ -224,17 +224,10 @@ _KEY_WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class UserEvent:
-    """A widget that was used, or a command that was given."""
-
-    client: viser.ClientHandle
-    target: Any
-    value: Any
-    """what the user chose: `target.value` may be the program's by now, written since"""
-
-
-Action = Callable[[UserEvent], object]
+Action = Callable[[viser.ClientHandle, Any], object]
+"""gets the page on which a widget was used or a command given, and what was chosen: the widget's own value may be the program's by
+now, written since
+"""
 Shows = TypeVar("Shows")
 Widget = TypeVar("Widget")
 Kept = TypeVar("Kept")
@@ -403,10 +396,10 @@ class Page:
         command = self.gui.add_command(self.words.of(words), hotkey=hotkey, modifier=modifier)
         self.words.on(command, label=words)
 
-        def use(event: UserEvent) -> None:
-            first = None if modifier else self.modal.get(event.client.client_id)
+        def use(client: viser.ClientHandle, _: object) -> None:
+            first = None if modifier else self.modal.get(client.client_id)
             if first is None or key is None or not first(key):
-                act(*[event.client] * by_page)
+                act(*[client] * by_page)
 
         command.on_trigger(self.from_user(use))
         if key is not None:
@@ -422,7 +415,7 @@ class Page:
         made = self.gui.add_button(
             label, icon=named, hint=hint or None, color=color, visible=visible
         )
-        self.on(made, lambda event: act(*[event.client] * by_page))
+        self.on(made, lambda client, _: act(*[client] * by_page))
         return made
 
     def buttons(
@@ -459,8 +452,8 @@ class Page:
         pass; a pair in order.
         """
 
-        def use(event: UserEvent) -> None:
-            value, options = event.value, getattr(widget, "options", None)
+        def use(_: viser.ClientHandle, value: Any) -> None:
+            options = getattr(widget, "options", None)
             if options is None or value in options:  # they may be others by now
                 act(tuple(sorted(value)) if isinstance(value, list | tuple) else value)
 
@@ -478,8 +471,8 @@ class Page:
         @functools.wraps(action)
         def callback(event: Any) -> None:
             if event.client_id is not None:
-                used = UserEvent(event.client, event.target, self.said(event.target))
-                self._tried(event.client, partial(action, used))
+                value = self.said(event.target)
+                self._tried(event.client, partial(action, event.client, value))
 
         return callback
 

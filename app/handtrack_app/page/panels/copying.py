@@ -66,9 +66,7 @@ class CopyPanel:
         acts = {COPY: self.copy, PASTE: self.paste}
         page.on(
             self.whole,
-            lambda event: (
-                self.mirror(event.client) if event.value == MIRROR else acts[event.value](ALL)
-            ),
+            lambda client, act: self.mirror(client) if act == MIRROR else acts[act](ALL),
         )
         keys: tuple[tuple[str, str | None, KeyModifier | None, Callable[[], None]], ...] = (
             ("Copy the pose", "C", "alt", partial(self.copy, ALL)),

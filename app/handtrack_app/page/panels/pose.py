@@ -15,7 +15,7 @@ import viser
 from handtrack.arrays import D3, D6, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
 from handtrack_app.page.html import chip, rgb, row, table, text
-from handtrack_app.page.page import Page, UserEvent, put
+from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.copying import CopyPanel
 from handtrack_app.page.panels.pose_words import (
     PLACE,
@@ -239,9 +239,9 @@ class PosePanel:
                 self.page.on(slider, partial(self._moved, name, self._unit(name), words))
                 self.sliders[name] = slider
 
-    def _moved(self, name: str, unit: float, words: str, event: UserEvent) -> None:
+    def _moved(self, name: str, unit: float, words: str, _: object, value: float) -> None:
         # nobody tells when a slider is let go: moves of it, and nothing else between, are one drag
-        self.page.edit_pose({name: event.value * unit}, words, f"slider {name}", True)
+        self.page.edit_pose({name: value * unit}, words, f"slider {name}", True)
 
     def show(self, pose: PoseSnapshot, newest: bool = True) -> None:
         """Say where a pose comes from, and move the sliders to it.
@@ -607,7 +607,7 @@ class NudgePanel:
         with gui.add_folder("Nudge as you see it", expand_by_default=False):
             for label, words in _ROWS.items():
                 row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
-                page.on(row, lambda e, words=words: self.nudge(words[e.value], e.client))
+                page.on(row, lambda client, what, words=words: self.nudge(words[what], client))
             words = tuple(self.steps)
             self.step = gui.add_dropdown(
                 "Step", words, initial_value=words[_USUAL],

@@ -73,7 +73,7 @@ class TimelinePanel:
             self.speed = page.choice(
                 "Speed", _SPEEDS, partial(setattr, page.state, "speed"), now="1×"
             )
-        page.on(self.slider, lambda event: page.go_to(event.value))
+        page.on(self.slider, lambda _, frame: page.go_to(frame))
 
     def _pressed(self, key: str) -> None:
         state = self.page.state
