@@ -570,9 +570,7 @@ class Door:
         return f"http://{name}:{self.server.get_port()}/?token={self.token}"
 
 
-def open_door(
-    host: str = LOOPBACK, port: int = 0, label: str = "handtrack", token: str | None = None
-) -> Door:
+def open_door(host: str = LOOPBACK, port: int = 0, token: str | None = None) -> Door:
     """Start a viser server behind access control; it opens no tunnels.
 
     Parameters
@@ -589,7 +587,7 @@ def open_door(
     handshake = Handshake(own_names(host), token or secrets.token_urlsafe(24))
     # viser prints an address without the token
     with _guarding(handshake, messages), contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host=host, port=port, label=label, verbose=False)
+        server = viser.ViserServer(host=host, port=port, label="handtrack", verbose=False)
     messages.server = server
     server.request_share_url = lambda verbose=True: None  # type: ignore[method-assign]
     server.gui.configure_theme(show_share_button=False)

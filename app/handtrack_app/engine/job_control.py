@@ -304,9 +304,9 @@ class JobControl:
         store: Persistence,
         publish: Callable[[Snapshot], None],
         post: Post,
-        watch: Watch | None = None,
-        compiles: CompileWatch | None = None,
-        live: LiveControl | None = None,
+        watch: Watch | None,
+        compiles: CompileWatch,
+        live: LiveControl | None,
     ) -> None:
         self.follows = True
         """each tracked frame is shown"""
@@ -322,7 +322,7 @@ class JobControl:
         self._given = RefinedWith.of(document)  # when the pass began
         self._shared = -1.0
         self._shown = self._stripped = 0.0
-        self._compiles = compiles or CompileWatch()
+        self._compiles = compiles
         self._ticked = self._compiled_before = 0
         self.guesses = Guesses(document)
 

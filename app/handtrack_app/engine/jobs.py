@@ -70,9 +70,8 @@ class BackgroundJob:
     """Works until done, cancelled, or failed; reports events and at last JobEnded."""
 
     def __init__(
-        self, kind: str, work: Work, post: Post, request: TrackingRequest | None = None,
-        is_live: bool = False,
-    ) -> None:  # fmt: skip
+        self, kind: str, work: Work, post: Post, request: TrackingRequest | None, is_live: bool
+    ) -> None:
         """request: of what is tracked or refined. is_live: running cameras do not wait."""
         self.kind, self.request = kind, request
         self.frames = range(0) if request is None else request.frames

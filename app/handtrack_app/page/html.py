@@ -21,9 +21,9 @@ def text(words: str, faint: bool = True, kind: str = "") -> str:
     return f"<div class='handtrack-text {'handtrack-faint' if faint else ''} {kind}'>{words}</div>"
 
 
-def escaped(words: str, faint: bool = True) -> str:
+def escaped(words: str) -> str:
     """Return a paragraph of plain words."""
-    return text(html.escape(words), faint)
+    return text(html.escape(words))
 
 
 def row(name: str, value: str) -> str:
@@ -36,9 +36,9 @@ def chip(colour: str) -> str:
     return f"<span class='handtrack-chip' style='background:{colour}'></span>"
 
 
-def table(rows: str, kind: str = "") -> str:
+def table(rows: str) -> str:
     """Return rows (HTML) as a table."""
-    return f"<table class='handtrack-table {kind}'>{rows}</table>"
+    return f"<table class='handtrack-table'>{rows}</table>"
 
 
 def picture(image: Bytes[H, W, D3], style: str = "") -> str:

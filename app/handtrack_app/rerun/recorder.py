@@ -290,7 +290,7 @@ def _named(model: ArticulatedModel, values: Floats) -> dict[str, float]:
 class LiveRecorder:
     """One recording, in a viewer of its own, for each state of model and settings, once it is switched on."""
 
-    def __init__(self, publish: Callable[[Notice | RerunPage], None], is_on: bool = False) -> None:
+    def __init__(self, publish: Callable[[Notice | RerunPage], None], is_on: bool) -> None:
         self.is_on = is_on
         """whether tracked frames are recorded as they come"""
         self._publish = publish

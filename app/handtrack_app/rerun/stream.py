@@ -290,14 +290,13 @@ class RerunStream:
         self,
         path: Path | None = None,
         live: bool = False,
-        name: str = "handtrack",
         cameras: Sequence[Camera] = (),
     ) -> None:
         """cameras: that are shown in space. path: of the .rrd to write. Raises HandtrackError when it cannot be written."""
         assert path is not None or live, "neither a file nor a viewer"
         self._path = None if path is None else _writable(Path(path))
         self._viewer = RerunViewer() if live else None
-        self._name, self._cameras = name, cameras
+        self._cameras = cameras
         self.results: dict[int, FrameResult] = {}
         """of the frames that were written"""
         self._kinds: set[str] = set()
@@ -316,7 +315,7 @@ class RerunStream:
         if self._viewer is not None:
             self._viewer.start()
             sinks.append(rr.GrpcSink(self._viewer.address))
-        self._recording = rr.RecordingStream(self._name, send_properties=False)
+        self._recording = rr.RecordingStream("handtrack", send_properties=False)
         self._recording.set_sinks(*sinks, default_blueprint=_layout([]))
         log_cameras(self._recording, self._cameras)
         return self

@@ -111,7 +111,7 @@ def can_ask() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def question(text: str, proposal: str = "") -> str:
+def question(text: str, proposal: str) -> str:
     """Return the answer, the proposal for an empty one. Raises KeyboardInterrupt when the terminal is closed."""
     shown = f" [{proposal}]" if proposal else ""
     print(f"{text}{shown} ", end="", file=sys.stderr, flush=True)

@@ -14,6 +14,7 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.protocol.snapshots import CameraCard, SessionSnapshot
 
 _LEAST = 0.35  # share of the picture's height that a hand reaches over at least if cameras are shown with it at first: bent, it fills two thirds of that
+_FOV = 0.65  # of a free view, from top to bottom [rad]
 _WIDE, _ABOVE, _BELOW = 0.9, 0.94, 0.94  # free part of the picture, in half heights
 
 
@@ -24,7 +25,7 @@ class Viewpoint:
     position: Floats[D3]
     look_at: Floats[D3]
     up: Floats[D3]
-    fov: float = 0.65
+    fov: float = _FOV
 
 
 def first_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
@@ -162,13 +163,13 @@ def _axes(
     return np.stack([right, np.cross(away, right), away])
 
 
-def _fitted(points: Floats, axes: Floats[D3, D3], up: Floats, fov: float = 0.65) -> Viewpoint:
+def _fitted(points: Floats, axes: Floats[D3, D3], up: Floats) -> Viewpoint:
     """Return the nearest view along given axes that has all points (N, 3) in the free part of the picture.
 
     A point is in it when |x − a| ≤ w (d − z) and y between −l (d − z) and h (d − z) of b, where the view stands
     at (a, b, d): bounds linear in a, b and d, so the least d follows from the extremes.
     """
-    t = np.tan(fov / 2)
+    t = np.tan(_FOV / 2)
     wide, above, below = _WIDE * t, _ABOVE * t, _BELOW * t
     x, y, z = axes @ points.T
     right, left = np.max(x + wide * z), np.min(x - wide * z)
@@ -179,7 +180,7 @@ def _fitted(points: Floats, axes: Floats[D3, D3], up: Floats, fov: float = 0.65)
     b = top - above * d + 0.5 * slack
     position = axes.T @ (a, b, d)
     middle = float(points.mean(axis=0) @ axes[2])
-    return Viewpoint(position, position - (d - middle) * axes[2], up, fov)
+    return Viewpoint(position, position - (d - middle) * axes[2], up)
 
 
 def look_from(

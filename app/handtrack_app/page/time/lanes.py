@@ -47,9 +47,9 @@ class Window:
         """Return where a frame stands."""
         return (frame - self.first) / max(self.last - self.first, 1) * WIDTH
 
-    def columns(self, most: int = _COLUMNS) -> Ints[N]:
+    def columns(self) -> Ints[N]:
         """Return where columns of neighbouring frames begin, the end with them: at most so many that each can be seen."""
-        columns = min(self.count, most)
+        columns = min(self.count, _COLUMNS)
         return self.first + np.arange(columns + 1) * self.count // columns
 
     def ticks(self) -> list[int]:
@@ -88,10 +88,10 @@ def whole(frames: range) -> Window:
 
 
 def extremes(
-    values: Floats[N], start: int, window: Window, most: int = _COLUMNS
+    values: Floats[N], start: int, window: Window
 ) -> tuple[Floats[N], Floats[N], Floats[N]]:
-    """Return of each column its place, and the least and largest known value in it, NaN where none is known. start: of values; most: columns."""
-    edges = window.columns(most)
+    """Return of each column its place, and the least and largest known value in it, NaN where none is known. start: of values."""
+    edges = window.columns()
     padded = np.full(window.count, np.nan)
     first, stop = max(window.first, start), min(window.last + 1, start + len(values))
     if first < stop:
