@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -250,28 +250,23 @@ def track_one(
     log.with_suffix(".json").unlink()
     # told to stop before it could listen: it has saved nothing, for it had begun nothing
     code = _STOPPED if asked and child.returncode == -signal.SIGTERM else child.returncode
-    outcome = _outcome(recording, code, text, log, time.monotonic() - began)
-    file = out / "outcomes" / f"{recording.recording}.json"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    replace_text(file, json.dumps(outcome.table(), indent=1, ensure_ascii=False) + "\n")
-    return outcome
-
-
-def _outcome(recording: Outcome, code: int, text: str, log: Path, seconds: float) -> Outcome:
-    told = {}
+    report = {}
     with suppress(ValueError):
-        told = json.loads(text)
+        report = json.loads(text)
     state = _STATES.get(code, FAILED)
     cause = "" if code == 0 else _cause(log, code).removeprefix(f"{recording.folder}: ")
     if state == REFUSED and _HELD in cause:
         state = FAILED
-    output = str(told.get("output", "")) if isinstance(told, dict) else ""
-    return replace(
-        recording, state=state, exit_code=code, seconds=round(seconds, 3), frames=told.get("frames", {}),
+    outcome = replace(
+        recording, state=state, exit_code=code, seconds=round(time.monotonic() - began, 3), frames=report.get("frames", {}),
         p_off=_p_off(Path(recording.folder) / POSES_FILE) if code == 0 else None,
-        warnings=told.get("warnings", []), cause=cause, output=output,
+        warnings=report.get("warnings", []), cause=cause, output=str(report.get("output", "")),
         ended=datetime.now(UTC).isoformat(timespec="seconds"),
     )  # fmt: skip
+    file = out / "outcomes" / f"{recording.recording}.json"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    replace_text(file, json.dumps(outcome.table(), indent=1, ensure_ascii=False) + "\n")
+    return outcome
 
 
 def _cause(log: Path, code: int) -> str:
@@ -409,11 +404,6 @@ def _client(address: str) -> Any:
         ) from None
 
 
-def threads_each(jobs: int) -> int:
-    """Return how many threads each of so many processes may use, so that together they fill the machine's cores."""
-    return max(thread_count() // jobs, 1)
-
-
 # ---- What became of all recordings, worst first: report.html to look at, report.csv to count with
 
 
@@ -543,26 +533,40 @@ def run(args: argparse.Namespace) -> int:
         )
     words = track_words(args)
     plan = recordings(args.pattern, words, out)
-    todo = [one for one in plan if not _is_settled(one, before)]
+    known = [before.get(one.folder) for one in plan]
+    todo = [
+        one
+        for one, then in zip(plan, known, strict=True)
+        if then is None or then.digest != one.digest or not then.is_settled
+    ]
     out.mkdir(parents=True, exist_ok=True)
     if len(todo) < len(plan):
         same = len(plan) - len(todo)
         say(
             f"{same} of {len(plan)} recordings are left as they are: same inputs, settings, version."
         )
-    track_it = partial(track_one, words, out, threads_each(args.jobs))
+    track_it = partial(track_one, words, out, max(thread_count() // args.jobs, 1))
     with stoppable() as stop:
         came = (
             on_this_machine(todo, track_it, args.jobs, stop, lambda begun: append(ledger, begun))
             if args.dask is None
             else on_dask(args.dask, todo, track_it, stop)
         )
-        _collect(came, ledger, len(todo))
+        interval = 0.2 if sys.stderr.isatty() else 5.0
+        with tqdm(total=len(todo), desc="batch", unit="recording", mininterval=interval, dynamic_ncols=True, disable=not todo) as bar:  # fmt: skip
+            for outcome in came:
+                append(ledger, outcome)
+                if outcome.state != DONE:
+                    words = f"{outcome.recording}: {outcome.state}: {outcome.cause}"
+                    tqdm.write(words, file=sys.stderr)
+                bar.update()
         stopped = stop()
-    known = latest(read_ledger(ledger))
-    write_report(out, list(known.values()))
-    own = [known[one.folder] for one in plan if one.folder in known]
-    _tell(args, own, out)
+    ended = latest(read_ledger(ledger))
+    write_report(out, list(ended.values()))
+    own = [ended[one.folder] for one in plan if one.folder in ended]
+    files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(ledger)}  # fmt: skip
+    told = {"recordings": [outcome.table() for outcome in own], **files}
+    answer(args, told, f"{in_words(own)}. Report: {out / 'report.html'}")
     if stopped or any(one.state == INTERRUPTED for one in own):
         say("handtrack batch: interrupted; --resume goes on.")
         return _INTERRUPTED
@@ -577,26 +581,3 @@ def track_words(args: argparse.Namespace) -> list[str]:
         value = getattr(args, name)
         words += [] if value is None else [f"--{name}", str(value)]
     return words + ["--yes"] * args.yes
-
-
-def _is_settled(one: Outcome, before: dict[str, Outcome]) -> bool:
-    known = before.get(one.folder)
-    return known is not None and known.digest == one.digest and known.is_settled
-
-
-def _collect(came: Iterable[Outcome], ledger: Path, count: int) -> None:
-    """Enter outcomes into the ledger as they come, and show how far it is."""
-    interval = 0.2 if sys.stderr.isatty() else 5.0
-    with tqdm(total=count, desc="batch", unit="recording", mininterval=interval, dynamic_ncols=True, disable=not count) as bar:  # fmt: skip
-        say_: Callable[[str], None] = lambda text: tqdm.write(text, file=sys.stderr)  # noqa: E731
-        for outcome in came:
-            append(ledger, outcome)
-            if outcome.state != DONE:
-                say_(f"{outcome.recording}: {outcome.state}: {outcome.cause}")
-            bar.update()
-
-
-def _tell(args: argparse.Namespace, own: Sequence[Outcome], out: Path) -> None:
-    files = {"report": str(out / "report.html"), "table": str(out / "report.csv"), "ledger": str(out / LEDGER_FILE)}  # fmt: skip
-    told = {"recordings": [outcome.table() for outcome in own], **files}
-    answer(args, told, f"{in_words(own)}. Report: {out / 'report.html'}")

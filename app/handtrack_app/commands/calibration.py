@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +12,6 @@ import numpy as np
 
 from handtrack.arrays import Array
 from handtrack.capture.calibration.board_views import (
-    BoardView,
     CameraViews,
     frames_to_search,
     natural_order,
@@ -181,31 +180,20 @@ def _searched(
     with progress_bar(total, "looking for the board") as bar:
         for item, source, frames in plans:
             views, size, tried = search_views(source, board, frames, bar.update, as_image)
-            found[item.name] = _added(found.get(item.name), item, source, views, size, tried)
+            name = item.name
+            if size is None:
+                raise HandtrackError(
+                    f"camera '{name}': no image could be read from {source.where}."
+                )
+            before = found.get(name) or CameraViews(name, size, (), (), 0, source.where)
+            if before.size != size:
+                raise HandtrackError(
+                    f"camera '{name}': images for the lens alone are {size[0]} x {size[1]}, the others "
+                    f"{before.size[0]} x {before.size[1]}; expected one size."
+                )
+            kind = "shared" if source is item.shared else "alone"
+            found[name] = replace(before, tried=tried + before.tried, **{kind: tuple(views)})
     return list(found.values())
-
-
-def _added(
-    before: CameraViews | None,
-    item: _Input,
-    source: FrameSource,
-    views: list[BoardView],
-    size: tuple[int, int] | None,
-    tried: int,
-) -> CameraViews:
-    if size is None:
-        raise HandtrackError(f"camera '{item.name}': no image could be read from {source.where}.")
-    if before is not None and before.size != size:
-        raise HandtrackError(
-            f"camera '{item.name}': images for the lens alone are {size[0]} x {size[1]}, the others "
-            f"{before.size[0]} x {before.size[1]}; expected one size."
-        )
-    shared = tuple(views) if source is item.shared else (before.shared if before else ())
-    alone = tuple(views) if source is item.alone else (before.alone if before else ())
-    where = source.where if before is None else before.where
-    return CameraViews(
-        item.name, size, shared, alone, tried + (before.tried if before else 0), where
-    )
 
 
 def _developer(pattern: str | None) -> Callable[[Array], Array]:

@@ -260,7 +260,8 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
     views = [view for view in session.views if view.images is not None]
     found = []
     for a, b in combinations(views, 2):
-        if _crossing_deg(a.camera.rotation[2] @ b.camera.rotation[2]) > _MOST_APART_DEG:
+        cosine = np.clip(a.camera.rotation[2] @ b.camera.rotation[2], -1.0, 1.0)
+        if np.degrees(np.arccos(cosine)) > _MOST_APART_DEG:
             continue
         try:
             rectified(a.camera, b.camera)
@@ -274,10 +275,6 @@ def _pairs(session: Session) -> tuple[tuple[str, str], ...]:
             'session.toml: [clouds], stereo = [["left", "right"]].'
         )
     return tuple(found)
-
-
-def _crossing_deg(cosine: float) -> float:
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 # ---- `handtrack detector install`: the detector's weights for all sessions of this user, fetched or copied

@@ -12,7 +12,7 @@ ABOUT = 61  # kernels that tracking silhouettes compiles, as counted in a fresh 
 class CompileWatch:
     """Number of our own kernels compiled since it was made; always 0 where numba does not tell."""
 
-    def __init__(self, on_kernel: Callable[[str], None] | None = None) -> None:
+    def __init__(self, on_kernel: Callable[[str], None]) -> None:
         """on_kernel: is given the words at each kernel, on the thread that compiles."""
         self.count = 0
         self.close: Callable[[], None] = lambda: None
@@ -28,8 +28,7 @@ class CompileWatch:
                 function = getattr((event.data or {}).get("dispatcher"), "py_func", None)
                 if getattr(function, "__module__", "").startswith("handtrack"):
                     watch.count += 1
-                    if on_kernel is not None:
-                        on_kernel(watch.words)
+                    on_kernel(watch.words)
 
             def on_end(self, event: events.Event) -> None:
                 pass

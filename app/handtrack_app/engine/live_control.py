@@ -80,7 +80,9 @@ class LiveControl:
         if not on:
             self.end_recording()
         elif self._recording is None:
-            chosen = _new_folder(self._session.folder) if folder is None else Path(folder)
+            own = self._session.folder
+            beside = own.resolve().parent / f"{own.name}_live_{time.strftime('%Y-%m-%d_%H-%M-%S')}"
+            chosen = beside if folder is None else Path(folder)
             self._recording = LiveRecording(chosen, self._session)
             self._feed.on_frame = self._recording.add
         self.tell(at_once=True)
@@ -162,7 +164,3 @@ class LiveControl:
         feed = self._session.live
         assert feed is not None
         return feed
-
-
-def _new_folder(session: Path) -> Path:
-    return session.resolve().parent / f"{session.name}_live_{time.strftime('%Y-%m-%d_%H-%M-%S')}"

@@ -9,8 +9,7 @@ from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.joints.given_joints import UnknownPoints
-from handtrack.capture.joints.pose2sim import Pose2SimProject
-from handtrack.capture.joints.subject import HAND, Subject
+from handtrack.capture.joints.subject import HAND
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
 from handtrack.errors import HandtrackError, unknown_name
@@ -76,7 +75,10 @@ def make_session(args: argparse.Namespace) -> int:
     model = given_model(args.model)
     kind = None if model is None else model.kind
     try:
-        subject = given_subject(recorded, _wished(args, kind, project))
+        names = {} if args.names is None else names_of_table(args.names)
+        likely = None if project is None else project.layout
+        wished = Wished(args.side, kind, args.layout, args.person, names, likely)
+        subject = given_subject(recorded, wished)
     except UnknownPoints as error:
         table = args.out.resolve().with_name(f"{args.out.resolve().name}-names.toml")
         if args.names is None and not table.exists():
@@ -201,14 +203,6 @@ def make_session(args: argparse.Namespace) -> int:
         masks = ["--masks"] if args.masks is None else []
         args.then.insert(0, ["detect", str(args.out), "--write", *masks, *chosen, *weights])
     return 0
-
-
-def _wished(
-    args: argparse.Namespace, kind: Subject | None, project: Pose2SimProject | None
-) -> Wished:
-    said = None if project is None else project.layout
-    names = {} if args.names is None else names_of_table(args.names)
-    return Wished(args.side, kind, args.layout, args.person, names, said)
 
 
 def _with_masks_by_joints(

@@ -136,12 +136,12 @@ class CameraPictures:
         return image if maps is None else cv2.remap(image, *maps, kind)  # type: ignore[return-value]
 
     def thumbnail(
-        self, name: str, frame: int, paint: str = "plain", flesh: PosedEllipsoids | None = None
+        self, name: str, frame: int, paint: str, flesh: PosedEllipsoids
     ) -> Bytes[H, W, D3]:
         """Return a small picture, with the model's outline over it unless `paint` is `plain`."""
         image = self.plain(name, frame)
         small = shrunk(image)
-        if paint == "plain" or flesh is None:
+        if paint == "plain":
             return small
         return outline_picture(
             small, smaller(self.camera(name), small.shape[1], small.shape[0]), flesh

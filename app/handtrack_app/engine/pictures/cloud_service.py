@@ -98,7 +98,9 @@ class CloudRenderer:
     def cloud(self, moment: RenderInput) -> CloudSnapshot:
         measured, fate, reports = self._filtered(moment)
         if measured is None:
-            return _nothing(moment.frame)
+            none, far = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+            words = "This frame has no cloud."
+            return CloudSnapshot(moment.frame, none, None, far, none, 0, 0, (), words)
         kept = np.flatnonzero(fate == len(reports))
         shown = kept[random_part(len(kept), _SHOWN)]
         points = measured.points[shown]
@@ -221,13 +223,6 @@ def nothing_left(reports: tuple[FilterReport, ...]) -> str:
     }
     said = advice.get(last.name, "")
     return f"No point is left: the filter '{last.text}' dropped the last {last.before}. {said}".rstrip()
-
-
-def _nothing(frame: int) -> CloudSnapshot:
-    none = np.zeros((0, 3), np.float32)
-    return CloudSnapshot(
-        frame, none, None, np.zeros(0, np.float32), none, 0, 0, (), "This frame has no cloud."
-    )
 
 
 def _residual_mm(moment: RenderInput, points: Floats) -> Floats:

@@ -306,7 +306,7 @@ _BEFORE_WORDS = (
 )
 
 
-def score_rows(score: ScoreSnapshot, with_energy: bool = True) -> list[tuple[str, str]]:
+def score_rows(score: ScoreSnapshot, with_energy: bool) -> list[tuple[str, str]]:
     """Return energy and overlap by camera, each with how it differs from the pose that was fitted last."""
     fitted = score.fitted_overlap or {}
     rows = []
