@@ -63,7 +63,7 @@ def browsing(
     bench.start()
     assert bench.wait_ready()
     bench.server.scene.configure_environment_map(None)  # the slowest part to draw in software
-    with chromium(size) as (page, errors):
+    with chromium(size, "--webgl-antialiasing-mode=none") as (page, errors):
         page.goto(f"{bench.url}&fixedDpr={dpr:g}")
         page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
         eventually(

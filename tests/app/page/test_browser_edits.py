@@ -1,16 +1,28 @@
-"""What a gesture edits in a real browser: a click nothing, a drag one step that undo names, a key behind a dialog nothing."""
+"""What a gesture edits in a real browser: a click nothing, a drag one step that undo names, a key behind a dialog nothing.
+A click on the lanes goes to the frame that stands there, also when zoomed in."""
 
 import pytest
 
 from handtrack_app.engine.store import persistence
 from handtrack_app.workbench import Workbench
 from tests.app.desk import in_threads
-from tests.app.fake_run import fake_document
+from tests.app.fake_run import FRAMES, fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
+from tests.app.page.test_review_panel import _tracked
 from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import PROJECT
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+HOLD_BACK = """() => {
+  window.heldBack = 0;
+  document.addEventListener("click", (event) => {
+    if (event.target.textContent !== "☰") return;
+    event.stopPropagation();
+    window.heldBack += 1;
+  }, true);
+}"""
+"""no click on the button of the lanes arrives: they are counted"""
 
 
 @pytest.fixture
@@ -34,6 +46,7 @@ def test_what_a_gesture_edits(opened):
     _moves_of_a_slider_with_rests_are_one_step(*opened)
     _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(*opened)
     _what_would_be_gripped_is_named_under_the_pointer(*opened)
+    _a_click_on_the_lanes_goes_there(*opened)
 
 
 def _keys_behind_a_dialog_do_nothing_and_escape_closes_it(
@@ -142,3 +155,37 @@ def _drag_with_rests(
         view.page.wait_for_timeout(300)  # longer than any pause between edits
     mouse.up()
     view.page.wait_for_timeout(200)
+
+
+def _a_click_on_the_lanes_goes_there(bench: Workbench, view: PageUnderTest) -> None:
+    _tracked(bench)
+    picture = view.page.locator(".handtrack-timeline svg")
+    for frame in (8, 2, 11):
+        box = eventually(picture.bounding_box, "the lanes are there")  # they are sent anew
+        x = box["x"] + frame / (FRAMES - 1) * box["width"]
+        view.page.mouse.click(x - 1, box["y"] + 20)  # within the curve
+        eventually(lambda frame=frame: bench.state.frame == frame, f"frame {frame}")
+    panel = view.page.locator(".mantine-Paper-root:has(.handtrack-timeline)")
+    for way, every in ((-1, True), (1, False)):  # its upper edge is dragged up, and down again
+        edge = panel.bounding_box()["y"] + 2
+        view.page.mouse.move(400, edge)
+        view.page.mouse.down()
+        view.page.mouse.move(400, edge + 30 * way, steps=6)
+        view.page.mouse.up()
+        shown = view.page.locator(".handtrack-every")
+        eventually(lambda every=every, shown=shown: shown.count() == every, f"every: {every}")
+    view.page.evaluate(HOLD_BACK)  # as where the program is slow
+    edge = panel.bounding_box()["y"] + 2
+    view.page.mouse.move(400, edge)
+    view.page.mouse.down()
+    for step in (20, 40, 60):
+        view.page.mouse.move(400, edge - step)
+    view.page.mouse.up()
+    assert view.page.evaluate("window.heldBack") == 1
+    view.page.keyboard.press("Shift+Z")
+    eventually(lambda: bench.state.frame == 7, "the worst one, by key")
+    view.page.keyboard.press("Shift+Y")
+    eventually(lambda: bench.worker.document.accepted == {7}, "accepted, by key")
+    view.press("Export …")  # the next step
+    opened = view.page.get_by_role("tab", name="Export", exact=True, selected=True)
+    eventually(opened.count, "its tab is opened")

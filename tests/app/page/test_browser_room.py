@@ -13,7 +13,7 @@ from tests.app.fake_run import fake_document
 from tests.app.page.test_browser import PageUnderTest, browsing, stands
 from tests.app.page.test_browser_zoom import CANVAS
 from tests.app.waiting import eventually
-from tests.experiments.workbench.chromium import PROJECT
+from tests.experiments.workbench.chromium import DRAWN, PROJECT
 
 NOTICE = """() => {
   const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();
@@ -39,40 +39,41 @@ KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))
 
 
 @pytest.mark.browser
-def test_scene_and_hand_are_the_largest_things_on_the_page(tmp_path):
-    bench = in_threads(tmp_path, opener=fake_document)
-    with browsing(bench, dpr=1.0, size=(1280, 800)) as view:
-        eventually(
-            lambda: share(view) >= 0.7, "the scene has 70 % of the window, with the panel open"
-        )
-        eventually(lambda: is_large(bench, view), "freely")
-        view.page.keyboard.press("1")
-        eventually(lambda: stands(bench), "it looks through a camera")
-        eventually(lambda: is_large(bench, view), "through a camera")
-        low, high = hand_in_page(bench, view)
-        bench.page.notify("done", "Something", "was to be said.")
-        notice = eventually(lambda: view.page.evaluate(NOTICE), "a notice")
-        assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
-
-        (client,) = bench.server.get_clients().values()
-        bench.layout.room.change(client, colours=LIGHT)
-        eventually(lambda: view.page.evaluate(KEPT), "the browser keeps it")
-        view.page.reload()
-        room = bench.layout.room
-        eventually(
-            lambda: Taste(False, LIGHT) in [room.tastes.get(one) for one in bench.server.get_clients()],
-            "remembered", timeout=120.0,
-        )  # fmt: skip
-
-
-@pytest.mark.browser
-def test_the_page_keeps_its_style_its_room_and_its_names(tmp_path):
+def test_the_page(tmp_path):
     bench = in_threads(tmp_path, opener=fake_document)
     with browsing(bench, size=(1280, 800)) as view:
+        _scene_and_hand_are_the_largest_things(bench, view)
+        _remembers_its_colours(bench, view)
         _has_names_for_a_screen_reader(bench, view)
         _keeps_its_style_whatever_is_folded(bench, view)
         view.page.set_viewport_size({"width": 853, "height": 533})  # at 150 %
         _panel_hides_nothing_of_a_narrow_and_low_scene(view)
+
+
+def _scene_and_hand_are_the_largest_things(bench: Workbench, view: PageUnderTest) -> None:
+    eventually(lambda: share(view) >= 0.7, "the scene has 70 % of the window, with the panel open")
+    eventually(lambda: is_large(bench, view), "freely")
+    view.page.keyboard.press("1")
+    eventually(lambda: stands(bench), "it looks through a camera")
+    eventually(lambda: is_large(bench, view), "through a camera")
+    low, high = hand_in_page(bench, view)
+    bench.page.notify("done", "Something", "was to be said.")
+    notice = eventually(lambda: view.page.evaluate(NOTICE), "a notice")
+    assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
+
+
+def _remembers_its_colours(bench: Workbench, view: PageUnderTest) -> None:
+    (client,) = bench.server.get_clients().values()
+    room = bench.layout.room
+    room.change(client, colours=LIGHT)
+    eventually(lambda: view.page.evaluate(KEPT), "the browser keeps them")
+    view.page.reload()
+    eventually(
+        lambda: Taste(False, LIGHT) in [room.tastes.get(one) for one in bench.server.get_clients()],
+        "remembered", timeout=120.0,
+    )  # fmt: skip
+    eventually(lambda: len(bench.server.get_clients()) == 1, "the page before is gone")
+    view.page.wait_for_function(DRAWN, arg=["/hand/flesh", "/root"], timeout=60_000)
 
 
 def _keeps_its_style_whatever_is_folded(bench: Workbench, view: PageUnderTest) -> None:

@@ -39,7 +39,7 @@ def there_is_one() -> bool:
 
 
 @contextlib.contextmanager
-def chromium(size: tuple[int, int]) -> Iterator[tuple[Any, list[str]]]:
+def chromium(size: tuple[int, int], *flags: str) -> Iterator[tuple[Any, list[str]]]:
     """Yield a blank page of a new browser, and the errors that its pages and console told. size: of the window [px].
 
     Nothing but this machine is asked for anything.
@@ -47,7 +47,9 @@ def chromium(size: tuple[int, int]) -> Iterator[tuple[Any, list[str]]]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, headless=True, args=_FLAGS)
+        browser = driver.chromium.launch(
+            executable_path=CHROMIUM, headless=True, args=[*_FLAGS, *flags]
+        )
         try:
             page = browser.new_context(
                 viewport={"width": size[0], "height": size[1]}, accept_downloads=True
