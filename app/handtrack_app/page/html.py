@@ -148,7 +148,7 @@ div:has(> .handtrack-rail) + div [role="tab"] { flex: 1 1 0; flex-direction: col
   padding: 0 .2em !important; gap: .15em; font-size: 13px; }
 div:has(> .handtrack-rail) + div [role="tab"] > * { margin: 0 !important; overflow: visible !important; }
 div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tablist"] { flex-wrap: wrap !important; }
-div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .1em !important; }
+div:has(> .handtrack-rail) + div [role="tablist"] ~ * [role="tab"] { flex: 0 0 auto; height: 2.2em !important; padding: 0 .22em !important; }
 /* notices above the hand, in a strip that a hand that is zoomed to leaves free */
 .mantine-Notifications-root { top: .3em !important; width: min(46em, calc(100vw - 320px)) !important; }
 .mantine-Notification-root { padding-block: .25em !important; margin-bottom: .3em !important; max-height: none !important; }
