@@ -48,6 +48,8 @@ def test_a_covariance_that_is_none_is_refused(covariance):
 def test_every_number_can_be_set_alone():
     model = load_model(scale=FITTED)
     before = {row.name: row.value for row in shape_numbers(model)}
+    own = [row.sigma for row in shape_numbers(model) if row.unit == "mm"]
+    assert own and 0.1 < min(own) and max(own) < 20.0, "people differ by millimetres"
     for name in before:
         scale = with_number(model, name, 2.0)
         after = {row.name: row.value for row in shape_numbers(load_model(scale=scale))}

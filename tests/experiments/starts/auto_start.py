@@ -54,9 +54,9 @@ def auto_start() -> dict[str, float | str]:
         errors, seconds, confidences = np.array(list(searched(recording(name), frames))).T
         figures |= {
             f"{name}_found": f"{int((errors <= BASIN_MM).sum())} of {len(frames)}",
-            f"{name}_median_mm": float(np.median(errors)),
-            f"{name}_worst_mm": float(errors.max()),
-            f"{name}_slowest_s": float(seconds.max()),
-            f"{name}_least_confidence": float(confidences.min()),
+            f"{name}_median_mm": np.median(errors),
+            f"{name}_worst_mm": errors.max(),
+            f"{name}_slowest_s": seconds.max(),
+            f"{name}_least_confidence": confidences.min(),
         }
     return figures
