@@ -15,7 +15,7 @@ _AGREE = 0.1  # of the hand's square: pixels by which one hand may miss its epip
 _MOST_LOG_ODDS = 4.6  # of a side: no view is surer than 99 %
 
 
-class SeenHand(NamedTuple):
+class HandObservation(NamedTuple):
     """A hand in one view of one frame."""
 
     camera: Camera
@@ -30,13 +30,13 @@ def log_odds(right: float, side: str) -> float:
     return float(np.clip(np.log(share / (1.0 - share)), -_MOST_LOG_ODDS, _MOST_LOG_ODDS))
 
 
-def our_hands(seen: Mapping[str, list[SeenHand]]) -> dict[str, SeenHand]:
+def our_hands(seen: Mapping[str, list[HandObservation]]) -> dict[str, HandObservation]:
     """Return by view the hand that is ours, as far as there is one.
 
     Each hand is tried: from every other view joins the one nearest to its epipolar lines, if near enough. The hand with the
     highest log-odds of our side over all views is ours, unless they are against it.
     """
-    best: dict[str, SeenHand] = {}
+    best: dict[str, HandObservation] = {}
     highest = 0.0
     for name, hands in seen.items():
         for hand in hands:
@@ -51,13 +51,13 @@ def our_hands(seen: Mapping[str, list[SeenHand]]) -> dict[str, SeenHand]:
     return best
 
 
-def _nearest(hand: SeenHand, others: list[SeenHand]) -> SeenHand | None:
+def _nearest(hand: HandObservation, others: list[HandObservation]) -> HandObservation | None:
     misses = [epipolar_miss(hand, other) for other in others]
     nearest = int(np.argmin(misses)) if misses else -1
     return others[nearest] if misses and misses[nearest] < _AGREE else None
 
 
-def epipolar_miss(one: SeenHand, other: SeenHand) -> float:
+def epipolar_miss(one: HandObservation, other: HandObservation) -> float:
     """Return by how much of their squares two views' hands miss one another's epipolar lines, in the median of the points."""
     a, b = (
         one.camera.undistort_points(one.hand.points),

@@ -17,7 +17,7 @@ from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import mask_method_table
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.hand_follower import HandFollower
-from handtrack.detector.identity import SeenHand, log_odds, our_hands
+from handtrack.detector.identity import HandObservation, log_odds, our_hands
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.model_file import load_model
@@ -84,11 +84,13 @@ def joints_of_frame(
 
     sigma_px: of the joints.
     """
-    side, seen = session.file.hand.side, dict[str, list[SeenHand]]()
+    side, seen = session.file.hand.side, dict[str, list[HandObservation]]()
     views = {view.name: view for view in session.views if view.images is not None}
     for name, view in views.items():
         hands = HandFollower(detector).step(view.image(frame)).values()
-        seen[name] = [SeenHand(view.camera, hand, log_odds(hand.right, side)) for hand in hands]
+        seen[name] = [
+            HandObservation(view.camera, hand, log_odds(hand.right, side)) for hand in hands
+        ]
     joints = []
     for name, mine in our_hands(seen).items():
         rows = _with_confidence(mine.hand, views[name])
@@ -141,7 +143,7 @@ class JointDetection:
         for frame, views in self._seen.items():
             seen = {
                 view.name: [
-                    SeenHand(view.camera, hand, sides[view.name, number])
+                    HandObservation(view.camera, hand, sides[view.name, number])
                     for number, hand in views[view.name].items()
                 ]
                 for view in self.views
@@ -243,7 +245,7 @@ def _check_folder(folder: Path, camera: str) -> None:
             )
 
 
-def _outcome(mine: SeenHand | None, hands: Sequence[SeenHand]) -> str:
+def _outcome(mine: HandObservation | None, hands: Sequence[HandObservation]) -> str:
     """Return what became of a view's hands in one frame."""
     if mine is not None or not hands:
         return "found" if mine is not None else "nobody"

@@ -34,8 +34,8 @@ from handtrack.session.first_pose.first_pose_candidate import (
 from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.session import Session
 from handtrack.session.sources.joint_errors import joint_sigma_px
+from handtrack.session.sources.keypoint_files import of_model
 from handtrack.session.sources.look_ahead import LookAhead
-from handtrack.session.sources.seen_keypoints import of_model
 from handtrack.tracking.frame.assessment import OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
@@ -98,7 +98,7 @@ class TrackingRun:
         session = session.as_tracked_by(settings)
         first = first or (session.init if use_init else None)
         if first is not None and first.pixels:
-            first = given_in_images(session, settings, first)[0].first_pose
+            first = poses_of_image_joints(session, settings, first)[0].first_pose
         scale = _of_this_recording(session, settings, _hand_scale(session, settings, first))
         arm_m = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, arm_m)
@@ -424,7 +424,7 @@ class TrackingRun:
         )
 
 
-def given_in_images(
+def poses_of_image_joints(
     session: Session, settings: TrackerSettings, first: FirstPose
 ) -> list[FirstPoseCandidate]:
     """Return the poses in space that a first pose with joints in images may mean, the surest first."""

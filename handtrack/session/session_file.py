@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from msgspec import Meta
 
-from handtrack.capture.calibration.formats.settle import LensView
+from handtrack.capture.calibration.formats.resolve import LensView
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.capture.images.raw_frames import METHODS, PATTERNS
 from handtrack.capture.masks.mask_cleaning import Roi

@@ -18,7 +18,7 @@ _LOOKS = 4  # frames, evenly spread
 _DECISIVE = 5.0  # log-odds, 150 to 1; docs/contributing/testing.md
 
 
-def doubt_of_side(
+def wrong_side_warning(
     session: Session,
     settings: TrackerSettings,
     model: ArticulatedModel,

@@ -15,7 +15,7 @@ from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames
 from handtrack.session.run import Tell, TrackingRun
-from handtrack.session.side import doubt_of_side
+from handtrack.session.side import wrong_side_warning
 from handtrack.session.takes.take_recorder import TakeRecorder
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
@@ -509,7 +509,7 @@ class _Tracking:
         if self._take is not None and self._take.is_first and not joints_given:
             tracked = {r.frame: r.parameters for r in results if r.status != Status.LOST}
             control = Control(self._stops)
-            text = doubt_of_side(run.session, run.settings, run.model, tracked, control)
+            text = wrong_side_warning(run.session, run.settings, run.model, tracked, control)
             yield from [text] if text else []
         refinement = None if self._refined is None else self._refined.refinement
         found = [] if refinement is None else refinement.words

@@ -12,14 +12,14 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, J, P, array_dataclass
 from handtrack.capture.calibration.rig_file import rig_json, write_rig
 from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.capture.joints.given_joints import write_joints
+from handtrack.capture.joints.imported_joints import write_joints
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.model_file import load_model, scale_table, write_scale
 from handtrack.observation.observation import Keypoints, Observation
 from handtrack.session import layout
-from handtrack.session.formats.given_truth import write_truth
+from handtrack.session.formats.imported_truth import write_truth
 from handtrack.session.formats.tables import write_npz
 from handtrack.session.formats.truth import Truth
 from handtrack.session.session_file import (
@@ -32,6 +32,7 @@ from handtrack.session.session_file import (
 )
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.read_motion import turned_upright, upright_axis
+from handtrack.simulation.observation_files import layout_of_model, points_of
 from handtrack.simulation.retarget import (
     body_problem,
     fitted_model,
@@ -39,7 +40,6 @@ from handtrack.simulation.retarget import (
     retarget,
     retarget_errors,
 )
-from handtrack.simulation.seen_files import layout_of_model, points_of
 from handtrack.simulation.simulate import SCALE_FILE, KnownMotion, simulated_rig
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem

@@ -31,8 +31,8 @@ from handtrack.session.session_file import (
     write_session_file,
 )
 from handtrack.simulation.motion import motion
+from handtrack.simulation.observation_files import write_clouds, write_noisy_joints
 from handtrack.simulation.render import pixel_rays, render, shade
-from handtrack.simulation.seen_files import write_clouds, write_seen_joints
 
 _SKIN = np.array([224, 172, 140.0])
 
@@ -148,7 +148,7 @@ def simulate(
     _write_init(folder, what, model, joint[0], rng)
     layouts = None
     if what.joints_px is not None:
-        layouts = write_seen_joints(folder, model, rig, joint, what.joints_px, rng)
+        layouts = write_noisy_joints(folder, model, rig, joint, what.joints_px, rng)
     entries = tuple(
         CameraSettings(
             name=camera.name,

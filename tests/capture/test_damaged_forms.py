@@ -11,11 +11,11 @@ import pytest
 import handtrack.capture.images.video as video_module
 from handtrack import CameraRig, HandtrackError
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.settle import named, sized, unit_of
+from handtrack.capture.calibration.formats.resolve import named, sized, unit_of
 from handtrack.capture.images.containers import CAPTURE_OPTIONS
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.read_joints import read_joints
-from handtrack.session.formats.given_truth import read_given_truth
+from handtrack.session.formats.imported_truth import import_truth
 from tests.capture.sample_files import forms, sample
 
 _TIMES = 12
@@ -82,7 +82,7 @@ READ: dict[str, Callable[[list[Path]], object]] = {
     "calibration": settled,
     "hands": lambda paths: read_joints(str(paths[0]), "it").hand("right", "it"),
     "bodies": lambda paths: read_joints(str(paths[0]), "it"),
-    "truth": lambda paths: read_given_truth(paths[0], "right"),
+    "truth": lambda paths: import_truth(paths[0], "right"),
 }
 WHOLE = [
     form for kind in READ for form in forms(kind) if "fisheye" not in form and "inch" not in form

@@ -13,7 +13,7 @@ from handtrack.detector.hand_detector import (
     region_of_palm,
 )
 from handtrack.detector.hand_follower import HandFollower
-from handtrack.detector.identity import SeenHand, epipolar_miss, log_odds, our_hands
+from handtrack.detector.identity import HandObservation, epipolar_miss, log_odds, our_hands
 from tests.detector.fake_detector import FakeDetector, columns, hand_at
 from tests.session.small_session import keypoints
 
@@ -159,14 +159,16 @@ def camera(name: str, angle: float) -> Camera:
 CAMERAS = {name: camera(name, angle) for name, angle in (("a", 0.0), ("b", 0.6), ("c", -0.5))}
 
 
-def seen(name: str, place: np.ndarray, right: float = 0.99, noise: float = 1.0) -> SeenHand:
+def seen(name: str, place: np.ndarray, right: float = 0.99, noise: float = 1.0) -> HandObservation:
     rng = np.random.default_rng(5)
     points = keypoints() * [1, 1, 1] + [[0, 0, 0.002 * i] for i in range(21)]
     pixels = CAMERAS[name].project(points + place) + noise * rng.normal(size=(21, 2))
-    return SeenHand(CAMERAS[name], DetectedHand(pixels, 0.9, right), log_odds(right, "right"))
+    return HandObservation(
+        CAMERAS[name], DetectedHand(pixels, 0.9, right), log_odds(right, "right")
+    )
 
 
-def chosen(hands: dict[str, list[SeenHand]]) -> dict[str, int]:
+def chosen(hands: dict[str, list[HandObservation]]) -> dict[str, int]:
     return {n: hands[n].index(one) for n, one in our_hands(hands).items()}
 
 

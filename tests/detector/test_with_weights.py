@@ -10,7 +10,7 @@ import pytest
 from handtrack import Session
 from handtrack.detector.hand_detector import HandDetector
 from handtrack.detector.hand_follower import HandFollower
-from handtrack.detector.identity import SeenHand, epipolar_miss, log_odds
+from handtrack.detector.identity import HandObservation, epipolar_miss, log_odds
 
 FIRST = 18  # of desk_two_view: both cameras see the hand, and init.json is about it
 FRAMES = range(FIRST, FIRST + 3)
@@ -46,7 +46,7 @@ def test_the_hand_over_the_desk_is_found_in_both_views_where_it_is(detector, des
             (hand,) = followers[view.name].step(view.image(frame)).values()
             assert hand.presence > 0.95
             assert hand.right > 0.95
-            seen[view.name] = SeenHand(view.camera, hand, log_odds(hand.right, "right"))
+            seen[view.name] = HandObservation(view.camera, hand, log_odds(hand.right, "right"))
             if frame == FIRST:
                 true = view.camera.project(desk.init.xyz)
                 away = np.linalg.norm(hand.points - true, axis=1)

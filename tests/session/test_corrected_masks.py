@@ -37,13 +37,13 @@ def test_a_correction_wins_where_it_says_something(folder, method):
     write(folder, layer)
     session = opened(folder, method, JOINTS)
     view = session.view("cam0")
-    own, (seen,) = view.given_mask(2), session.observation(2).silhouettes
+    own, (seen,) = view.uncorrected_mask(2), session.observation(2).silhouettes
     assert own is not None
     assert (seen.mask[layer == HAND] == 1).all()
     assert (seen.mask[layer == UNKNOWN_LEVEL] == -1).all()
     stays = layer == AS_IT_IS
     assert (((own == 255) == (seen.mask == 1))[stays]).all()
-    np.testing.assert_array_equal(view.mask(1), view.given_mask(1))
+    np.testing.assert_array_equal(view.mask(1), view.uncorrected_mask(1))
     assert view.corrections.frames == [2]
 
 

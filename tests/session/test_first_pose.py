@@ -11,7 +11,7 @@ from handtrack.session import detection
 from handtrack.session.first_pose import first_pose_search
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, write_first_pose
 from handtrack.session.first_pose.first_pose_search import find_first_poses
-from handtrack.session.run import given_in_images
+from handtrack.session.run import poses_of_image_joints
 from handtrack.simulation.simulate import Simulation, simulate
 from tests.detector.fake_detector import FakeDetector
 from tests.session.small_session import add_joints, edit, keypoints, make_session, write_init
@@ -94,7 +94,7 @@ def in_images(session, cameras, frame=0):
 
 def test_joints_in_one_image_are_settled_by_the_silhouettes(session):
     first = in_images(session, ("cam0",), 30)
-    found = given_in_images(session, TrackerSettings(), first)
+    found = poses_of_image_joints(session, TrackerSettings(), first)
     assert error_mm(found[0], points(session, 30)) < 6.0
     assert found[0].confidence > 0.5
     assert "one camera" in found[0].note

@@ -10,8 +10,8 @@ import pytest
 from handtrack import HandtrackError
 from handtrack.arrays import D3, D21, F, Floats
 from handtrack.capture.joints.joint_names import JOINTS
-from handtrack.session.formats.given_truth import read_given_truth
-from handtrack.session.formats.given_truth import write_truth as write_given
+from handtrack.session.formats.imported_truth import import_truth
+from handtrack.session.formats.imported_truth import write_truth as write_given
 from handtrack.session.formats.truth import read_truth
 from tests.capture.sample_files import forms, sample
 from tests.session.small_session import keypoints, write_truth
@@ -88,7 +88,7 @@ def moving() -> Floats[F, D21, D3]:
 
 @pytest.mark.parametrize("form", [form for form in forms("truth") if "inch" not in form])
 def test_every_form_gives_the_same_joints(form, tmp_path):
-    truth, note = read_given_truth(*sample(form, tmp_path), "right")
+    truth, note = import_truth(*sample(form, tmp_path), "right")
     write_given(tmp_path / "truth.npz", truth)
     read = read_truth(tmp_path / "truth.npz")
     np.testing.assert_allclose(read.keypoints21, moving(), rtol=0, atol=1e-7)
@@ -119,7 +119,7 @@ def with_gaps(form: str, path: Path) -> Path:
 
 @pytest.mark.parametrize("form", ["long_csv", "trc"])
 def test_a_gap_is_one_points_and_not_the_frames(form, tmp_path):
-    truth, note = read_given_truth(with_gaps(form, tmp_path), "right")
+    truth, note = import_truth(with_gaps(form, tmp_path), "right")
     expected = moving()
     for frame, name in GAPS:
         expected[frame, JOINTS.index(name)] = np.nan
@@ -133,15 +133,15 @@ def test_a_gap_is_one_points_and_not_the_frames(form, tmp_path):
 def test_what_is_made_to_do_harm_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.trc")
     with pytest.raises(HandtrackError, match="is a pipe"):
-        read_given_truth(tmp_path / "pipe.trc", "right")
+        import_truth(tmp_path / "pipe.trc", "right")
     with (tmp_path / "huge.trc").open("wb") as file:
         file.truncate(1 << 34)
     with pytest.raises(HandtrackError, match="is not read"):
-        read_given_truth(tmp_path / "huge.trc", "right")
+        import_truth(tmp_path / "huge.trc", "right")
     with pytest.raises(HandtrackError, match="span .*which is no hand"):
-        read_given_truth(*sample("truth/inch_csv", tmp_path), "right")
+        import_truth(*sample("truth/inch_csv", tmp_path), "right")
     with pytest.raises(HandtrackError, match="no left hand; there is a right one"):
-        read_given_truth(*sample("truth/cm_csv", tmp_path), "left")
+        import_truth(*sample("truth/cm_csv", tmp_path), "left")
     (tmp_path / "bad.c3d").write_bytes(b"\x02\x50" + bytes(2000))
     with pytest.raises(HandtrackError, match=r"needs c3d|not readable as C3D|announces|frames in"):
-        read_given_truth(tmp_path / "bad.c3d", "right")
+        import_truth(tmp_path / "bad.c3d", "right")

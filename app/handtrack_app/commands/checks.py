@@ -19,7 +19,7 @@ from handtrack.export.motion.urdf import urdf_text
 from handtrack.files.atomic import replace_text
 from handtrack.model.articulated import JOINT_CENTRES, ArticulatedModel
 from handtrack.model.model_file import load_model, read_definition
-from handtrack.session.formats.given_truth import read_given_truth
+from handtrack.session.formats.imported_truth import import_truth
 from handtrack.session.formats.tables import read_npz
 from handtrack.tracking.size.spread import spread_of_track
 from handtrack_app.commands.terminal.output import answer, output_file, say
@@ -104,7 +104,7 @@ _OF_A_JOINT = re.compile(r"position_(?!.*_offset_free_mm$).*_mm")
 def compare_with_truth(args: argparse.Namespace) -> int:
     """Print the metrics, as a table or JSON."""
     track = read_npz(args.poses)
-    truth, note = read_given_truth(args.truth, track.side)
+    truth, note = import_truth(args.truth, track.side)
     if note:
         say(f"note: {note}")
     try:

@@ -11,9 +11,9 @@ import viser
 import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, H, W
-from handtrack.capture.calibration.formats.given_rig import GivenRig
+from handtrack.capture.calibration.formats.imported_rig import ImportedRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.settle import named
+from handtrack.capture.calibration.formats.resolve import named
 from handtrack.capture.images.video import VideoFile
 from handtrack.capture.joints.pose2sim import is_pose2sim, read_pose2sim
 from handtrack.errors import HandtrackError
@@ -35,7 +35,7 @@ class FoundFiles:
     videos: dict[str, Path]
     calibrations: tuple[Path, ...]
     """one file of all cameras, or one a camera"""
-    given: GivenRig | None
+    given: ImportedRig | None
     """its cameras, in its own unit"""
     unused: tuple[Path, ...]
     """videos of no camera"""
@@ -60,7 +60,7 @@ def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> FoundFiles:
     videos = [path for path in files if path.suffix.lower() in VIDEOS]
     if not videos:
         raise HandtrackError(f"{folder}: no video in it ({', '.join(VIDEOS)}).")
-    given: GivenRig | None = None
+    given: ImportedRig | None = None
     if calibrations:
         given = read_calibration(calibrations)
     else:
@@ -71,9 +71,9 @@ def find_files(folder: Path, calibrations: Sequence[Path] = ()) -> FoundFiles:
     return FoundFiles(by_camera, tuple(calibrations), given, unused)
 
 
-def _calibrated(files: Sequence[Path]) -> tuple[tuple[Path, ...], GivenRig | None]:
+def _calibrated(files: Sequence[Path]) -> tuple[tuple[Path, ...], ImportedRig | None]:
     """Return the first file that has several cameras; else all that have one each, together. Raises HandtrackError for several that are no rig."""
-    alone: dict[Path, GivenRig] = {}
+    alone: dict[Path, ImportedRig] = {}
     for path in files:
         try:
             rig = read_calibration([path])

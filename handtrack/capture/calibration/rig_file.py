@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from handtrack.capture.calibration.formats.given_rig import numbers, numbers_at, whole_size
+from handtrack.capture.calibration.formats.imported_rig import numbers, numbers_at, whole_size
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_text import read_toml
 from handtrack.geometry.camera import Camera, CameraRig

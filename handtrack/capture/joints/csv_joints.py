@@ -11,11 +11,11 @@ import numpy as np
 
 from handtrack.arrays import D3, F, Floats, M, N
 from handtrack.capture.images.frames import frame_number
-from handtrack.capture.joints.given_joints import (
+from handtrack.capture.joints.imported_joints import (
     BodyPoints,
-    GivenBodies,
-    GivenJoints,
     Hand,
+    ImportedBodies,
+    ImportedJoints,
     body_of,
     checked_bodies,
     cleaned,
@@ -46,7 +46,7 @@ _NUMBER = re.compile(
 )
 
 
-def read_csv_joints(text: str, where: str, names: Names, camera: str) -> GivenJoints | None:
+def read_csv_joints(text: str, where: str, names: Names, camera: str) -> ImportedJoints | None:
     """Return the joints of a table; None for one without a header of points. Raises HandtrackError.
 
     names: our names of the file's own. camera: whose joints they are, where a file has those of all cameras.
@@ -90,20 +90,20 @@ def table_joints(
     frames: Sequence[int],
     where: str,
     layout: str | None = None,
-) -> GivenJoints:
+) -> ImportedJoints:
     """Return joints from points by name: a hand's, a body's, or both. columns: (F, N, 3), column, row [px], confidence.
 
     Raises HandtrackError where they are neither's.
     """
     bodies = bodies_of_table(names, columns[:, None], frames, where)
     if bodies is not None and bodies.layout is None:  # numbered, and not as a hand's are
-        return GivenJoints(family, {}, layout=layout, bodies=bodies)
+        return ImportedJoints(family, {}, layout=layout, bodies=bodies)
     try:
         sides, unknown = named_points(names, where)
     except HandtrackError:
         if bodies is None:
             raise
-        return GivenJoints(family, {}, layout=layout, bodies=bodies)
+        return ImportedJoints(family, {}, layout=layout, bodies=bodies)
     hands: dict[str, dict[int, Hand]] = {}
     for side, chosen in sides.items():
         points, ours = list(chosen), list(chosen.values())
@@ -114,12 +114,12 @@ def table_joints(
         }
     if layout is not None and len(hands) == 1:  # MediaPipe's sides are as in a mirror, or not
         hands = {"": next(iter(hands.values()))}
-    return GivenJoints(family, hands, layout, unknown, bodies=bodies)
+    return ImportedJoints(family, hands, layout, unknown, bodies=bodies)
 
 
 def bodies_of_table(
     names: Sequence[str], columns: Floats[F, M, N, D3], frames: Sequence[int], where: str
-) -> GivenBodies | None:
+) -> ImportedBodies | None:
     """Return the bodies of several tracks' points by name; None where the names are no body's. Raises HandtrackError.
 
     Points that are but numbered from 0 are some detector's, as many as there are.
@@ -139,7 +139,9 @@ def bodies_of_table(
     return checked_bodies(people, where, NAMED if places else None, unknown)
 
 
-def _deeplabcut(rows: list[list[str]], heads: list[str], where: str, known: Names) -> GivenJoints:
+def _deeplabcut(
+    rows: list[list[str]], heads: list[str], where: str, known: Names
+) -> ImportedJoints:
     parts, coords = rows[heads.index("bodyparts")], rows[heads.index("coords")]
     single = rows[heads.index("individuals")] if "individuals" in heads else [""] * len(parts)
     if len({name for name in single[1:] if name and name != "single"}) > 1:
@@ -159,7 +161,7 @@ def _deeplabcut(rows: list[list[str]], heads: list[str], where: str, known: Name
     return table_joints("DeepLabCut's CSV", renamed(names, known, where), columns, frames, where)
 
 
-def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) -> GivenJoints:
+def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) -> ImportedJoints:
     """Return the joints of one camera, known by its number, from Caliscope's xy.csv, which has those of all cameras."""
     places = [_place(head, n) for n in ("port cam_id", "point_id keypoint_id", "frame_index")]
     if None in places:
@@ -211,7 +213,7 @@ def _caliscope(rows: list[list[str]], head: list[str], where: str, camera: str) 
     return replace(given, family="Caliscope's xy.csv")
 
 
-def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> GivenJoints:
+def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> ImportedJoints:
     """Return hands of 21 rows each, in MediaPipe's order, by time stamp and hand; frames are counted by their usual distance."""
     at_time, at_hand = (_place(head, names) for names in (_TIME, _HAND))
     assert at_time is not None
@@ -233,10 +235,12 @@ def _rows_in_order(rows: list[list[str]], head: list[str], where: str) -> GivenJ
         frame = round((time - times[0]) / usual)
         hands.setdefault(side, {})[frame] = hand_of(JOINTS, np.array(points), np.ones(len(JOINTS)))
     note = f"{where}: frames are counted from the first time stamp, {usual:g} apart, as the file has no frame numbers."
-    return GivenJoints("a CSV of time stamps", hands, "mediapipe21", notes=(note,))
+    return ImportedJoints("a CSV of time stamps", hands, "mediapipe21", notes=(note,))
 
 
-def _a_row_a_point(rows: list[list[str]], head: list[str], where: str, known: Names) -> GivenJoints:
+def _a_row_a_point(
+    rows: list[list[str]], head: list[str], where: str, known: Names
+) -> ImportedJoints:
     at_frame, at_point, at_hand, at_sure = (
         _place(head, names) for names in (_FRAME, _POINT, _HAND, _SURE)
     )
@@ -261,7 +265,7 @@ def _a_row_a_point(rows: list[list[str]], head: list[str], where: str, known: Na
     return table_joints("a CSV with a row a point", names, columns, frames, where, _layout(names))
 
 
-def _a_row_a_frame(rows: list[list[str]], where: str, known: Names) -> GivenJoints | None:
+def _a_row_a_frame(rows: list[list[str]], where: str, known: Names) -> ImportedJoints | None:
     places: dict[str, dict[str, int]] = {}
     for i, column in enumerate(rows[0]):
         match = _NUMBER.fullmatch(column.strip())

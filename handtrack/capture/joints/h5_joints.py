@@ -20,14 +20,14 @@ from handtrack.capture.joints.csv_joints import (
     renamed,
     table_joints,
 )
-from handtrack.capture.joints.given_joints import GivenJoints
+from handtrack.capture.joints.imported_joints import ImportedJoints
 from handtrack.errors import HandtrackError
 
 _MOST_BYTES = 1 << 30  # of one array
 _MOST_NAMES = 1 << 20  # bytes
 
 
-def read_h5_joints(path: Path, names: Names) -> GivenJoints | None:
+def read_h5_joints(path: Path, names: Names) -> ImportedJoints | None:
     """Return the joints of a file, some of them named by a table; None for other HDF5. Raises HandtrackError, also where h5py is not installed."""
     try:
         import h5py  # pyright: ignore[reportMissingImports]
@@ -86,7 +86,7 @@ def _array(dataset: Any, where: str) -> np.ndarray[Any, Any]:
     return dataset[...]
 
 
-def _sleap(file: Any, path: Path, known: Names) -> GivenJoints:
+def _sleap(file: Any, path: Path, known: Names) -> ImportedJoints:
     tracks = _array(file["tracks"], str(path)).astype(float)  # tracks, x y, nodes, frames
     names = [
         name.decode() if isinstance(name, bytes) else str(name)
@@ -108,12 +108,12 @@ def _sleap(file: Any, path: Path, known: Names) -> GivenJoints:
 
 def _by_names(
     names: list[str], places: np.ndarray, sure: np.ndarray, path: Path, family: str
-) -> GivenJoints:
+) -> ImportedJoints:
     """places: (tracks, frames, nodes, 2). sure: (tracks, frames, nodes)."""
     every = np.concatenate([places, np.nan_to_num(sure, nan=1.0)[..., None]], axis=-1)
     bodies = bodies_of_table(names, every.transpose(1, 0, 2, 3), range(every.shape[1]), str(path))
     if bodies is not None:
-        return GivenJoints(family, {}, bodies=bodies)
+        return ImportedJoints(family, {}, bodies=bodies)
     seen = np.isfinite(places).all(axis=-1).sum(axis=(1, 2))
     if (seen > 0).sum() > 1:
         raise HandtrackError(
@@ -123,7 +123,7 @@ def _by_names(
     return table_joints(family, names, columns, range(len(columns)), str(path))
 
 
-def _slp(path: Path, known: Names) -> GivenJoints:
+def _slp(path: Path, known: Names) -> ImportedJoints:
     try:
         import sleap_io  # pyright: ignore[reportMissingImports]
     except ImportError:
@@ -142,7 +142,7 @@ class _Plain(pickle.Unpickler):
         raise pickle.UnpicklingError(f"it asks for {module}.{name}")
 
 
-def _deeplabcut(group: Any, path: Path, known: Names) -> GivenJoints:
+def _deeplabcut(group: Any, path: Path, known: Names) -> ImportedJoints:
     packed = bytes(np.asarray(group.attrs["non_index_axes"]).item())
     if len(packed) > _MOST_NAMES:
         raise HandtrackError(

@@ -12,10 +12,10 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.capture.images.frames import frame_number
 from handtrack.capture.images.openpose import LAYOUTS, body_points, read_openpose
-from handtrack.capture.joints.given_joints import (
+from handtrack.capture.joints.imported_joints import (
     BodyPoints,
-    GivenJoints,
     Hand,
+    ImportedJoints,
     checked_bodies,
     cleaned,
     frame_of,
@@ -42,7 +42,7 @@ _WHOLE_BODY = {_WHOLE: {"left": 91, "right": 112}, 21: {"": 0}}
 _MIRRORED = {"left": "right", "right": "left"}
 
 
-def read_json_joints(tree: Any, where: str) -> GivenJoints | None:
+def read_json_joints(tree: Any, where: str) -> ImportedJoints | None:
     """Return the joints of one JSON file of all frames; None for other files. Raises HandtrackError."""
     frames = [(number, _by_side(entry)) for number, entry in _frames(tree, where)]
     if any(_landmarks(entry) is not None or _pose(entry) for _, entry in frames):
@@ -125,7 +125,7 @@ def _landmarks(entry: Any) -> list[Any] | None:
     return found if isinstance(found, list) else None
 
 
-def _mediapipe(frames: list[tuple[int, Any]], where: str) -> GivenJoints:
+def _mediapipe(frames: list[tuple[int, Any]], where: str) -> ImportedJoints:
     hands: dict[str, dict[int, Hand]] = {}
     for frame, entry in frames:
         labels = _labels(entry)
@@ -153,7 +153,7 @@ def _mediapipe(frames: list[tuple[int, Any]], where: str) -> GivenJoints:
         for frame, entry in frames
     }
     bodies = checked_bodies(people, where, "mediapipe33")
-    return GivenJoints("MediaPipe's JSON", hands, "mediapipe21", (), notes, bodies)
+    return ImportedJoints("MediaPipe's JSON", hands, "mediapipe21", (), notes, bodies)
 
 
 def _pose(entry: Any) -> list[Any]:
@@ -207,7 +207,7 @@ def _people(entry: Any) -> list[Any]:
 
 def _whole_body(
     people: list[tuple[int, Any]], frames: list[tuple[int, Any]], where: str
-) -> GivenJoints:
+) -> ImportedJoints:
     best: dict[str, dict[int, Hand]] = {}
     everybody: dict[int, list[BodyPoints]] = {}
     for frame, person in people:
@@ -236,7 +236,7 @@ def _whole_body(
         if bodies is None or bodies.count == _WHOLE
         else "COCO's JSON"
     )
-    return GivenJoints(family, best, notes=notes, bodies=bodies)
+    return ImportedJoints(family, best, notes=notes, bodies=bodies)
 
 
 def _person(person: Mapping[str, Any], where: str) -> tuple[BodyPoints | None, dict[str, Hand]]:
@@ -294,7 +294,7 @@ def _points(values: Any, scores: Any, where: str) -> tuple[Floats, Floats]:
 # ---- OpenPose
 
 
-def read_openpose_files(files: Mapping[int, Path]) -> GivenJoints:
+def read_openpose_files(files: Mapping[int, Path]) -> ImportedJoints:
     """Return the hands and bodies of OpenPose's files by frame. Raises HandtrackError for a first file that is none."""
     hands: dict[str, dict[int, Hand]] = {"left": {}, "right": {}}
     people: dict[int, list[BodyPoints]] = {}
@@ -316,4 +316,4 @@ def read_openpose_files(files: Mapping[int, Path]) -> GivenJoints:
             if points is not None:
                 found[frame] = points
     where = str(next(iter(files.values())).parent)
-    return GivenJoints("OpenPose's JSON", hands, bodies=checked_bodies(people, where))
+    return ImportedJoints("OpenPose's JSON", hands, bodies=checked_bodies(people, where))

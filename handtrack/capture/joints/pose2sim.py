@@ -11,9 +11,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from handtrack.capture.calibration.formats.given_rig import GivenRig
+from handtrack.capture.calibration.formats.imported_rig import ImportedRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.settle import named
+from handtrack.capture.calibration.formats.resolve import named
 from handtrack.capture.images.frames import IMAGE_SUFFIXES, files_by_frame
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_text import read_toml
@@ -173,7 +173,9 @@ def _is_calibration(path: Path) -> bool:
         return False
 
 
-def _by_order(given: GivenRig, cameras: list[str], where: Path, notes: list[str]) -> dict[str, str]:
+def _by_order(
+    given: ImportedRig, cameras: list[str], where: Path, notes: list[str]
+) -> dict[str, str]:
     """Return the calibration's names of cameras whose names are others, in order, as Pose2Sim takes them."""
     names = [camera.name for camera in named(given, cameras, str(where))[0].cameras]
     if set(cameras) <= set(names):

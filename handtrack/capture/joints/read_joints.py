@@ -10,8 +10,8 @@ from typing import Any
 
 from handtrack.capture.images.frames import files_by_frame
 from handtrack.capture.joints.csv_joints import read_csv_joints
-from handtrack.capture.joints.given_joints import LARGEST, GivenJoints
 from handtrack.capture.joints.h5_joints import read_h5_joints
+from handtrack.capture.joints.imported_joints import LARGEST, ImportedJoints
 from handtrack.capture.joints.json_joints import read_json_joints, read_openpose_files
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import check_given, first_bytes, read_json, read_text
@@ -25,7 +25,7 @@ ACCEPTED = (
 
 def read_joints(
     text: str, where: str, names: Mapping[str, str] | None = None, camera: str = ""
-) -> GivenJoints:
+) -> ImportedJoints:
     """Return the joints of a file, a folder or a pattern of files.
 
     names: our names (`index_tip`) of a table's own points (`D2_tip`). camera: the name of the camera, by whose number it is found
@@ -65,7 +65,7 @@ def _json(path: Path) -> Any:
         raise HandtrackError(f"{path}: one of its lines is no JSON ({error}).") from None
 
 
-def _folder(text: str, where: str) -> GivenJoints:
+def _folder(text: str, where: str) -> ImportedJoints:
     pattern = f"{glob.escape(text.rstrip('/'))}/*.json" if Path(text).is_dir() else text
     files = files_by_frame(Path(name) for name in glob.glob(pattern) if Path(name).is_file())
     if not files:
@@ -91,7 +91,7 @@ def _is_openpose(tree: Any) -> bool:
     )
 
 
-def _known(found: GivenJoints | None, where: str) -> GivenJoints:
+def _known(found: ImportedJoints | None, where: str) -> ImportedJoints:
     if found is None:
         raise _unknown(where)
     return found

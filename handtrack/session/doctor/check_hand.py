@@ -18,8 +18,8 @@ from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.tables import read_npz
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.session import Session
-from handtrack.session.side import doubt_of_side
-from handtrack.session.sources.seen_keypoints import NO_JOINTS
+from handtrack.session.side import wrong_side_warning
+from handtrack.session.sources.keypoint_files import NO_JOINTS
 from handtrack.session.sources.views import View
 from handtrack.tracking.frame.result import Status
 from handtrack.tracking.frame.tables.track_model import model_of
@@ -136,7 +136,7 @@ def check_side(session: Session) -> Iterator[Finding]:
     model = model_of(track, str(path))
     rows = zip(track.frame, track.status, track.parameters, strict=True)
     tracked = {int(f): p for f, s, p in rows if s != Status.LOST and f in session.frame_range}
-    doubt = doubt_of_side(session, session.settings, model, tracked)
+    doubt = wrong_side_warning(session, session.settings, model, tracked)
     yield from [warning(f"{POSES_FILE}: {doubt}")] if doubt else []
 
 

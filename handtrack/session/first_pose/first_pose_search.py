@@ -21,7 +21,7 @@ from handtrack.session.first_pose.first_pose_candidate import (
 )
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
-from handtrack.session.sources.seen_keypoints import NO_JOINTS, of_model
+from handtrack.session.sources.keypoint_files import NO_JOINTS, of_model
 from handtrack.tracking.find_pose import SURE, spread_order
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import Status

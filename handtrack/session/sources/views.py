@@ -38,8 +38,8 @@ from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_
 from handtrack.session.session_file import CameraSettings, wrong_together
 from handtrack.session.sources.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.sources.corrected_masks import CorrectedMasks
+from handtrack.session.sources.keypoint_files import KeypointFiles
 from handtrack.session.sources.lru_cache import CroppedMask, LRUCache, most_masks
-from handtrack.session.sources.seen_keypoints import KeypointFiles
 from handtrack.session.sources.video_audits import read_audit
 
 MaskChoice = tuple[str | MaskMethod | None, Roi | None]
@@ -184,10 +184,10 @@ class View:
     def mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed, and corrected; None where missing. See `unknown_at`."""
         own = self.own_frame(frame)
-        mask, unknown = self.given_mask(frame), self.unknown_at(frame)
+        mask, unknown = self.uncorrected_mask(frame), self.unknown_at(frame)
         return mask if own is None or unknown is None else self.corrections.over(own, mask, unknown)
 
-    def given_mask(self, frame: int) -> Bytes[H, W] | None:
+    def uncorrected_mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed, as it is without any correction; None where missing."""
         if self.mask_files is not None:
             return self._read(self.mask_files, frame)

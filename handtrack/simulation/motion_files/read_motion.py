@@ -12,7 +12,7 @@ from handtrack.arrays import D3, F, Floats, J
 from handtrack.capture.joints.subject import BODY, HAND
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import check_given, first_bytes
-from handtrack.session.formats.given_truth import read_markers
+from handtrack.session.formats.imported_truth import read_markers
 from handtrack.simulation.motion_files.asf_amc import FPS, INCH_M, read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
 from handtrack.simulation.motion_files.clip import LARGEST, MotionClip

@@ -79,7 +79,7 @@ def unseen_result(terms: FrameTerms, observation: Observation, params: Floats[P]
     return posed_result(terms.model, observation, params, FrameConfidence(Status.LOST, reason))
 
 
-def given_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
+def manual_result(terms: FrameTerms, observation: Observation, params: Floats[P]) -> FrameResult:
     """Return a first frame that is only to be compared with those after it, at the given pose."""
     judgement = FrameConfidence(Status.DOUBTFUL, Reason("given"))
     return posed_result(terms.model, observation, params, judgement)

@@ -10,7 +10,7 @@ from handtrack.model.pose_changes import changes
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
-from handtrack.tracking.frame.frame_result import Solved, given_result, unseen_result
+from handtrack.tracking.frame.frame_result import Solved, manual_result, unseen_result
 from handtrack.tracking.frame.frame_terms import FrameTerms, at_own_times, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -74,5 +74,5 @@ class FrameTask:
         if self.previous:
             last = self.model.transform.solver_params(self.previous[-1].parameters)
             return Solved(unseen_result(terms, self.observation, last))
-        kind = given_result if self.observation.images else unseen_result
+        kind = manual_result if self.observation.images else unseen_result
         return Solved(kind(terms, self.observation, self.start))

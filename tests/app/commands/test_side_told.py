@@ -22,7 +22,7 @@ def asked(monkeypatch):
         return DOUBT
 
     for place in ("handtrack.session.track_session", "handtrack.session.doctor.check_hand"):
-        monkeypatch.setattr(f"{place}.doubt_of_side", doubted)
+        monkeypatch.setattr(f"{place}.wrong_side_warning", doubted)
     return times
 
 

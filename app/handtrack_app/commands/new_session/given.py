@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from handtrack.capture.calibration.formats.given_rig import GivenRig
+from handtrack.capture.calibration.formats.imported_rig import ImportedRig
 from handtrack.capture.calibration.formats.read_calibration import read_calibration
-from handtrack.capture.calibration.formats.settle import (
+from handtrack.capture.calibration.formats.resolve import (
     LensView,
     Unit,
     named,
@@ -104,7 +104,7 @@ def _length(rig: CameraRig, subject: GivenSubject) -> float | None:
     return subject_length(rig, pixels, layouts, subject.kind)
 
 
-def _with_lens(given: GivenRig, lens: str | None, where: str) -> GivenRig:
+def _with_lens(given: ImportedRig, lens: str | None, where: str) -> ImportedRig:
     """Ask for the lens model where the calibration leaves it open; no proposal is made, so nothing is taken unasked."""
     try:
         return with_lens(given, lens, where)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.capture.joints.given_joints import UnknownPoints
+from handtrack.capture.joints.imported_joints import UnknownPoints
 from handtrack.capture.joints.subject import HAND
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod
@@ -17,7 +17,7 @@ from handtrack.files.toml_table import read_table
 from handtrack.geometry.camera import CameraRig
 from handtrack.session.bundled import TWO_VIDEOS, sample_names, write_sample
 from handtrack.session.clouds_settings import CloudSettings
-from handtrack.session.formats.given_truth import read_given_truth, write_truth
+from handtrack.session.formats.imported_truth import import_truth, write_truth
 from handtrack.session.layout import CALIBRATION_FILE, SESSION_FILE, TRUTH_FILE, allow_links
 from handtrack.session.session import Session
 from handtrack.session.session_file import (
@@ -86,7 +86,7 @@ def make_session(args: argparse.Namespace) -> int:
         raise HandtrackError(f"{error} Fill in {table}, and give it with --names.") from None
     is_hand = subject.kind is HAND
     side = (args.side or subject.side) if is_hand else None
-    truth, note = (None, "") if args.truth is None else read_given_truth(args.truth, side or USUAL)
+    truth, note = (None, "") if args.truth is None else import_truth(args.truth, side or USUAL)
     sizes = {name: cam.size for name, cam in recorded.items() if cam.size is not None}
     rig, subject, views, notes = given_rig(
         args.calibration, sizes, list(recorded), subject, unit_m, args.lens, args.yes

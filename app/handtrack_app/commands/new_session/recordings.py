@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, Floats, N
-from handtrack.capture.calibration.formats.given_rig import GivenRig
-from handtrack.capture.calibration.formats.settle import LensView
+from handtrack.capture.calibration.formats.imported_rig import ImportedRig
+from handtrack.capture.calibration.formats.resolve import LensView
 from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
 from handtrack.capture.images.openpose import LAYOUTS, is_body
 from handtrack.capture.images.video import VideoFile
-from handtrack.capture.joints.given_joints import (
-    GivenJoints,
+from handtrack.capture.joints.imported_joints import (
+    ImportedJoints,
     in_pixels,
     layout_of,
     people,
@@ -336,7 +336,7 @@ class GivenSubject:
 
 
 def joint_regions(
-    subject: GivenSubject, rig: GivenRig
+    subject: GivenSubject, rig: ImportedRig
 ) -> dict[str, tuple[float, float, float, float]]:
     """Return x, y, width, height [px] around all joints of each camera, half as much again on each side, inside its images."""
     sizes = {str(camera.name): camera.size for camera in rig.cameras}
@@ -443,7 +443,7 @@ def table_to_fill_in(points: Sequence[str]) -> str:
     return "\n".join([*lines, *(f'{joint} = ""' for joint in JOINTS)]) + "\n"
 
 
-def _kind(wished: Wished, read: Mapping[str, tuple[str, GivenJoints]]) -> Subject:
+def _kind(wished: Wished, read: Mapping[str, tuple[str, ImportedJoints]]) -> Subject:
     """Return whether a hand or a body is tracked: as the user says, else what the files have alone."""
     if wished.kind is not None:
         return wished.kind
@@ -482,14 +482,14 @@ def _check_wished(wished: Wished, kind: Subject, read: Mapping[str, object]) -> 
         )
 
 
-def _hand(given: GivenJoints, where: str, side: str | None) -> CameraJoints:
+def _hand(given: ImportedJoints, where: str, side: str | None) -> CameraJoints:
     chosen, frames = given.hand(side, where)
     return CameraJoints(
         where, given.family, frames, chosen, given.is_share, given.layout, "a hand", given.unknown, given.notes
     )  # fmt: skip
 
 
-def _person(given: GivenJoints, where: str, wished: Wished) -> CameraJoints:
+def _person(given: ImportedJoints, where: str, wished: Wished) -> CameraJoints:
     bodies = given.bodies
     if bodies is None:
         raise HandtrackError(f"{where}: no body in any frame.")

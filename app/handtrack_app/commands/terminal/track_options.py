@@ -21,7 +21,7 @@ from handtrack.session.first_pose.first_pose_search import (
     no_hand_found,
 )
 from handtrack.session.layout import POSES_FILE, SESSION_FILE
-from handtrack.session.run import TrackingRun, given_in_images
+from handtrack.session.run import TrackingRun, poses_of_image_joints
 from handtrack.session.session import Session
 from handtrack.tracking.frame.methods import METHODS
 from handtrack.tracking.frame.settings import TrackerSettings
@@ -255,7 +255,7 @@ def first_pose_of_images(
     session: Session, settings: TrackerSettings, first: FirstPose
 ) -> FirstPose:
     """Return the likeliest pose that joints in images mean, and tell the others."""
-    found = given_in_images(session, settings, first)
+    found = poses_of_image_joints(session, settings, first)
     for line in described(found):
         say(line)
     return found[0].first_pose

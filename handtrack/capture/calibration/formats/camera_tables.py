@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D3, Floats
-from handtrack.capture.calibration.formats.given_rig import (
-    GivenCamera,
-    GivenRig,
+from handtrack.capture.calibration.formats.imported_rig import (
+    ImportedCamera,
+    ImportedRig,
     is_fisheye,
     matrix_of,
     numbers,
@@ -51,7 +51,7 @@ _MIDDLE = 0.05  # of the image: exchanged sides of 10:9 move its middle by as mu
 _LEAST_FOCAL_PX = 10.0  # less is in millimetres, or a share of the image's width
 
 
-def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> GivenRig | None:
+def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> ImportedRig | None:
     """Return the cameras of nested tables; None where there are none.
 
     alone: the name of a camera that has the whole file. Raises HandtrackError naming the camera and the key.
@@ -91,11 +91,11 @@ def read_tables(tree: Mapping[str, Any] | list[Any], where: str, alone: str) -> 
         if placed[i]
     )
     unposed = tuple(name or f"{i + 1}" for i, (name, _) in enumerate(tables) if not placed[i])
-    rig = GivenRig("one table per camera", cameras, unposed=unposed)
+    rig = ImportedRig("one table per camera", cameras, unposed=unposed)
     return _in_unit(rig, tree, where) if isinstance(tree, Mapping) else rig
 
 
-def _in_unit(rig: GivenRig, tree: Mapping[str, Any], where: str) -> GivenRig:
+def _in_unit(rig: ImportedRig, tree: Mapping[str, Any], where: str) -> ImportedRig:
     said = _known(tree).get("unit")
     if said is None:
         return rig
@@ -189,7 +189,7 @@ def _splits(key: str) -> list[tuple[str, str]]:
     return [*ends, *([(numbered[1], numbered[2])] if numbered else [])]
 
 
-def _stereo(tree: Mapping[str, Any], where: str) -> GivenRig | None:
+def _stereo(tree: Mapping[str, Any], where: str) -> ImportedRig | None:
     """Return the pair of a stereo calibration: two lenses, and the second camera's pose from the first."""
     pair: dict[str, dict[str, Any]] = {"1": {}, "2": {}}
     for key, value in tree.items():
@@ -209,13 +209,15 @@ def _stereo(tree: Mapping[str, Any], where: str) -> GivenRig | None:
     shared = {k: known[k] for k in ("size", "width", "height", "model", "fisheye") if k in known}
     first = camera_of({**shared, **pair["1"]}, None, f"{where}, first camera", False)
     second = {**shared, **pair["2"], "R": known["rotation"], "T": known["translation"]}
-    return GivenRig(
+    return ImportedRig(
         "stereo pair as OpenCV calibrates it",
         (first, camera_of(second, None, f"{where}, second camera", True)),
     )
 
 
-def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: bool) -> GivenCamera:
+def camera_of(
+    table: Mapping[str, Any], name: str | None, where: str, posed: bool
+) -> ImportedCamera:
     """Return the camera of a table. posed: whether it must say where it stands. Raises HandtrackError."""
     known = _known(table)
     said = [
@@ -244,7 +246,7 @@ def camera_of(table: Mapping[str, Any], name: str | None, where: str, posed: boo
             f"{where}: focal lengths of {matrix[0, 0]:g} and {matrix[1, 1]:g}; expected pixels. Are they in millimetres, or "
             "shares of the image's width?"
         )
-    return GivenCamera(
+    return ImportedCamera(
         name,
         _size(known, where, matrix),
         matrix,

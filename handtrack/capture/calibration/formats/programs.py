@@ -16,9 +16,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from handtrack.arrays import D3, Floats
-from handtrack.capture.calibration.formats.given_rig import (
-    GivenCamera,
-    GivenRig,
+from handtrack.capture.calibration.formats.imported_rig import (
+    ImportedCamera,
+    ImportedRig,
     is_fisheye,
     matrix_of,
     numbers,
@@ -34,7 +34,7 @@ _T = TypeVar("_T")
 _MOST = 64  # images: a rig has one a camera
 
 
-def read_kalibr(tree: Any, where: str) -> GivenRig | None:
+def read_kalibr(tree: Any, where: str) -> ImportedRig | None:
     """Return the cameras of a camera chain (YAML): each one's pose is from the one before, in metres."""
     if not isinstance(tree, Mapping):
         return None
@@ -68,9 +68,9 @@ def read_kalibr(tree: Any, where: str) -> GivenRig | None:
             size = whole_size(table["resolution"], f"{place}, resolution")
         matrix = matrix_of(*values.tolist())
         cameras.append(
-            GivenCamera(str(name), size, matrix, bent, pose[:3, :3], pose[:3, 3], fisheye)
+            ImportedCamera(str(name), size, matrix, bent, pose[:3, :3], pose[:3, 3], fisheye)
         )
-    return GivenRig("Kalibr's camera chain", tuple(cameras), 1.0)
+    return ImportedRig("Kalibr's camera chain", tuple(cameras), 1.0)
 
 
 # ---- MATLAB
@@ -81,7 +81,7 @@ _MIDDLE = 0.2  # of the image: how far from its middle a lens's axis may be
 _HOW = "In MATLAB: s = toStruct(stereoParams); save('stereo.mat', 's', '-v7'), or write jsonencode(s) to a .json file."
 
 
-def read_matlab(tree: Any, where: str) -> GivenRig | None:
+def read_matlab(tree: Any, where: str) -> ImportedRig | None:
     """Return the two cameras of stereoParameters, as an object, as a struct or as JSON.
 
     Vectors stand in rows, and the first pixel is (1, 1).
@@ -102,7 +102,9 @@ def read_matlab(tree: Any, where: str) -> GivenRig | None:
         for (name, part), pose in zip(parts.items(), poses, strict=True)
     )
     said = str(parts[_MARK].get("WorldUnits") or table.get("WorldUnits") or "mm")
-    return GivenRig("MATLAB's stereoParameters", cameras, metres_in(said, f"{where}: WorldUnits"))
+    return ImportedRig(
+        "MATLAB's stereoParameters", cameras, metres_in(said, f"{where}: WorldUnits")
+    )
 
 
 def _found(tree: Any, mark: str) -> Mapping[str, Any] | None:
@@ -133,7 +135,7 @@ def _matlab_pose(table: Mapping[str, Any], where: str) -> tuple[Floats[D3, D3], 
 
 def _matlab_camera(
     part: Mapping[str, Any], where: str, rotation: Floats[D3, D3], translation: Floats[D3]
-) -> GivenCamera:
+) -> ImportedCamera:
     radial = numbers_at(part, "RadialDistortion", where).ravel()
     tangential = numbers_at(part, "TangentialDistortion", where).ravel()
     if len(radial) > 3 or len(tangential) > 2:
@@ -145,7 +147,7 @@ def _matlab_camera(
     bent[2 : 2 + len(tangential)] = tangential
     size = numbers_at(part, "ImageSize", where).ravel()[::-1]  # rows, columns
     own = whole_size(size, f"{where}, ImageSize") if len(size) else None
-    return GivenCamera(None, own, _matlab_matrix(part, where), bent, rotation, translation)
+    return ImportedCamera(None, own, _matlab_matrix(part, where), bent, rotation, translation)
 
 
 def _matlab_matrix(part: Mapping[str, Any], where: str) -> Floats[D3, D3]:
@@ -167,7 +169,7 @@ def _matlab_matrix(part: Mapping[str, Any], where: str) -> Floats[D3, D3]:
     return matrix
 
 
-def read_bouguet(tree: Any, where: str) -> GivenRig | None:
+def read_bouguet(tree: Any, where: str) -> ImportedRig | None:
     """Return the two cameras of Bouguet's toolbox (Calib_Results_stereo.mat), whose first pixel is (0, 0)."""
     if not isinstance(tree, Mapping) or not any(key.startswith("fc") for key in tree):
         return None
@@ -191,8 +193,8 @@ def read_bouguet(tree: Any, where: str) -> GivenRig | None:
         bent = numbers_at(tree, f"kc_{side}", where).ravel()
         fits = size is not None and np.abs(centre / size - 0.5).max() < _MIDDLE
         own = size if fits else None  # it is one camera's, and the other may be larger
-        cameras.append(GivenCamera(None, own, matrix, bent, *pose))
-    return GivenRig("Bouguet's stereo calibration", tuple(cameras))
+        cameras.append(ImportedCamera(None, own, matrix, bent, *pose))
+    return ImportedRig("Bouguet's stereo calibration", tuple(cameras))
 
 
 # ---- Qualisys
@@ -202,7 +204,7 @@ _MAY_LACK = ("skew", "radialDistortion3", "viewrotation")  # and are 0 then
 _TO_OPENCV = np.diag([1.0, -1.0, -1.0])  # their cameras look along −z, y up
 
 
-def read_qualisys(root: Any, where: str) -> GivenRig | None:
+def read_qualisys(root: Any, where: str) -> ImportedRig | None:
     """Return the calibrated cameras of Qualisys Track Manager (XML, also as .qca.txt), named by serial number.
 
     In millimetres, lengths in the image in 64ths of a pixel.
@@ -216,10 +218,10 @@ def read_qualisys(root: Any, where: str) -> GivenRig | None:
         and e.find("transform") is not None
         and e.get("calibrated", "true").lower() != "false"
     )
-    return GivenRig("Qualisys calibration", cameras, 1e-3) if cameras else None
+    return ImportedRig("Qualisys calibration", cameras, 1e-3) if cameras else None
 
 
-def _qualisys_camera(element: Element, where: str) -> GivenCamera:
+def _qualisys_camera(element: Element, where: str) -> ImportedCamera:
     if _attributes(element, "viewrotation", where)[0] % 360:
         raise HandtrackError(
             f"{where}: its view is turned by {element.get('viewrotation')}°, its calibration is not. Set the view rotation to "
@@ -245,7 +247,7 @@ def _qualisys_camera(element: Element, where: str) -> GivenCamera:
     turned = _attributes(transform, "r11 r12 r13 r21 r22 r23 r31 r32 r33", where).reshape(3, 3)
     rotation = _TO_OPENCV @ turned
     away = -rotation @ _attributes(transform, "x y z", where)
-    return GivenCamera(element.get("serial") or None, size, matrix, bent, rotation, away)
+    return ImportedCamera(element.get("serial") or None, size, matrix, bent, rotation, away)
 
 
 def _attributes(element: Element | None, keys: str, where: str) -> Floats:
@@ -265,7 +267,7 @@ def _attributes(element: Element | None, keys: str, where: str) -> Floats:
 # ---- an image a camera
 
 
-def read_splatting(tree: Any, where: str) -> GivenRig | None:
+def read_splatting(tree: Any, where: str) -> ImportedRig | None:
     """Return the cameras of Gaussian splatting's cameras.json, an image each.
 
     Its poses are the cameras' (camera to world), its lenses have no distortion and their axis in the image's middle.
@@ -287,11 +289,13 @@ def read_splatting(tree: Any, where: str) -> GivenRig | None:
         fx, fy = numbers([table["fx"], table["fy"]], f"{place}, fx and fy").tolist()
         matrix = matrix_of(fx, fy, 0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
         name = str(table["img_name"]).rsplit(".", 1)[0]
-        cameras.append(GivenCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre))
-    return GivenRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
+        cameras.append(
+            ImportedCamera(name, size, matrix, np.zeros(5), turned.T, -turned.T @ centre)
+        )
+    return ImportedRig("cameras.json of Gaussian splatting", tuple(cameras), any_unit=True)
 
 
-def read_nerf(tree: Any, where: str) -> GivenRig | None:
+def read_nerf(tree: Any, where: str) -> ImportedRig | None:
     """Return the cameras of NeRF's transforms.json (Instant-NGP, Nerfstudio), an image each.
 
     Its poses are camera to world, of a camera that looks along -z with y up; the first pixel's centre is (0.5, 0.5).
@@ -325,9 +329,9 @@ def read_nerf(tree: Any, where: str) -> GivenRig | None:
         matrix = matrix_of(fx, fy, cx - 0.5, cy - 0.5)
         name = re.sub(r"\.\w+$", "", name.rsplit("/", 1)[-1])
         cameras.append(
-            GivenCamera(name, size, matrix, bent, turned, -turned @ pose[:3, 3], fisheye)
+            ImportedCamera(name, size, matrix, bent, turned, -turned @ pose[:3, 3], fisheye)
         )
-    return GivenRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
+    return ImportedRig("NeRF's transforms.json", tuple(cameras), any_unit=True)
 
 
 def _check_count(images: list[Any], where: str) -> None:
@@ -372,7 +376,7 @@ def colmap_folder(path: Path) -> Path | None:
     )
 
 
-def read_colmap(folder: Path) -> GivenRig:
+def read_colmap(folder: Path) -> ImportedRig:
     """Return a camera for each image of a model, text or binary."""
     suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
     cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
@@ -395,8 +399,8 @@ def read_colmap(folder: Path) -> GivenRig:
         if not np.isfinite(pose).all() or not any(pose[:4]):
             raise HandtrackError(f"{where}: its pose is not of finite numbers.")
         rotation = matrix_from_quaternion(np.array(pose[:4]))
-        rig.append(GivenCamera(name, size, matrix, bent, rotation, np.array(pose[4:]), fisheye))
-    return GivenRig("COLMAP model", tuple(rig), any_unit=True)
+        rig.append(ImportedCamera(name, size, matrix, bent, rotation, np.array(pose[4:]), fisheye))
+    return ImportedRig("COLMAP model", tuple(rig), any_unit=True)
 
 
 def _checked(read: Callable[[Path], _T], path: Path) -> _T:

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from handtrack.capture.calibration.formats.camera_tables import MEANS, read_tables
-from handtrack.capture.calibration.formats.given_rig import GivenCamera, GivenRig
+from handtrack.capture.calibration.formats.imported_rig import ImportedCamera, ImportedRig
 from handtrack.capture.calibration.formats.programs import (
     colmap_folder,
     read_bouguet,
@@ -55,7 +55,7 @@ CONVERT = (
 )
 
 
-_Read = Callable[[Any, str], GivenRig | None]
+_Read = Callable[[Any, str], ImportedRig | None]
 FORMS: tuple[tuple[tuple[str, ...], _Read], ...] = (
     (("yaml",), read_kalibr),
     (("mat", "json"), read_matlab),
@@ -67,7 +67,7 @@ FORMS: tuple[tuple[tuple[str, ...], _Read], ...] = (
 """what a file may be written in, and which program's it may be; the first that knows it reads it, else it is read as tables"""
 
 
-def read_calibration(paths: Sequence[Path]) -> GivenRig:
+def read_calibration(paths: Sequence[Path]) -> ImportedRig:
     """Return the cameras of one file or folder, or of several files: one a camera, or parts of one.
 
     Raises HandtrackError; for what is of no known form, with all that are, and how to convert.
@@ -78,7 +78,7 @@ def read_calibration(paths: Sequence[Path]) -> GivenRig:
     single = [_single(path, content) for path, content in contents.items()]
     cameras = tuple(camera for camera in single if camera is not None)
     if len(cameras) == len(paths):
-        return GivenRig("one file per camera", _posed(cameras, paths))
+        return ImportedRig("one file per camera", _posed(cameras, paths))
     merged: dict[str, Any] = {}
     for content in contents.values():
         for key, value in content.items():  # a camera's table may stand in each
@@ -103,7 +103,7 @@ def _by_camera(path: Path) -> Mapping[str, Any]:
     return {f"{key}_{camera[0]}": rows for key, rows in content.items()}
 
 
-def _one(path: Path) -> GivenRig:
+def _one(path: Path) -> ImportedRig:
     folder = colmap_folder(path)
     if folder is not None:
         return read_colmap(folder)
@@ -125,7 +125,7 @@ def _one(path: Path) -> GivenRig:
     return rig
 
 
-def _single(path: Path, content: Mapping[str, Any]) -> GivenCamera | None:
+def _single(path: Path, content: Mapping[str, Any]) -> ImportedCamera | None:
     """Return the camera of a file that has one alone, named by the file where it does not say a name."""
     try:
         rig = read_tables(content, str(path), path.stem)
@@ -134,7 +134,9 @@ def _single(path: Path, content: Mapping[str, Any]) -> GivenCamera | None:
     return rig.cameras[0] if rig is not None and len(rig.cameras) == 1 else None
 
 
-def _posed(cameras: tuple[GivenCamera, ...], paths: Sequence[Path]) -> tuple[GivenCamera, ...]:
+def _posed(
+    cameras: tuple[ImportedCamera, ...], paths: Sequence[Path]
+) -> tuple[ImportedCamera, ...]:
     at_origin = [c for c in cameras if not c.translation.any() and (c.rotation == np.eye(3)).all()]
     if len(at_origin) > 1:
         raise HandtrackError(
@@ -147,7 +149,7 @@ def _posed(cameras: tuple[GivenCamera, ...], paths: Sequence[Path]) -> tuple[Giv
     return cameras
 
 
-def _check_names(rig: GivenRig, path: Path) -> None:
+def _check_names(rig: ImportedRig, path: Path) -> None:
     names = [camera.name for camera in rig.cameras if camera.name is not None]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

@@ -47,7 +47,7 @@ class UnknownPoints(HandtrackError):
 
 
 @dataclass(frozen=True)
-class GivenJoints:
+class ImportedJoints:
     """What a file says."""
 
     family: str
@@ -58,7 +58,7 @@ class GivenJoints:
     unknown: tuple[str, ...] = ()
     """names of points that are none of a hand's 21."""
     notes: tuple[str, ...] = ()
-    bodies: GivenBodies | None = None
+    bodies: ImportedBodies | None = None
 
     @cached_property
     def is_share(self) -> bool:
@@ -170,7 +170,7 @@ def write_joints(frames: Mapping[int, Floats[N, D3]], layout: str, folder: Path)
 
 
 @dataclass(frozen=True)
-class GivenBodies:
+class ImportedBodies:
     """What a file says of bodies."""
 
     frames: Mapping[int, tuple[BodyPoints, ...]]
@@ -196,7 +196,7 @@ def checked_bodies(
     where: str,
     layout: str | None = None,
     unknown: tuple[str, ...] = (),
-) -> GivenBodies | None:
+) -> ImportedBodies | None:
     """Return people by frame; None where there is none. Raises HandtrackError where they have different numbers of points."""
     found = {frame: kept for frame, people in frames.items() if (kept := tuple(people))}
     counts = {len(person) for people in found.values() for person in people}
@@ -204,10 +204,12 @@ def checked_bodies(
         raise HandtrackError(
             f"{where}: people of {' and of '.join(map(str, sorted(counts)))} points; expected one detector's, all alike."
         )
-    return GivenBodies(found, layout, unknown) if found else None
+    return ImportedBodies(found, layout, unknown) if found else None
 
 
-def layout_of(bodies: GivenBodies, said: str | None, where: str, likely: str | None = None) -> str:
+def layout_of(
+    bodies: ImportedBodies, said: str | None, where: str, likely: str | None = None
+) -> str:
     """Return the name of the layout of a file's points: as the user said, else the one that makes bodies of them.
 
     likely: taken where that leaves it open.
@@ -261,7 +263,7 @@ def known_layouts() -> str:
     )
 
 
-def _misproportion(bodies: GivenBodies, name: str) -> float:
+def _misproportion(bodies: ImportedBodies, name: str) -> float:
     """Return how far limbs are from a body's proportions, the median over frames' tallest people; NaN where nobody is seen well."""
     points = LAYOUTS[name].points
     sides = [f"{side}_" for side in ("left", "right")]

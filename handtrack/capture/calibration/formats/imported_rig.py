@@ -56,7 +56,7 @@ FISHEYE_MODELS = {
 
 
 @array_dataclass
-class GivenCamera:
+class ImportedCamera:
     """One camera of a file; `p_camera = R p_world + t`."""
 
     name: str | None
@@ -78,7 +78,7 @@ class GivenCamera:
         """Whether its images must be brought into a pinhole's before they are tracked: a fisheye's, or with skew."""
         return self.fisheye or abs(self.matrix[0, 1]) > _SKEW * self.matrix[0, 0]
 
-    def without_lens(self) -> GivenCamera:
+    def without_lens(self) -> ImportedCamera:
         """Return a pinhole at its place that looks where it does."""
         matrix = self.matrix.copy()
         matrix[0, 1] = 0.0
@@ -86,12 +86,12 @@ class GivenCamera:
 
 
 @dataclass(frozen=True)
-class GivenRig:
+class ImportedRig:
     """The cameras of a calibration, before their unit, names and sizes are settled."""
 
     family: str
     """which form it was, in words."""
-    cameras: tuple[GivenCamera, ...]
+    cameras: tuple[ImportedCamera, ...]
     unit_m: float | None = None
     """metres in one unit, where the form fixes it."""
     any_unit: bool = False
@@ -107,7 +107,7 @@ class GivenRig:
         return CameraRig(tuple(_camera(given, unit_m) for given in self.cameras))
 
 
-def _camera(given: GivenCamera, unit_m: float) -> Camera:
+def _camera(given: ImportedCamera, unit_m: float) -> Camera:
     assert given.name is not None
     assert given.size is not None
     if given.needs_view:
@@ -144,7 +144,7 @@ def nearest_rotation(matrix: Floats[D3, D3], where: str) -> Floats[D3, D3]:
     return u @ vt
 
 
-def with_names(rig: GivenRig, names: Iterable[str]) -> GivenRig:
+def with_names(rig: ImportedRig, names: Iterable[str]) -> ImportedRig:
     """Return the rig with its cameras named, in their order."""
     pairs = zip(rig.cameras, names, strict=True)
     return replace(rig, cameras=tuple(replace(camera, name=name) for camera, name in pairs))

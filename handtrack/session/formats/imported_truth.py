@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, Ints, N, indices
-from handtrack.capture.joints.given_joints import named_points
+from handtrack.capture.joints.imported_joints import named_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import (
@@ -36,7 +36,7 @@ _LIKELY_M = (
 )  # each ten times the next, and a hand's range is four: at most one fits
 
 
-def read_given_truth(path: Path, side: str) -> tuple[Truth, str]:
+def import_truth(path: Path, side: str) -> tuple[Truth, str]:
     """Return the truth of truth.npz, TRC, C3D or CSV, and what was left out, in a sentence or none.
 
     side: of the hand, where the file has both. Raises HandtrackError where the unit cannot be known, or no hand is in it.

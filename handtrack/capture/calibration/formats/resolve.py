@@ -12,9 +12,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from handtrack.arrays import C, Floats
-from handtrack.capture.calibration.formats.given_rig import (
-    GivenCamera,
-    GivenRig,
+from handtrack.capture.calibration.formats.imported_rig import (
+    ImportedCamera,
+    ImportedRig,
     five_or_more,
     with_names,
 )
@@ -46,7 +46,7 @@ class Unit(NamedTuple):
     """a sentence for the user"""
 
 
-def named(rig: GivenRig, wished: Sequence[str], where: str) -> tuple[GivenRig, str]:
+def named(rig: ImportedRig, wished: Sequence[str], where: str) -> tuple[ImportedRig, str]:
     """Return the rig with its cameras named as the recording calls them, and what was assumed, in a sentence or none.
 
     A name that differs in spelling alone (`cam_0`, `Camera 0`, `0` for `cam0`) is taken. Cameras without names get those of
@@ -81,7 +81,7 @@ def named(rig: GivenRig, wished: Sequence[str], where: str) -> tuple[GivenRig, s
     )
 
 
-def _respelled(rig: GivenRig, wished: Sequence[str]) -> tuple[GivenRig, str]:
+def _respelled(rig: ImportedRig, wished: Sequence[str]) -> tuple[ImportedRig, str]:
     names = [str(camera.name) for camera in rig.cameras]
     found, said = dict[str, str](), list[str]()
     for name in wished:
@@ -105,7 +105,7 @@ def _number(name: str) -> int:
     return int(digits[1]) if digits else -1
 
 
-def sized(rig: GivenRig, sizes: Mapping[str, tuple[int, int]], where: str) -> GivenRig:
+def sized(rig: ImportedRig, sizes: Mapping[str, tuple[int, int]], where: str) -> ImportedRig:
     """Return the rig with sizes [px] of the recording's images where the calibration says none; of cameras that have
     neither, those of the others. Raises HandtrackError where nobody says one.
     """
@@ -120,7 +120,7 @@ def sized(rig: GivenRig, sizes: Mapping[str, tuple[int, int]], where: str) -> Gi
     return replace(rig, cameras=cameras)
 
 
-def with_lens(rig: GivenRig, lens: str | None, where: str) -> GivenRig:
+def with_lens(rig: ImportedRig, lens: str | None, where: str) -> ImportedRig:
     """Return the rig with the lens model that the user says, `plain` or `fisheye`, where the file leaves it open.
 
     Raises HandtrackError where it is open and nobody says it, and for a fisheye's coefficients that are not four.
@@ -156,14 +156,14 @@ class LensView(NamedTuple):
 
 
 def pinholes(
-    rig: GivenRig, regions: Mapping[str, tuple[float, float, float, float]]
-) -> tuple[GivenRig, dict[str, LensView]]:
+    rig: ImportedRig, regions: Mapping[str, tuple[float, float, float, float]]
+) -> tuple[ImportedRig, dict[str, LensView]]:
     """Return the rig with each fisheye, and each lens with skew, as the pinholes through which it is tracked, and these by name.
 
     regions: x, y, width, height [px] around what is tracked, where that is known; else all of an image is shown. A lens whose
     view is wider than 100° becomes several cameras, `NAME_1`, `NAME_2` …, of the same images. All must have names and sizes.
     """
-    cameras: list[GivenCamera] = []
+    cameras: list[ImportedCamera] = []
     views: dict[str, LensView] = {}
     for camera in rig.cameras:
         name = str(camera.name)
@@ -187,12 +187,12 @@ def pinholes(
                 view.rotation @ camera.translation,
             )
             cameras.append(
-                GivenCamera(tile, view.size, view.matrix, np.zeros(5), rotation, translation)
+                ImportedCamera(tile, view.size, view.matrix, np.zeros(5), rotation, translation)
             )
     return replace(rig, cameras=tuple(cameras)), views
 
 
-def unit_of(rig: GivenRig, length: float | None = None, subject: Subject = HAND) -> Unit:
+def unit_of(rig: ImportedRig, length: float | None = None, subject: Subject = HAND) -> Unit:
     """Return the unit of a calibration whose cameras have names and sizes.
 
     length: of what is tracked, in that unit, where joints in images tell it.
