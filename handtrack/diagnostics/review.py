@@ -43,7 +43,7 @@ class Stretch:
         return f"{frames}, {self.brief}"
 
 
-def probability_off(frame: FrameHead) -> float:
+def failure_probability(frame: FrameHead) -> float:
     """Return how probably a joint of a frame is 25 mm off: 1 of a lost hand, as probably as not where nothing is stated."""
     if frame.status == Status.LOST:
         return 1.0
@@ -114,7 +114,7 @@ def _named(frame: FrameHead) -> str:
 
 
 def _stretch(run: list[FrameHead]) -> Stretch:
-    worst = max(run, key=probability_off)
+    worst = max(run, key=failure_probability)
     word = "lost" if worst.status == Status.LOST else "low confidence"
     brief, words = word, word
     if worst.reason is not None:
@@ -124,7 +124,7 @@ def _stretch(run: list[FrameHead]) -> Stretch:
     others = {_named(frame): None for frame in run if _doubt_of(frame) != _doubt_of(worst)}
     if also := ", ".join(filter(None, others)):
         words = f"{words}; also {also}"
-    expected = sum(probability_off(frame) for frame in run)
+    expected = sum(failure_probability(frame) for frame in run)
     return Stretch(run[0].frame, run[-1].frame, worst.frame, expected, brief, words)
 
 

@@ -34,7 +34,7 @@ from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text
 from handtrack.files.npz_files import read_arrays
-from handtrack.files.text_files import check_given, first_bytes
+from handtrack.files.text_files import check_file, first_bytes
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -314,7 +314,7 @@ def _lengths(keypoints: Floats[N, D21, D3]) -> Floats[N, K]:
 
 
 def _tree(path: Path) -> dict[str, Any]:
-    check_given(path, "a MANO model")
+    check_file(path, "a MANO model")
     if first_bytes(path)[:4] == b"PK\3\4":
         return read_arrays(path)
     try:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import check_given
+from handtrack.files.text_files import check_file
 
 _DEEPEST = 20  # levels
 _MOST_BYTES = 64 << 20  # of one variable, unpacked
@@ -41,7 +41,7 @@ def read_mat(path: Path) -> dict[str, Any]:
 
     Cells are lists; objects of a class, which only MATLAB can read, are None. Raises HandtrackError.
     """
-    check_given(path, "a .mat file")
+    check_file(path, "a .mat file")
     data = path.read_bytes()
     if data[:10] != b"MATLAB 5.0":
         raise HandtrackError(
@@ -64,7 +64,7 @@ def read_mat_objects(path: Path) -> dict[str, Any]:
         raise HandtrackError(
             f"{path} holds objects of MATLAB's classes, which are read with mat-io: pip install mat-io"
         ) from None
-    check_given(path, "a .mat file")
+    check_file(path, "a .mat file")
     try:
         return {name: _plain(value, 0) for name, value in load_from_mat(str(path)).items()}
     except Exception as error:  # a library's own, of many kinds, for a file that is damaged

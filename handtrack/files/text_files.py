@@ -27,7 +27,7 @@ UNITS_M = {
 """metres in the units of length that files name"""
 
 
-def check_given(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
+def check_file(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
     """Raise HandtrackError unless a path is a plain file of at most so many bytes.
 
     what: a few words for the error, such as `a calibration`.
@@ -62,7 +62,7 @@ def read_text(path: Path, what: str, most_bytes: int = MOST_BYTES) -> str:
 
     what: a few words for the error, such as `the calibration`. Raises HandtrackError, also for a file of more than so many bytes.
     """
-    check_given(path, what, most_bytes)
+    check_file(path, what, most_bytes)
     try:
         return Path(path).read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:

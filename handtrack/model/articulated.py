@@ -246,7 +246,7 @@ class ArticulatedModel:
         return bones.position + bones.rotation[:, :, 1] * self.skeleton.length[:, None]
 
     @property
-    def seen_point(self) -> Floats[J, D3]:
+    def observed_point(self) -> Floats[J, D3]:
         """Return what a detector means by each named joint, in its bone's frame [m]."""
         return self.joint_point if self.offset is None else self.joint_point + self.offset
 
@@ -254,7 +254,7 @@ class ArticulatedModel:
     def landmark_definitions(self) -> dict[str, Floats[J, D3]]:
         """The definitions in which it has points for the named joints, with these in their bones' frames [m]."""
         return {JOINT_CENTRES: self.joint_point} | (
-            {self.scale.landmark_definition: self.seen_point} if self.scale.offsets_mm else {}
+            {self.scale.landmark_definition: self.observed_point} if self.scale.offsets_mm else {}
         )
 
     @property

@@ -45,14 +45,14 @@ def weighed(silhouettes: Sequence[Silhouette]) -> tuple[Silhouette, ...]:
     asked = [bool((s.mask < 0).any()) for s in silhouettes]
     if len(silhouettes) < 2 or not any(asked):
         return tuple(silhouettes)
-    off = outlines_off(silhouettes)
+    off = outline_errors_px(silhouettes)
     return tuple(
         replace(s, off_px=float(px)) if told else s
         for s, px, told in zip(silhouettes, off, asked, strict=True)
     )
 
 
-def outlines_off(silhouettes: Sequence[Silhouette]) -> Floats[C]:
+def outline_errors_px(silhouettes: Sequence[Silhouette]) -> Floats[C]:
     """Return how far each outline is off on average, as far as another camera tells [px]; 0 where none does.
 
     A pixel is contradicted where no point on its line of sight is hand, open or out of sight in another camera. The

@@ -137,7 +137,9 @@ def _observations(
     meant = sorted({row[0] for row in rows})
     starts = np.cumsum([0, *(sum(row[0] == m for row in rows) for m in meant)])
     joints = [joint for joint, _ in meant]
-    points = [(model.joint_point if given else model.seen_point)[joint] for joint, given in meant]
+    points = [
+        (model.joint_point if given else model.observed_point)[joint] for joint, given in meant
+    ]
     count = len(cameras)
     return {
         "point_bone": np.asarray(model.joint_bone[joints], dtype=np.int64),

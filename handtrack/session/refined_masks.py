@@ -20,7 +20,7 @@ from handtrack.files.atomic import replace_text, replacing
 from handtrack.geometry.camera import Camera
 from handtrack.geometry.lens import remap_source
 from handtrack.model.flesh import model_mask
-from handtrack.observation.agreement import outlines_off
+from handtrack.observation.agreement import outline_errors_px
 from handtrack.observation.observation import Silhouette
 from handtrack.observation.undistortion import undistort_silhouette
 from handtrack.session.layout import MASKS_FOLDER, SESSION_FILE, inside
@@ -154,12 +154,12 @@ class MaskRefinement:
             with suppress(OSError):  # others' files are in it, or it never was
                 folder.rmdir()
 
-    def outlines_off(self, frames: Sequence[int]) -> dict[str, float]:
+    def outline_errors_px(self, frames: Sequence[int]) -> dict[str, float]:
         """Return by camera how far outlines of the masks written are off as the others tell [px]; the median over frames."""
         off: dict[str, list[float]] = {view.name: [] for view in self.views}
         for frame in frames:
             seen = [s for view in self.views if (s := self._written(view, frame)) is not None]
-            for silhouette, px in zip(seen, outlines_off(seen), strict=True):
+            for silhouette, px in zip(seen, outline_errors_px(seen), strict=True):
                 off[silhouette.camera.name].append(float(px))
         return {name: float(np.median(found)) if found else 0.0 for name, found in off.items()}
 

@@ -35,7 +35,7 @@ from handtrack.session.ineffective_settings import ineffective_settings
 from handtrack.session.session import Session
 from handtrack.session.sources.joint_errors import joint_sigma_px
 from handtrack.session.sources.keypoint_files import of_model
-from handtrack.session.sources.look_ahead import LookAhead
+from handtrack.session.sources.prefetch import Prefetch
 from handtrack.tracking.frame.assessment import OutlineFit, assess, outline_fit
 from handtrack.tracking.frame.confidence import FrameConfidence
 from handtrack.tracking.frame.control import Control
@@ -74,7 +74,7 @@ class TrackingRun:
     model: ArticulatedModel
     arm_m: float = np.inf
     """how far from the wrist the forearm ends, if it has one, as a cuff does [m of the mean adult's]; infinite where it goes on"""
-    known_person: HandScale | None = None
+    prior_person: HandScale | None = None
     """what a person's file says beforehand of a hand that is fitted"""
     is_sized: bool = False
     """whether `fit_size` found the person"""
@@ -102,7 +102,7 @@ class TrackingRun:
         scale = _of_this_recording(session, settings, _hand_scale(session, settings, first))
         arm_m = _forearm(session, settings, scale, first)
         model = _model(session, settings, scale, arm_m)
-        known = session.known_person and _of_this_recording(session, settings, session.known_person)
+        known = session.prior_person and _of_this_recording(session, settings, session.prior_person)
         run = cls(session, first, settings, scale, arm_m > 0, model, arm_m or np.inf, known)
         if run.sizes_first and settings.model.fit_size == "true" and first is not None:
             return run.fit_size(should_stop)
@@ -125,7 +125,7 @@ class TrackingRun:
     def sizes_first(self) -> bool:
         """Whether something of the person is to be found before tracking: nothing that their file tells."""
         knows_joints = bool(self.scale.offsets_mm) or not self.sees_joints
-        is_known = self.is_sized or (self.known_person is not None and knows_joints)
+        is_known = self.is_sized or (self.prior_person is not None and knows_joints)
         return self.size_is_open and not is_known
 
     @property
@@ -153,7 +153,7 @@ class TrackingRun:
         says so, else session.toml. tell: is called with the share that is done, 0 to 1, and what is done in words.
         """
         if sizes is None:
-            sizes = self.session.hand_scale == "fit" and self.known_person is None
+            sizes = self.session.hand_scale == "fit" and self.prior_person is None
         say = tell or (lambda share, words, tracked=None: None)
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
@@ -187,7 +187,7 @@ class TrackingRun:
             return self
         spread = evenly_spread(len(done), _ARM_LOOKS)
         solver = self.model.transform.solver_params
-        posed = ((solver(done[i].parameters), self.seen_at(done[i])) for i in spread)
+        posed = ((solver(done[i].parameters), self.observation_of(done[i])) for i in spread)
         arm_m, before = forearm_in_view(self.model, posed), self.arm_m if self.forearm else 0.0
         if 0 < before < np.inf:
             at = self.model.skeleton.bone("forearm")
@@ -206,7 +206,7 @@ class TrackingRun:
         params = other.model.transform.solver_params(joint_params)
         return self.model.joint_params(carried_over(other.model, params, self.model))
 
-    def seen_at(self, result: FrameResult) -> Observation:
+    def observation_of(self, result: FrameResult) -> Observation:
         """Return what was observed of a tracked frame; the cloud is cropped to its pose."""
         bones = self.model.bones(self.model.transform.solver_params(result.parameters))
         return self._named(_seen(self.session, self.settings, result.frame, self._near(bones)))
@@ -299,14 +299,16 @@ class TrackingRun:
         hands = self.with_scale(scale).whole_hands()
         return next(hand for hand in hands if hand.has_forearm == model.has_forearm)
 
-    def seen(self, frame: int) -> Observation:
+    def uncropped_observation(self, frame: int) -> Observation:
         """Return what was observed of a frame anywhere, as far as the settings use it; nothing that was given."""
         return _seen(self.session, self.settings, frame)
 
     def fit_of(self, frame: int, params: Floats[P]) -> tuple[Reason | None, OutlineFit | None]:
         """Return why a frame is doubtful or lost at solver parameters, by itself, and how the pose fits its silhouettes."""
         bones = self.model.bones(params)
-        terms = frame_terms(self.model, self.settings, self.seen(frame), bones, None)
+        terms = frame_terms(
+            self.model, self.settings, self.uncropped_observation(frame), bones, None
+        )
         return assess(terms, bones, 0.0, ())[1], outline_fit(terms, bones)
 
     @property
@@ -316,7 +318,7 @@ class TrackingRun:
             self.model,
             self.settings,
             start_confidence=1.0 if sure is None else sure,
-            subject=who_is_open(self),
+            subject=person_to_fit(self),
         )
 
     def initial(self) -> tuple[int, Floats[P]]:
@@ -368,7 +370,7 @@ class TrackingRun:
     ) -> Iterator[FrameResult]:
         """Yield results as `track` does, stopped, watched and told as control says; done: gone on from, if given."""
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
-        observe = LookAhead(self.observation, self._prepare, on_the_way, start_frame)
+        observe = Prefetch(self.observation, self._prepare, on_the_way, start_frame)
         try:
             yield from track_recording(
                 self.tracker, observe, start_frame, start_params, frames, control, done
@@ -498,7 +500,7 @@ def _hand_scale(session: Session, settings: TrackerSettings, first: FirstPose | 
         return read_scale(given)
     if given != "fit":
         return HandScale(float(given))
-    if (person := session.known_person) is not None:
+    if (person := session.prior_person) is not None:
         return person
     if first is None or first.xyz is None:  # nothing to fit to: an adult's mean hand
         return first.scale if first is not None and first.scale is not None else HandScale()
@@ -602,7 +604,7 @@ def posed_by_joints(
     for frame in chosen.astype(int).tolist():
         if should_stop is not None and should_stop():
             return []
-        seen = run.seen(frame)
+        seen = run.uncropped_observation(frame)
         joints = seen.image_keypoints
         found = pose_in_space(run.settings, hand, frame, joints) if joints else None
         if found is not None:
@@ -638,7 +640,7 @@ def size_of_frames(
         if stop() or not chosen or {result.frame for result in chosen} <= used:
             break
         used = {result.frame for result in chosen}
-        seen = [run.seen_at(result) for result in chosen]
+        seen = [run.observation_of(result) for result in chosen]
         places = list(zip(seen, map(_middle, chosen), strict=True))
         around = any(seen_around(one, place) for one, place in places)
         if sizes and not around and _measured(run, results, most) < _LEAST_MEASURED:
@@ -667,7 +669,9 @@ def _assessed(run: TrackingRun, result: FrameResult) -> FrameResult:
     """Return a frame alone at the pose of this person nearest to that it had, and how sure it is."""
     start = run.model.clipped(run.model.transform.solver_params(result.parameters))
     tracker = Tracker(run.model, run.settings)
-    return tracker.step_without_search(TrackerState.beginning_at(start), run.seen_at(result))[1]
+    return tracker.step_without_search(
+        TrackerState.beginning_at(start), run.observation_of(result)
+    )[1]
 
 
 def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
@@ -682,7 +686,7 @@ def _unlike(results: Sequence[FrameResult], most: int) -> list[FrameResult]:
     return sorted((sure[n] for n in kept), key=lambda result: result.frame)
 
 
-def who_is_open(run: TrackingRun) -> OpenPerson | None:
+def person_to_fit(run: TrackingRun) -> OpenPerson | None:
     """Return what of the person refining may find: not what was given, and nothing where `model.fit_size` says so."""
     if run.settings.model.fit_size == "false" or is_unmeasured(run.scale):
         return None
@@ -694,7 +698,7 @@ def _who(run: TrackingRun) -> OpenPerson:
         return replace(run.with_scale(scale).model, limits=run.model.limits)
 
     sizes, offsets = run.session.hand_scale == "fit", run.offsets_are_open
-    return OpenPerson(build, sizes, offsets, run.known_person)
+    return OpenPerson(build, sizes, offsets, run.prior_person)
 
 
 def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> float:
@@ -703,7 +707,7 @@ def _measured(run: TrackingRun, results: Sequence[FrameResult], most: int) -> fl
     ascending = sorted(results, key=lambda r: r.frame)
     for result in (ascending[i] for i in evenly_spread(len(ascending), most)):
         bones = run.model.bones(run.model.transform.solver_params(result.parameters))
-        terms = frame_terms(run.model, run.settings, run.seen_at(result), bones, None)
+        terms = frame_terms(run.model, run.settings, run.observation_of(result), bones, None)
         found = None if terms.cloud is None else agreement(terms.cloud, run.model, bones)
         shares += [] if found is None else [found.measured]
     return float(np.nanmedian(shares)) if np.isfinite(shares).any() else 1.0

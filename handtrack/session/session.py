@@ -183,7 +183,7 @@ class Session:
         return scale
 
     @cached_property
-    def known_person(self) -> HandScale | None:
+    def prior_person(self) -> HandScale | None:
         """What a person's file says beforehand of a hand that is fitted to the recording. Raises HandtrackError."""
         person = self.file.hand.person
         return None if person is None else read_scale(self._hand_file("person", person))
@@ -257,7 +257,7 @@ class Session:
         """Return this session of a person whose file the fit of their hand begins with. Raises HandtrackError."""
         changed = copy(self)
         changed.file = replace(self.file, hand=replace(self.file.hand, scale="fit", person=None))
-        changed.known_person = read_scale(file)
+        changed.prior_person = read_scale(file)
         return changed
 
     def with_clouds(self, clouds: CloudSettings | None) -> Session:
@@ -360,7 +360,7 @@ class Session:
         known = camera in self.calibrated
         return known and correction.calibration == self.calibration_digest(camera)
 
-    def look_again(self) -> None:
+    def forget_observations(self) -> None:
         """Forget what was seen: masks were corrected, which may cut clouds, too."""
         self._observations.clear()
         self._measured.clear()

@@ -298,13 +298,13 @@ def _camera(table: Any, path: Path, number: int) -> CameraSettings:
     if lens is not None:
         lens = read_table(LensSettings, lens, f"{where}, lens")
     camera = read_table(CameraSettings, table, where, masks=masks, lens=lens)
-    wrong = wrong_together(camera)
+    wrong = missing_counterpart(camera)
     if wrong is not None:
         raise HandtrackError(f"{where}: {wrong}")
     return camera
 
 
-def wrong_together(camera: CameraSettings) -> str | None:
+def missing_counterpart(camera: CameraSettings) -> str | None:
     """Return what a camera's settings lack of one another, in words; None where they go together."""
     masks, roi = camera.masks, camera.roi
     if masks is not None and not isinstance(masks, str) and getattr(camera, masks.needs) is None:

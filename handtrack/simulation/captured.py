@@ -40,7 +40,7 @@ from handtrack.simulation.retarget import (
     retarget,
     retarget_errors,
 )
-from handtrack.simulation.simulate import SCALE_FILE, KnownMotion, simulated_rig
+from handtrack.simulation.simulate import SCALE_FILE, CustomMotion, simulated_rig
 from handtrack.solver.covariance import uncertainty
 from handtrack.solver.problem import Problem
 from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, FrameConfidence
@@ -175,10 +175,10 @@ def distance_m(positions: Floats[F, J, D3]) -> float:
     return float(np.nanmax(np.linalg.norm(positions, axis=2))) / _VIEW * (1.0 + _VIEW)
 
 
-def known_motion(motion: Captured, name: str) -> KnownMotion:
+def custom_motion(motion: Captured, name: str) -> CustomMotion:
     """Return a motion that was staged, to be rendered."""
     joint = np.stack([motion.model.joint_params(params) for params in motion.params])
-    return KnownMotion(name, motion.model, joint, distance_m(motion.clip.positions))
+    return CustomMotion(name, motion.model, joint, distance_m(motion.clip.positions))
 
 
 def _middle(positions: Floats[F, J, D3]) -> Floats[D3]:

@@ -107,7 +107,7 @@ def simulated_rig(
 
 
 @array_dataclass
-class KnownMotion:
+class CustomMotion:
     """A motion to be rendered in place of a named one."""
 
     name: str
@@ -122,7 +122,7 @@ def simulate(
     folder: Path,
     what: Simulation,
     progress: Callable[[int, int], None] | None = None,
-    known: KnownMotion | None = None,
+    known: CustomMotion | None = None,
 ) -> Path:
     """Write a session folder: calibration, masks, videos, exact truth and init.json. Returns the folder.
 

@@ -117,7 +117,7 @@ class KeypointTerm(ObservationTerm):
 
 def points_meant(model: ArticulatedModel, observed: Keypoints | ImageKeypoints) -> Floats[J, D3]:
     """Return the points of the bones, in their frames [m], that observed joints mean: in images a detector's."""
-    return model.seen_point if isinstance(observed, ImageKeypoints) else model.joint_point
+    return model.observed_point if isinstance(observed, ImageKeypoints) else model.joint_point
 
 
 def pinned_places(model: ArticulatedModel, pins: Sequence[Pin]) -> tuple[Ints[K], Floats[K, D3]]:

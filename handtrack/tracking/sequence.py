@@ -93,10 +93,10 @@ def refine_recording(
     model, settings = tracker.model, tracker.settings
     seen = observe
 
-    def observe_own(frame: int, bones: BonePoses | None = None) -> Observation:
-        return tracker.with_own(seen(frame, bones))
+    def observe_with_terms(frame: int, bones: BonePoses | None = None) -> Observation:
+        return tracker.with_custom_terms(seen(frame, bones))
 
-    observe = observe_own if tracker.terms or tracker.priors else seen
+    observe = observe_with_terms if tracker.terms or tracker.priors else seen
     recording = Recording(
         model, settings, observe, control, held or {}, pinned or {}, tracker.subject
     )

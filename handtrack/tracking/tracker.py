@@ -105,7 +105,7 @@ class Tracker:
             return None
         return self.model.bones(self.model.transform.solver_params(expected))
 
-    def with_own(self, observation: Observation) -> Observation:
+    def with_custom_terms(self, observation: Observation) -> Observation:
         """Return what was seen of a frame, together with the caller's own terms."""
         if observation.is_empty or not (self.terms or self.priors):
             return observation
@@ -125,7 +125,7 @@ class Tracker:
 
     def _task(self, state: TrackerState, observation: Observation, control: Control) -> FrameTask:
         """Return the frame to be solved, from where the hand is expected."""
-        observation = self.with_own(observation)
+        observation = self.with_custom_terms(observation)
         expected, start = self._expected(state, observation.frame), state.start
         if start is None:
             if expected is None:

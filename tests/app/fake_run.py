@@ -99,7 +99,7 @@ class FakeView:
     def corrections(self) -> CorrectedMasks:
         return CorrectedMasks(Path(), self.name, self.camera.size)
 
-    def own_frame(self, frame: int) -> int | None:
+    def camera_frame(self, frame: int) -> int | None:
         return frame
 
     def silhouette(self, frame: int) -> Silhouette | None:
@@ -160,7 +160,7 @@ class FakeSession:
     def calibration_digest(self, camera: str) -> str:
         return camera
 
-    def look_again(self) -> None:
+    def forget_observations(self) -> None:
         pass
 
     def view(self, camera: str) -> FakeView:
@@ -263,7 +263,7 @@ class FakeRun:
     def tracker(self) -> Tracker:
         return Tracker(self.model, self.settings.with_values({"tracker.hypotheses": 1}))
 
-    def seen_at(self, result: FrameResult) -> Observation:
+    def observation_of(self, result: FrameResult) -> Observation:
         return self.session.observation(result.frame)
 
     @property

@@ -101,7 +101,7 @@ def test_a_bodys_offsets_are_mirror_images():
     deviations[-9:] = 1.0
     model = size.rescaled(deviations)
     bones = model.bones(model.params_from({}))
-    beside = bones.to_world(model.joint_bone, model.seen_point) - model.joint_positions(bones)
+    beside = bones.to_world(model.joint_bone, model.observed_point) - model.joint_positions(bones)
     left, right, knee, nose = (beside[model.joint_names.index(name)] for name in size.seen)
     np.testing.assert_allclose(left, right * [-1.0, 1.0, 1.0], atol=1e-12)
     assert abs(left[0]) > 0.01

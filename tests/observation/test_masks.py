@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from handtrack import Camera, HandtrackError, Silhouette
 from handtrack.arrays import Array
-from handtrack.observation.agreement import outlines_off, suspected
+from handtrack.observation.agreement import outline_errors_px, suspected
 from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
@@ -157,18 +157,18 @@ def with_lobe(silhouette: Silhouette, value: float = 1.0) -> Silhouette:
 
 
 def test_one_body_agrees_with_itself():
-    np.testing.assert_allclose(outlines_off([ball_from(0), ball_from(50)]), 0, atol=0.3)
-    assert outlines_off([ball_from(0)]).tolist() == [0]
+    np.testing.assert_allclose(outline_errors_px([ball_from(0), ball_from(50)]), 0, atol=0.3)
+    assert outline_errors_px([ball_from(0)]).tolist() == [0]
 
 
 def test_what_two_cannot_tell_a_third_does():
     good, bad = ball_from(50), with_lobe(ball_from(0))
     added = (bad.mask > 0.5).sum() - (ball_from(0).mask > 0.5).sum()
-    two = outlines_off([bad, good])
+    two = outline_errors_px([bad, good])
     assert two[0] == pytest.approx(two[1])
     # half of the added area by the outline's length, each: nobody knows who is wrong
     assert two[0] == pytest.approx(added / 2 / (2 * np.pi * 24 + 50), rel=0.3)
-    three = outlines_off([bad, good, ball_from(-40)])
+    three = outline_errors_px([bad, good, ball_from(-40)])
     assert three[0] == pytest.approx(two[0], rel=0.3)
     assert three[1:].max() < 0.3
 

@@ -68,7 +68,9 @@ def film(
         (folder / "pose" / camera.name).mkdir(parents=True)
         lines += ["", "[[camera]]", f'name = "{camera.name}"', f'keypoints = "pose/{camera.name}/*.json"', 'keypoint_layout = "body_25b"']  # fmt: skip
         for frame, pose in enumerate(poses):
-            pixels = camera.project(model.bones(pose).to_world(model.joint_bone, model.seen_point))
+            pixels = camera.project(
+                model.bones(pose).to_world(model.joint_bone, model.observed_point)
+            )
             pixels += rng.normal(scale=noise_px, size=pixels.shape)
             rows = np.zeros((LAYOUT.count, 3))
             for name, row in LAYOUT.points.items():

@@ -37,7 +37,7 @@ def seen_points(hand):
     rows = [hand.joint_names.index(name) for name in keypoint_names()]
     poses = motion(hand, WHAT.motion, WHAT.frames, np.random.default_rng(WHAT.seed))
     bones = [hand.bones(hand.transform.solver_params(pose)) for pose in poses]
-    return np.array([b.to_world(hand.joint_bone, hand.seen_point)[rows] for b in bones])
+    return np.array([b.to_world(hand.joint_bone, hand.observed_point)[rows] for b in bones])
 
 
 def missed_mm(scale, joint):

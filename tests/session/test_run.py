@@ -23,10 +23,10 @@ from handtrack import (
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.size import POPULATION_SIGMA, hand_length_mm
 from handtrack.session.ineffective_settings import ineffective_settings
-from handtrack.session.run import size_of_frames, tracked_for_size, who_is_open
+from handtrack.session.run import person_to_fit, size_of_frames, tracked_for_size
 from handtrack.session.session_file import CameraSettings
 from handtrack.simulation.motion import motion
-from handtrack.simulation.simulate import KnownMotion, Simulation, simulate
+from handtrack.simulation.simulate import CustomMotion, Simulation, simulate
 from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.frame_terms import frame_terms
@@ -50,7 +50,7 @@ def opening(folder, of, frames, forearm=False):
     model = load_model(forearm=forearm)
     joint = motion(model, "open_fist_open", of, np.random.default_rng(0))[:frames]
     what = Simulation(size=(320, 240), images=False)
-    return simulate(folder, what, known=KnownMotion("opening", model, joint, 0.0))
+    return simulate(folder, what, known=CustomMotion("opening", model, joint, 0.0))
 
 
 def test_a_result_says_where_it_comes_from(session, run):
@@ -114,7 +114,7 @@ def run_of(scale: HandScale, observations, first=None) -> SimpleNamespace:
 
     return SimpleNamespace(
         model=load_model("hand26", scale=scale), settings=TrackerSettings(), scale=scale, first=first, with_scale=with_scale,
-        seen_at=lambda result: observations[result.frame], sees_joints=False, offsets_are_open=False, known_person=None, size_is_open=True,
+        observation_of=lambda result: observations[result.frame], sees_joints=False, offsets_are_open=False, prior_person=None, size_is_open=True,
         session=SimpleNamespace(hand_scale="fit"),
     )  # fmt: skip
 
@@ -140,7 +140,7 @@ def test_half_a_hand_tells_no_size():
     assert size.overall == 1.0
     held = run.with_scale(size)
     assert size.std["length_mm"] == pytest.approx(POPULATION_SIGMA * hand_length_mm(MEAN))
-    assert who_is_open(held) is None
+    assert person_to_fit(held) is None
     given = SimpleNamespace(xyz=np.zeros((21, 3)))
     assert fitted(0.5, SMALL, given)[1].overall == SMALL.overall
 

@@ -81,7 +81,7 @@ def test_the_compiled_motion_of_points_is_that_of_their_bones_fields(rng):
     fields = size.fields(bones, np.arange(len(size.names)))
     term = KeypointTerm(larger, in_image(bones))
     turns = bones.rotation[HAND.joint_bone]
-    arms = np.einsum("kij,kj->ki", turns, bones.rescaled(HAND.joint_bone, larger.seen_point))
+    arms = np.einsum("kij,kj->ki", turns, bones.rescaled(HAND.joint_bone, larger.observed_point))
     arms += bones.position[HAND.joint_bone] - bones.reference
     velocity, gradient = np.split(fields.joints[HAND.joint_bone], [3], axis=1)
     expected = velocity + np.einsum(

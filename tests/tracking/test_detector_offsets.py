@@ -36,7 +36,7 @@ def frames(rng, side="right", count=6, noise_px=0.5, lasts=False, offsets=OFFSET
         joint = filmed.rest + rng.normal(scale=0.4, size=26)
         joint[:3] = rng.normal(scale=0.02, size=3)
         pose = filmed.clipped(filmed.transform.solver_params(joint))
-        points = filmed.bones(pose).to_world(filmed.joint_bone, filmed.seen_point)
+        points = filmed.bones(pose).to_world(filmed.joint_bone, filmed.observed_point)
         rows = [filmed.joint_names.index(name) for name in NAMES]
         terms = [
             KeypointTerm(model, ImageKeypoints(c, NAMES, pixels + error, max(noise_px, 1.0)))

@@ -9,7 +9,7 @@ from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, 
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
 from handtrack.solver.problem import Problem
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.frame.prediction import inheriting_doubt, predict
+from handtrack.tracking.frame.prediction import inheriting_uncertainty, predict
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.sequence import track_frames
 
@@ -124,7 +124,7 @@ def test_the_prediction_alone_is_as_unsure_as_the_pose_before():
     def known(*priors):
         return Problem(MODEL, (), priors).linearize(params).hessian
 
-    found = inheriting_doubt(
+    found = inheriting_uncertainty(
         Problem(MODEL, (), (rest, motion)), params, known(rest, motion), belief
     )
     unsure = np.linalg.inv(np.linalg.inv(known(motion)) + belief)

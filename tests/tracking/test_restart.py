@@ -62,15 +62,15 @@ def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
     """Faults C32, C33. Further away than clouds are cropped: without jumps not one point is looked at."""
     truth = posed("open", (0.2, 0.3, 0.0), (0.15, 0.05, 0.1))
 
-    def seen_at(params, frame):
+    def observation_of(params, frame):
         if by == "masks":
             return mask_views(MODEL, params, RIG.cameras, frame)
         bones = MODEL.bones(params)
         points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 2500, rng)
         return Observation(frame, frame / 25.0, cloud=PointCloud(points))
 
-    first = first_of(seen_at(posed(), 0))
-    seen = seen_at(truth, 1)
+    first = first_of(observation_of(posed(), 0))
+    seen = observation_of(truth, 1)
     plain, jumps = (followed(s, first, seen) for s in (PLAIN, JUMPS))
     assert plain.status == Status.LOST
     assert jumps.status == Status.TRACKED

@@ -167,7 +167,7 @@ def segment_again(args: argparse.Namespace) -> int:
                 bar.update()
             known, agreement = np.median(rows, axis=0) if rows else (0.0, 0.0)
             found[view.name] = {"camera": view.name, "masks": len(rows), "known": float(known), "agreement": float(agreement)}  # fmt: skip
-    off = refinement.outlines_off(frames[:: max(len(frames) // _COMPARED, 1)])
+    off = refinement.outline_errors_px(frames[:: max(len(frames) // _COMPARED, 1)])
     for name, row in found.items():
         row["off_px"] = off[name]
     changes, said = refinement.changes(), ""

@@ -158,7 +158,9 @@ def _overlap(session: Session, take: Take, frames: range | None) -> float | None
         if run.model.parameter_names != labels.parameter_names:
             return None
         return mean_overlap(
-            run.model, lambda frame: run.seen(frame).silhouettes, take.results(frames)
+            run.model,
+            lambda frame: run.uncropped_observation(frame).silhouettes,
+            take.results(frames),
         )
     except (HandtrackError, ValueError, KeyError, TypeError) as error:
         say(f"note: the overlap of take {take.number} with the masks cannot be computed: {error}")

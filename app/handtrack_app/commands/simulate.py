@@ -18,7 +18,7 @@ from handtrack.session.formats.tables import write_npz
 from handtrack.simulation.captured import (
     Captured,
     captured,
-    known_motion,
+    custom_motion,
     model_builder,
     result_of,
     staged,
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
         clip = staged(replace(clip, positions=clip.positions[: args.frames]))
         args.frames = len(clip.positions)
         check_new(args.out)
-        known = known_motion(fitted(args.model, args.side, clip), file.name)
+        known = custom_motion(fitted(args.model, args.side, clip), file.name)
     what = Simulation(
         model=args.model,
         cameras=args.cameras,

@@ -14,7 +14,7 @@ import numpy as np
 from handtrack.arrays import F, Floats, Ints, K, P, S, evenly_spread
 from handtrack.capture.masks.segmentation import MaskMethod, mask_method_table, read_mask_method
 from handtrack.diagnostics.flexion import BENT_JOINTS
-from handtrack.diagnostics.review import probability_off
+from handtrack.diagnostics.review import failure_probability
 from handtrack.errors import HandtrackError, unknown_name
 from handtrack.model.articulated import ArticulatedModel, HandScale
 from handtrack.model.pose_library import pose_names
@@ -102,7 +102,7 @@ class TakeShelf:
         """Add a take that is being tracked."""
         self._known[number] = take
 
-    def look_again(self) -> None:
+    def forget_observations(self) -> None:
         """A take has come to its end."""
         self._cards = None
 
@@ -229,7 +229,7 @@ class TrackedRows:
         for word, cost in parts(head.energies).items():
             self._put(self.terms, word, row, cost)
         if np.isfinite(head.p_off_25mm) or head.status in (Status.DOUBTFUL, Status.LOST):
-            self._put(self.lanes, PROBABILITY, row, probability_off(head))
+            self._put(self.lanes, PROBABILITY, row, failure_probability(head))
         if head.views:
             self._put(self.lanes, VIEWS, row, head.views)
 
@@ -324,11 +324,11 @@ def correction_of(
     session: Session, at: tuple[str, int], correction: Correction | None
 ) -> tuple[CorrectedMasks, bytes | None]:
     """Return the corrected masks of a camera, and what they hold of its own frame; None: nothing. Raises HandtrackError."""
-    camera, own_frame = at
+    camera, camera_frame = at
     view = session.view(camera)
     if correction is None:
         return view.corrections, None
-    decoded(correction.png, view.camera.size, f"the correction {camera}/{own_frame}")
+    decoded(correction.png, view.camera.size, f"the correction {camera}/{camera_frame}")
     return view.corrections, correction.png
 
 
@@ -576,10 +576,10 @@ class Document:
         for kind, entry in changed:
             if kind == "pose":
                 self._derive_pose(entry)
-        for (place, content), own_frame in corrections:
-            place.hold(own_frame, content)
+        for (place, content), camera_frame in corrections:
+            place.hold(camera_frame, content)
         if corrections:
-            self.run.session.look_again()
+            self.run.session.forget_observations()
         for frame, own in pins.items():
             self.run.session.pins.hold(frame, own)
         if "start" in kinds and self.run.first is None:

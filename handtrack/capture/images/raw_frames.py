@@ -104,7 +104,7 @@ def _level_line_value(plane: Array, row: Array, column: Array, u: Floats, v: Flo
     along_x, along_y = -((p3 - p1) + (p4 - p2)), (p2 - p1) + (p4 - p3)  # (−Δy, Δx), twice
     along_x = np.where((along_x == 0) & (along_y == 0), 1.0, along_x)  # flat: any line will do
 
-    def way_out(sign: float) -> Floats:
+    def remedy(sign: float) -> Floats:
         """Return how far along the line the square ends, in units of its direction."""
         with np.errstate(divide="ignore", invalid="ignore"):
             across = ((sign * along_x > 0) - u) / (sign * along_x)
@@ -119,7 +119,7 @@ def _level_line_value(plane: Array, row: Array, column: Array, u: Floats, v: Flo
         above, below = p1 + (p2 - p1) * a, p3 + (p4 - p3) * a
         return above + (below - above) * b
 
-    ahead, behind = way_out(1.0), way_out(-1.0)
+    ahead, behind = remedy(1.0), remedy(-1.0)
     share = ahead / np.maximum(ahead + behind, 1e-300)
     return on_side(ahead) * (1.0 - share) + on_side(-behind) * share
 

@@ -41,7 +41,7 @@ class TimeOffset:
     """by which it is late, in tenths"""
     std: float
     """frames: by how much the two stretches disagree, and no less than such estimates err"""
-    alike: float
+    correlation: float
     """correlation with the others of what moves, at that offset"""
     as_numbered: float
     """… and of frames of equal number"""
@@ -51,14 +51,14 @@ class TimeOffset:
     @property
     def agrees(self) -> bool:
         """Whether what moves in the camera agrees with the others' at all."""
-        return self.alike >= _LEAST_ALIKE
+        return self.correlation >= _LEAST_ALIKE
 
     @property
     def is_sure(self) -> bool:
         """Whether the camera runs apart from the others: both stretches agree, and the pictures agree clearly better."""
         size = abs(self.frames)
         agree = size >= max(_LEAST_OFFSET, 2.0 * self.std) and self.std <= _MOST_STD
-        gain = self.alike - self.as_numbered
+        gain = self.correlation - self.as_numbered
         return self.agrees and agree and gain >= _LEAST_GAIN * min(1.0, size * size)
 
 

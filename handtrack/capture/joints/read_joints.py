@@ -14,7 +14,7 @@ from handtrack.capture.joints.h5_joints import read_h5_joints
 from handtrack.capture.joints.imported_joints import LARGEST, ImportedJoints
 from handtrack.capture.joints.json_joints import read_json_joints, read_openpose_files
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import check_given, first_bytes, read_json, read_text
+from handtrack.files.text_files import check_file, first_bytes, read_json, read_text
 
 _WHAT = "2D joints"
 ACCEPTED = (
@@ -35,7 +35,7 @@ def read_joints(
     path = Path(text)
     if not path.is_file() and (path.is_dir() or any(sign in text for sign in "*?[")):
         return _folder(text, where)
-    check_given(path, _WHAT, LARGEST)
+    check_file(path, _WHAT, LARGEST)
     start = first_bytes(path)
     if start[:4] == b"\x89HDF":
         return _known(read_h5_joints(path, given), where)

@@ -93,7 +93,7 @@ def _model(session: Session, fitted: HandScale | None = None) -> ArticulatedMode
     if isinstance(scale, Path):
         size = read_scale(scale)
     elif scale == "fit":
-        size = session.known_person or fitted or HandScale()
+        size = session.prior_person or fitted or HandScale()
     else:
         size = HandScale(float(scale))
     return load_model(session.hand_model, session.file.hand.side, size, forearm=True)

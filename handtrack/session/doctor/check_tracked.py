@@ -61,7 +61,7 @@ def inconsistency_of_cameras(run: TrackingRun, results: Sequence[FrameResult]) -
         return ""
     rows = evenly_spread(len(posed), _LOOKS)
     seen = [
-        (run.seen_at(posed[row]), run.model.transform.solver_params(posed[row].parameters))
+        (run.observation_of(posed[row]), run.model.transform.solver_params(posed[row].parameters))
         for row in rows
     ]
     found = camera_inconsistencies(run.model, run.settings, seen)

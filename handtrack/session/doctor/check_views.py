@@ -137,7 +137,7 @@ def _check_joined(view: View, session: Session) -> Iterator[Finding]:
     if view.times is None:
         return
     frames = session.frame_range
-    count = sum(view.times.own_frame(f) is not None for f in frames if f < view.frame_count)
+    count = sum(view.times.camera_frame(f) is not None for f in frames if f < view.frame_count)
     text = f"camera '{view.name}': its frames are taken by time; {count} of the session's {len(frames)} have one"
     if count:
         yield note(f"{text}.")
@@ -424,9 +424,7 @@ def _late(session: Session, name: str, offset: TimeOffset) -> str:
     """Return that a camera is late or early, and what to do."""
     which = f"camera '{name}' comes"
     way = "late" if offset.frames > 0 else "early"
-    numbers = (
-        f"(what moves agrees by {offset.alike:.2f} then, by {offset.as_numbered:.2f} as numbered)"
-    )
+    numbers = f"(what moves agrees by {offset.correlation:.2f} then, by {offset.as_numbered:.2f} as numbered)"
     if offset.at_edge:
         return (
             f"Do frames of equal number show the same moment? {which} at least {abs(offset.frames):.0f} frames {way} against the "

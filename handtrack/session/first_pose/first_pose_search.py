@@ -68,10 +68,10 @@ def find_first_poses(
     ) -> list[FirstPoseCandidate]:
         """Return the poses of this frame, looked for with a hand of that size, or the best so far if they are surer."""
 
-        def tell_here(share: float, text: str) -> None:
+        def report_here(share: float, text: str) -> None:
             tell((step + share) / searches, f"frame {seen.frame}: {text}")
 
-        found = _found(run, scale, seen, stop, tell_here)
+        found = _found(run, scale, seen, stop, report_here)
         worse = not found or (best and found[0].confidence <= best[0].confidence)
         return best if worse else found
 
@@ -117,7 +117,7 @@ def _worth_a_look(run: TrackingRun, frame: int | range | None) -> Iterator[Obser
         return iter([look(frame)])
     order = spread_order(run.session.frame_range if frame is None else frame)[:_MOST_OPENED]
     opened, may_show = map(look, order), partial(_may_show_a_hand, run)
-    if not run.sees_joints and look == run.seen:
+    if not run.sees_joints and look == run.uncropped_observation:
         return islice(filter(may_show, opened), _MOST_TRIED)
     return islice(_those_with_joints_first(opened, may_show), _MOST_TRIED)
 
@@ -142,16 +142,16 @@ def _looking(run: TrackingRun) -> Callable[[int], Observation]:
     """Return what looks at a frame: with the detector's joints, where the session has none and the weights are there."""
     session = run.session
     if not isinstance(session, Session) or any(view.keypoint_files for view in session.views):
-        return run.seen
+        return run.uncropped_observation
     from handtrack.session.detection import joints_of_frame, usable_detector  # seldom
 
     detector = usable_detector(session)
     if detector is None:
-        return run.seen
+        return run.uncropped_observation
 
     def look(frame: int) -> Observation:
         joints = joints_of_frame(session, frame, detector, run.settings.keypoints.detected_px)
-        seen = run.seen(frame)
+        seen = run.uncropped_observation(frame)
         return replace(seen, keypoints=(*seen.keypoints, *joints))
 
     return look
@@ -169,7 +169,7 @@ def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
 
 def no_hand_found(run: TrackingRun) -> HandtrackError:
     """Return what to tell the user where no frame shows a hand."""
-    seen = run.seen(next(iter(spread_order(run.session.frame_range))))
+    seen = run.uncropped_observation(next(iter(spread_order(run.session.frame_range))))
     filled = [s.camera.name for s in seen.silhouettes if s.fills_image]
     why = (
         f"In frame {seen.frame} more than half of the image is hand in the masks of {', '.join(filled)}: are they inverted? "

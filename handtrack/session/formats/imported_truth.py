@@ -14,7 +14,7 @@ from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, na
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import (
     UNITS_M,
-    check_given,
+    check_file,
     first_bytes,
     metres_in,
     number_in,
@@ -145,7 +145,7 @@ class Markers:
 
 def read_markers(path: Path) -> Markers:
     """Return the points of a file, told by its content. Raises HandtrackError naming what is accepted."""
-    check_given(path, _WHAT, _LARGEST)
+    check_file(path, _WHAT, _LARGEST)
     start = first_bytes(path)
     if start[1:2] == b"\x50" and start[:1] != b"P":  # the block of parameters, and C3D's mark
         return _c3d(path)

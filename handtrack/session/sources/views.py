@@ -35,7 +35,7 @@ from handtrack.geometry.source_lens import PinholeView, SourceLens
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
-from handtrack.session.session_file import CameraSettings, wrong_together
+from handtrack.session.session_file import CameraSettings, missing_counterpart
 from handtrack.session.sources.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.sources.corrected_masks import CorrectedMasks
 from handtrack.session.sources.keypoint_files import KeypointFiles
@@ -119,7 +119,7 @@ class View:
         known, changed = self.settings, copy(self)
         unknown = self._said_unknown if isinstance(masks, str) else None
         changed.settings = replace(known, masks=masks, roi=roi, mask_unknown=unknown)
-        wrong = wrong_together(changed.settings)
+        wrong = missing_counterpart(changed.settings)
         if wrong is not None:
             raise HandtrackError(f"{self._where}: {wrong}")
         changed._check_roi()
@@ -146,9 +146,9 @@ class View:
     def name(self) -> str:
         return self.settings.name
 
-    def own_frame(self, frame: int) -> int | None:
+    def camera_frame(self, frame: int) -> int | None:
         """Return the camera's own frame that shows a session's frame; None where none does."""
-        return frame if self.times is None else self.times.own_frame(frame)
+        return frame if self.times is None else self.times.camera_frame(frame)
 
     @property
     def sources(self) -> tuple[FrameSource, ...]:
@@ -183,7 +183,7 @@ class View:
 
     def mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed, and corrected; None where missing. See `unknown_at`."""
-        own = self.own_frame(frame)
+        own = self.camera_frame(frame)
         mask, unknown = self.uncorrected_mask(frame), self.unknown_at(frame)
         return mask if own is None or unknown is None else self.corrections.over(own, mask, unknown)
 
@@ -205,7 +205,7 @@ class View:
         learned = self._segmenter
         if not isinstance(learned, SeededMasks):
             return learned(image)
-        own = self.own_frame(frame)
+        own = self.camera_frame(frame)
         seeds = None if own is None else self._seeds(own)
         return None if seeds is None else learned.mask(image, seeds)
 
@@ -218,7 +218,7 @@ class View:
 
     def unknown_at(self, frame: int) -> int | None:
         """Return the same for a frame's mask: a correction may say that nobody knows where the camera's masks never do."""
-        own = self.own_frame(frame)
+        own = self.camera_frame(frame)
         is_corrected = own is not None and self.corrections.content(own) is not None
         return UNKNOWN_LEVEL if self.unknown is None and is_corrected else self.unknown
 
@@ -255,7 +255,7 @@ class View:
 
     def keypoints(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
         """Return the frame's 2D joints in the undistorted image, as exact as sigma_px; none where none were found."""
-        own = self.own_frame(frame)
+        own = self.camera_frame(frame)
         files = self.keypoint_files
         return () if files is None or own is None else files.read(own, sigma_px)
 
@@ -430,23 +430,23 @@ class JointSeeds:
     def __init__(self, files: KeypointFiles) -> None:
         self._files = files
 
-    def __call__(self, own_frame: int) -> HandSeeds | None:
+    def __call__(self, camera_frame: int) -> HandSeeds | None:
         """Return the frame's seeds; None where the hand was not found, nor shortly before and after."""
-        joints = self._files.as_taken(own_frame)
+        joints = self._files.as_taken(camera_frame)
         if not joints:
-            joints = self._bridged(own_frame)
+            joints = self._bridged(camera_frame)
         return seeds_of_joints(joints, self._files.camera.size)
 
-    def _bridged(self, own_frame: int) -> dict[str, Floats[D2]]:
+    def _bridged(self, camera_frame: int) -> dict[str, Floats[D2]]:
         ends = []
         for way in (-1, 1):
-            near = [own_frame + way * step for step in range(1, _BRIDGED + 1)]
+            near = [camera_frame + way * step for step in range(1, _BRIDGED + 1)]
             found = [(n, joints) for n in near if (joints := self._files.as_taken(n))]
             if not found:
                 return {}
             ends.append(found[0])
         (first, before), (last, after) = ends
-        share = (own_frame - first) / (last - first)
+        share = (camera_frame - first) / (last - first)
         return {
             n: np.asarray((1 - share) * before[n] + share * after[n])
             for n in before.keys() & after.keys()

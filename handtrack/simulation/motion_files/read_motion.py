@@ -11,7 +11,7 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, J
 from handtrack.capture.joints.subject import BODY, HAND
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import check_given, first_bytes
+from handtrack.files.text_files import check_file, first_bytes
 from handtrack.session.formats.imported_truth import read_markers
 from handtrack.simulation.motion_files.asf_amc import FPS, INCH_M, read_asf_amc
 from handtrack.simulation.motion_files.bvh import read_bvh
@@ -42,7 +42,7 @@ def read_motion(
     skeleton: the .asf of an .amc; without it, the only one beside it. fps: frames a second, where the file says none.
     positions: of a BVH, see `read_bvh`. Raises HandtrackError.
     """
-    check_given(path, "a motion", LARGEST)
+    check_file(path, "a motion", LARGEST)
     suffix, start = path.suffix.lower(), first_bytes(path)
     if start.lstrip()[:9].upper() == b"HIERARCHY":
         return RawMotion("BVH", _at(read_bvh(path, positions, 1.0), fps), None)

@@ -148,7 +148,7 @@ _OPEN_M, _CLOSED, _MOVED_M = 0.003, 0.1, 0.005
 BODY_OFF_M = BODY_BY_HAND * FRAME_OFF_M
 
 
-def probably_off(
+def failure_probabilities(
     model: ArticulatedModel, joint_covariance: Floats[J, D3, D3], signs: Mapping[str, float]
 ) -> tuple[float, Floats[K], str]:
     """Return the failure probabilities of a hand's frame beside the constant offset of another definition, and what contributes most.
@@ -271,7 +271,7 @@ def frame_confidence(
             "moved": moved,
             "open": open_sign(joint_covariance),
         }
-        off = probably_off(model, stated, signs)
+        off = failure_probabilities(model, stated, signs)
     if status == Status.TRACKED:
         odd, most = odd_size(model), terms.settings.tracker.doubtful_mm
         reason = odd if odd is not None and not odd.part else None

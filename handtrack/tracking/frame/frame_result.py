@@ -17,7 +17,7 @@ from handtrack.terms.bone_system import JointSystem
 from handtrack.tracking.frame.confidence import FrameConfidence, frame_confidence
 from handtrack.tracking.frame.descent import Descended
 from handtrack.tracking.frame.frame_terms import FrameTerms
-from handtrack.tracking.frame.prediction import inheriting_doubt
+from handtrack.tracking.frame.prediction import inheriting_uncertainty
 from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.frame.result import FrameResult, Status
 
@@ -57,7 +57,7 @@ def solved_result(
     params, model = found.params.copy(), terms.model
     problem, known = exact or (found.problem, found.system)
     priors = Problem(model, (), problem.parameter_terms).linearize(params)
-    sure = inheriting_doubt(problem, params, known.hessian, belief)
+    sure = inheriting_uncertainty(problem, params, known.hessian, belief)
     spread = uncertainty(model, params, sure, known.hessian - priors.hessian)
     energies, cost = found.problem.costs(params), found.system.cost
     judgement = frame_confidence(terms, params, cost, energies, spread.joint_covariance, previous)

@@ -11,7 +11,7 @@ from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import stage_problem
 from handtrack.tracking.frame.frame_result import Solved, manual_result, unseen_result
-from handtrack.tracking.frame.frame_terms import FrameTerms, at_own_times, frame_terms
+from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import Before
@@ -59,7 +59,7 @@ class FrameTask:
         ends = [self.model.transform.solver_params(x) for x in (last.parameters, self.expected)]
         velocity = changes(np.array(ends))[0] / (self.observation.frame - last.frame)
         seen = self.observation
-        return at_own_times(terms, seen.frames_later, params, velocity, seen.cloud_later)
+        return at_camera_times(terms, seen.frames_later, params, velocity, seen.cloud_later)
 
     def opened(self) -> tuple[Floats[P], FrameTerms]:
         """Return where to begin and the frame's terms there; the forearm of a first pose is aimed first."""

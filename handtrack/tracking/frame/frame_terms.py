@@ -26,14 +26,14 @@ from handtrack.terms.term import ObservationTerm, ParameterTerm
 from handtrack.tracking.frame.constants import FOREARM_SEEN_MM, LOST_OVERLAP
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.frame.terms.appearance_terms import (
+    AppearanceObservation,
     Before,
-    SeenAppearance,
     appearance_stages,
     appearance_terms,
     at_stage,
     see_appearance,
 )
-from handtrack.tracking.frame.terms.cloud_terms import SeenCloud, cloud_terms, see_cloud
+from handtrack.tracking.frame.terms.cloud_terms import CloudObservation, cloud_terms, see_cloud
 from handtrack.tracking.frame.terms.forearm import forearm_cut
 from handtrack.tracking.frame.terms.priors import motion_prior, pose_priors
 
@@ -61,8 +61,8 @@ class FrameTerms:
     prepared: tuple[PreparedSilhouette, ...]
     pixels_per_m: tuple[float, ...]
     """of each silhouette, at the hand's distance"""
-    cloud: SeenCloud | None
-    appearance: SeenAppearance | None
+    cloud: CloudObservation | None
+    appearance: AppearanceObservation | None
     keypoints: tuple[KeypointTerm, ...]
     priors: tuple[ParameterTerm, ...]
     parts: tuple[ObservationTerm, ...] = ()
@@ -286,7 +286,7 @@ def pin_terms(model: ArticulatedModel, observation: Observation) -> tuple[Keypoi
     return tuple(KeypointTerm(model, seen, name="pins") for seen in observation.pins)
 
 
-def at_own_times(
+def at_camera_times(
     terms: FrameTerms,
     later: Mapping[str, float],
     params: Floats[P],

@@ -42,7 +42,7 @@ def predict(
     return np.clip(expected, limits[:, 0], limits[:, 1])
 
 
-def inheriting_doubt(
+def inheriting_uncertainty(
     problem: Problem, params: Floats[P], hessian: Floats[P, P], belief: Floats[P, P] | None
 ) -> Floats[P, P]:
     """Return a frame's matrix in which the prediction is no surer than the pose that it came from.

@@ -21,7 +21,7 @@ from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.depth_flips import only_camera
 from handtrack.tracking.frame.descent import stage_problem
-from handtrack.tracking.frame.frame_terms import FrameTerms, at_own_times, by_camera, frame_terms
+from handtrack.tracking.frame.frame_terms import FrameTerms, at_camera_times, by_camera, frame_terms
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
@@ -122,7 +122,7 @@ class FrameEvidence(FrameProblem):
             pins=tuple(map(corrected, self.terms.pins)),
         )
         later = dict(zip(changes.names, changes.values[:, LATE].tolist(), strict=True))
-        terms = at_own_times(terms, later, pose, velocity)
+        terms = at_camera_times(terms, later, pose, velocity)
         return terms, stage_problem(terms.model, terms, terms.stages - 1, pose)
 
     def plain(self, pose: Floats[P]) -> JointSystem:
@@ -245,7 +245,7 @@ class Evidence:
         if self.follows:
             beside = [n for n in (frame - 1, frame, frame + 1) if n in self.around]
             speed = velocities(np.array([self.around[n] for n in beside]))[beside.index(frame)]
-            terms = at_own_times(terms, {}, pose, speed, observation.cloud_later)
+            terms = at_camera_times(terms, {}, pose, speed, observation.cloud_later)
         terms = terms.sharpened(bones)
         if self.outline_mm and terms.prepared:
             terms = terms.with_outlines(self.outline_mm)

@@ -85,12 +85,12 @@ class ModeSearch:
             self._try_fingers(n)
         usual = Trellis(self.minima, self.motion.process_noise)
         for _ in range(_ROUNDS):
-            if not self._bridge(usual.path(self.moving_as_found(usual).best)):
+            if not self._bridge(usual.path(self.with_observed_change(usual).best)):
                 break
             usual = Trellis(self.minima, self.motion.process_noise)
         return None if self.control.should_stop() else usual
 
-    def moving_as_found(self, usual: Trellis) -> Trellis:
+    def with_observed_change(self, usual: Trellis) -> Trellis:
         """Return the trellis where frames change as they do on the most probable path by what is usual."""
         return replace(usual, change=self._change(usual.path(usual.best)))
 

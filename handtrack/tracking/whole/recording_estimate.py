@@ -178,7 +178,7 @@ def choose_modes(estimate: RecordingEstimate) -> RecordingEstimate | None:
     gathered = search.gathered()
     if gathered is None:
         return None
-    trellis = search.moving_as_found(gathered)
+    trellis = search.with_observed_change(gathered)
     path = [row[k] for row, k in zip(trellis.minima, trellis.best.tolist(), strict=True)]
     bridged = {n for n, one in zip(numbers, path, strict=True) if one.origin == "bridged"}
     poses = trellis.path(trellis.best)

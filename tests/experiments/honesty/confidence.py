@@ -29,10 +29,10 @@ from handtrack.tracking.frame import confidence
 from handtrack.tracking.frame.confidence import (
     Calibration,
     calibrated_covariance,
+    failure_probabilities,
     moved_sign,
     open_sign,
     part_of,
-    probably_off,
 )
 from handtrack.tracking.frame.result import PARTS
 from handtrack.tracking.whole import recording_estimate
@@ -189,7 +189,7 @@ class Half:
         frames, parts = np.ones(len(self.frames)), np.ones((len(self.frames), len(PARTS)))
         for n, (one, stated) in enumerate(zip(self.frames, self.covariance(), strict=True)):
             if one is not None:
-                found = probably_off(one.model, stated, signs_of(one))  # pyright: ignore[reportArgumentType]
+                found = failure_probabilities(one.model, stated, signs_of(one))  # pyright: ignore[reportArgumentType]
                 frames[n] = 1.0 - (1.0 - found[0]) * (1.0 - self.elsewhere[n])
                 parts[n] = found[1]
         return frames, parts

@@ -211,11 +211,11 @@ def write(
     first, cameras = about(points[0], rng), list(rig)
     if "turned" in faults:
         cameras[-1] = _turned(cameras[-1], rng)
-    seen_at = points + rng.normal(scale=_JOINT_M, size=points[0].shape)
+    observation_of = points + rng.normal(scale=_JOINT_M, size=points[0].shape)
     for number, camera in enumerate(rig):
         _write_masks(folder / "masks" / camera.name, camera, number == 1, hand, rng, faults)
         if "joints" in faults:
-            _write_joints(folder / "keypoints" / camera.name, camera, seen_at, rng)
+            _write_joints(folder / "keypoints" / camera.name, camera, observation_of, rng)
     describe(folder, CameraRig(tuple(cameras)), points, first, "left" if hand.left else "right")
 
 

@@ -94,7 +94,7 @@ def _seen(
     points = []
     if joints:
         rows = [hand.joint_names.index(name) for name in keypoint_names()]
-        places = hand.bones(pose).to_world(hand.joint_bone, hand.seen_point)[rows]
+        places = hand.bones(pose).to_world(hand.joint_bone, hand.observed_point)[rows]
         for camera in cameras:
             pixels = camera.project(places) + rng.normal(scale=_SIGMA_PX, size=(len(rows), 2))
             points.append(ImageKeypoints(camera, keypoint_names(), pixels, _SIGMA_PX))

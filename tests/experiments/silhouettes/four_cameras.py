@@ -99,7 +99,7 @@ def residuals_px(
     """Return how far from its joints the detector's points of the model are [px]. shared: cameras as it corrects them."""
     found = []
     for result in results:
-        points = model.bones(model.transform.solver_params(result.parameters)).to_world(model.joint_bone, model.seen_point)  # fmt: skip
+        points = model.bones(model.transform.solver_params(result.parameters)).to_world(model.joint_bone, model.observed_point)  # fmt: skip
         for camera, names, pixels in _views(run, result.frame, shared):
             rows = [model.joint_names.index(name) for name in names]
             found.append(np.linalg.norm(camera.project(points[rows]) - pixels, axis=1))

@@ -241,10 +241,10 @@ def side_of_hand(session: Session, weights: Path | None, yes: bool) -> str:
 
     Weights must be there.
     """
-    from handtrack.session.detection import HandDetector, seen_side
+    from handtrack.session.detection import HandDetector, observed_side
 
     say("looking which hand it is …")
-    side, confidence, count, looks = seen_side(session, HandDetector.open(weights))
+    side, confidence, count, looks = observed_side(session, HandDetector.open(weights))
     seen = f"a hand is detected in {count} of {looks} images"
     if not count:
         say(f"note: {seen}; the side is taken to be {USUAL}. Say otherwise with --side left.")

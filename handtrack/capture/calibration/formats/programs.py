@@ -27,7 +27,7 @@ from handtrack.capture.calibration.formats.imported_rig import (
     whole_size,
 )
 from handtrack.errors import HandtrackError
-from handtrack.files.text_files import check_given, metres_in
+from handtrack.files.text_files import check_file, metres_in
 from handtrack.geometry.rotation import matrix_from_quaternion
 
 _T = TypeVar("_T")
@@ -381,7 +381,7 @@ def read_colmap(folder: Path) -> ImportedRig:
     suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
     cameras, images = folder / f"cameras{suffix}", folder / f"images{suffix}"
     for path in (cameras, images):
-        check_given(path, f"COLMAP's {path.name}", _LARGEST)
+        check_file(path, f"COLMAP's {path.name}", _LARGEST)
     binary = suffix == ".bin"
     lenses = _checked(_binary_lenses if binary else _text_lenses, cameras)
     shots = _checked(_binary_images if binary else _text_images, images)

@@ -28,7 +28,7 @@ from handtrack.files.mat_files import read_mat, read_mat_objects
 from handtrack.files.npz_files import read_arrays
 from handtrack.files.text_files import (
     MOST_BYTES,
-    check_given,
+    check_file,
     first_bytes,
     read_json,
     read_text,
@@ -192,7 +192,7 @@ def _content(path: Path) -> tuple[str, Any]:
     """Return a file's form (toml, yaml, json, xml, npz, mat or rows) and what it holds: nested dict and list, of other XML than
     OpenCV's the root element; nothing where it is of no known form. Raises HandtrackError for what cannot be read.
     """
-    check_given(path, _WHAT)
+    check_file(path, _WHAT)
     start = first_bytes(path)
     if start[:4] == b"PK\3\4":
         return "npz", {key: _plain(value) for key, value in read_arrays(path).items()}

@@ -89,7 +89,7 @@ class _Carried:
 
 
 @array_dataclass
-class SeenAppearance:
+class AppearanceObservation:
     """The images of a frame, ready for terms."""
 
     images: tuple[ImageView, ...]
@@ -101,7 +101,7 @@ class SeenAppearance:
 
 def see_appearance(
     seen: Observation, model: ArticulatedModel, settings: TrackerSettings, before: Before | None
-) -> SeenAppearance | None:
+) -> AppearanceObservation | None:
     """Return what the frame's images show; None without images, or where neither edges nor intensity count."""
     by_edges, by_texture = settings.edges.weight > 0, settings.intensity.weight > 0
     if not seen.images or not (by_edges or (by_texture and before is not None)):
@@ -120,11 +120,11 @@ def see_appearance(
     if not by_edges and not carried:
         return None
     step = _STEP * float(np.median(model.flesh["fine"].radii.min(axis=1)))
-    return SeenAppearance(seen.images, mesh, step, tuple(carried))
+    return AppearanceObservation(seen.images, mesh, step, tuple(carried))
 
 
 def appearance_terms(
-    seen: SeenAppearance, settings: TrackerSettings, stage: int, start: BonePoses
+    seen: AppearanceObservation, settings: TrackerSettings, stage: int, start: BonePoses
 ) -> list[ObservationTerm]:
     """Return edges and texture of one stage; what is visible, and which edges are near, is frozen at `start`."""
     pictures = [depth_picture(seen.mesh, start, view.camera) for view in seen.images]
@@ -137,7 +137,7 @@ def appearance_terms(
 
 
 def _edges(
-    seen: SeenAppearance,
+    seen: AppearanceObservation,
     settings: TrackerSettings,
     stage: int,
     start: BonePoses,
@@ -163,7 +163,7 @@ def _edges(
 
 def _texture(
     carried: _Carried,
-    seen: SeenAppearance,
+    seen: AppearanceObservation,
     settings: TrackerSettings,
     stage: int,
     start: BonePoses,

@@ -43,7 +43,7 @@ _AS_OFTEN_AS_NOT = uniform_outliers(0.5, np.sqrt(np.pi / 2))  # a hole costs log
 
 
 @dataclass(frozen=True)
-class SeenCloud:
+class CloudObservation:
     """The hand's part of a cloud, ready for terms."""
 
     prepared: PreparedCloud
@@ -63,7 +63,9 @@ class SeenCloud:
     objects: Floats[M, D3] | None = None
     """measured points before the hand, of something else: what they hide is not asked for"""
 
-    def sharpened(self, model: ArticulatedModel, bones: BonePoses, usual_m: float) -> SeenCloud:
+    def sharpened(
+        self, model: ArticulatedModel, bones: BonePoses, usual_m: float
+    ) -> CloudObservation:
         """Return the same points, taken as exactly as they are found to lie on the surface of a solved pose.
 
         What is usual is mostly the misfit of a hand that is not made of ellipsoids; of one that fits better, more is known, and of a
@@ -81,7 +83,7 @@ class SeenCloud:
         usual = _BETTER * usual_m <= found <= usual_m / _BETTER
         return self if usual else replace(self, sigma_m=found)
 
-    def as_seen_at(self, model: ArticulatedModel, bones: BonePoses) -> SeenCloud:
+    def as_seen_at(self, model: ArticulatedModel, bones: BonePoses) -> CloudObservation:
         """Return the same points, asking of the model what is in view at another pose.
 
         A finger that folds behind the palm leaves the view; asked for where it was in view, it could never fold.
@@ -96,7 +98,7 @@ class SeenCloud:
 
 def see_cloud(
     seen: Observation, model: ArticulatedModel, start: BonePoses, settings: TrackerSettings
-) -> SeenCloud | None:
+) -> CloudObservation | None:
     """Return the points near the hand at `start`; None where too few are.
 
     Far points are background or the rest of the body; beyond the forearm's stretch, or a hand without one, the model knows nothing.
@@ -133,7 +135,7 @@ def see_cloud(
         )
         emptiness = _hand_only(emptiness, model)
     share = 1.0 if traits.plain_sums else min(1.0, patches / len(points))
-    return SeenCloud(
+    return CloudObservation(
         prepare_cloud(points),
         share,
         emptiness,
@@ -210,7 +212,7 @@ def _hand_only(term: CloudEmptinessTerm, model: ArticulatedModel) -> CloudEmptin
 
 
 def cloud_terms(
-    seen: SeenCloud, model: ArticulatedModel, settings: TrackerSettings, band_mm: float
+    seen: CloudObservation, model: ArticulatedModel, settings: TrackerSettings, band_mm: float
 ) -> list[ObservationTerm]:
     """Return E1 and E2 as negative log-likelihoods, robust beyond a few bands; lines of sight where depths are doubted.
 
@@ -245,7 +247,11 @@ def cloud_terms(
 
 
 def _empty(
-    seen: SeenCloud, model: ArticulatedModel, settings: TrackerSettings, loss: Loss, weight: float
+    seen: CloudObservation,
+    model: ArticulatedModel,
+    settings: TrackerSettings,
+    loss: Loss,
+    weight: float,
 ) -> list[ObservationTerm]:
     """Return E2, or nothing where only the cloud's side is asked for."""
     if seen.emptiness is None:
@@ -277,7 +283,7 @@ class Agreement:
         return 2.0 * self.explained * self.measured / max(self.explained + self.measured, 1e-9)
 
 
-def agreement(seen: SeenCloud, model: ArticulatedModel, bones: BonePoses) -> Agreement:
+def agreement(seen: CloudObservation, model: ArticulatedModel, bones: BonePoses) -> Agreement:
     """Return how well cloud and model agree at a pose.
 
     It does not ask how sure the fingers are: those of a fist are hidden even from the best sensor. What is asked is

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from handtrack import HandtrackError
-from handtrack.session.sources.look_ahead import LookAhead
+from handtrack.session.sources.prefetch import Prefetch
 
 
 class Recording:
@@ -35,7 +35,7 @@ def _two_threads(monkeypatch):
 
 def test_forward_then_backward():
     recording = Recording()
-    ahead = LookAhead(recording.observe, recording.prepare, range(2, 8), 5)
+    ahead = Prefetch(recording.observe, recording.prepare, range(2, 8), 5)
     assert [ahead(frame, None) for frame in (5, 6, 7, 4, 3, 2)] == [5, 6, 7, 4, 3, 2]
     ahead.close()
     assert sorted(recording.read) == [2, 3, 4, 5, 6, 7]  # nothing outside the range
@@ -44,7 +44,7 @@ def test_forward_then_backward():
 
 def test_a_damaged_frame_is_told_of_when_it_is_asked_for():
     recording = Recording(broken=[1])
-    ahead = LookAhead(recording.observe, recording.prepare, range(3), 0)
+    ahead = Prefetch(recording.observe, recording.prepare, range(3), 0)
     assert ahead(0, None) == 0
     with pytest.raises(HandtrackError, match="frame 1"):
         ahead(1, None)

@@ -10,7 +10,7 @@ from handtrack.observation.observation import Observation
 from handtrack.parallel import thread_count
 
 
-class LookAhead:
+class Prefetch:
     """`observe`, with the frame after the one asked for prepared beside: decoded, segmented, undistorted, measured.
 
     What is prepared stays in the session's own memory, so nothing differs but when the work is done; a frame that cannot
