@@ -1,15 +1,18 @@
-"""Independent work on all cores: the same results in the same order, whatever the number of threads."""
+"""Independent work on all cores: the same results in the same order, whatever the number of threads; and what threads share."""
 
 from __future__ import annotations
 
 import os
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ContextDecorator, suppress
 from functools import lru_cache
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -97,3 +100,41 @@ def _blas() -> Any:
 
         return ThreadpoolController()
     return None
+
+
+class LRUCache(Generic[Key, Value]):
+    """Values by keys; those longest not used are forgotten. Safe from several threads."""
+
+    def __init__(self) -> None:
+        self._values: OrderedDict[Key, Value] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: Key) -> Value | None:
+        """Return the value of a key; None where there is none."""
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+            return self._values.get(key)
+
+    def put(self, key: Key, value: Value, most: int) -> None:
+        """Keep a value, and with it at most so many in all."""
+        with self._lock:
+            self._values[key] = value
+            self._values.move_to_end(key)
+            while len(self._values) > most:
+                self._values.popitem(last=False)
+
+    def value(self, key: Key, make: Callable[[], Value], most: Callable[[Value], int]) -> Value:
+        """Return the value of a key, made unless it is kept. most: how many like it may be kept."""
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key]
+        value = make()
+        self.put(key, value, most(value))
+        return value
+
+    def clear(self) -> None:
+        """Forget everything."""
+        with self._lock:
+            self._values.clear()

@@ -23,6 +23,7 @@ from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import MODELS, load_model, read_scale
 from handtrack.observation.agreement import weighed
 from handtrack.observation.observation import ImageView, Observation
+from handtrack.parallel import LRUCache
 from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose
 from handtrack.session.formats.timestamps import FrameTimes
 from handtrack.session.formats.truth import Truth, read_truth
@@ -44,9 +45,9 @@ from handtrack.session.session_file import (
     read_session_file,
 )
 from handtrack.session.session_state import CameraCorrection, readable
+from handtrack.session.sources.cache_limits import most_clouds, most_observations
 from handtrack.session.sources.camera_times import CameraTimes, recording_of, session_times
 from handtrack.session.sources.clouds import CloudSource, cloud_source
-from handtrack.session.sources.lru_cache import LRUCache, most_clouds, most_observations
 from handtrack.session.sources.session_pins import SessionPins
 from handtrack.session.sources.views import MaskChoice, View, scaled_camera
 from handtrack.store.store import Store

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from handtrack.parallel import LRUCache
 from handtrack.store.take import StoredFrame
 from handtrack.tracking.frame.result import FrameResult
 
-_HELD = 256  # frames whose arrays stay in memory, about 3 MB: those that one looks at
+_MOST_READ = 256  # frames whose arrays stay in memory, about 3 MB: those that one looks at
 
 Head = StoredFrame | FrameResult
 """status, energy and its parts of a frame; one that is nowhere on disk is its own head"""
@@ -28,30 +28,20 @@ class TakeFrames(Mapping[int, FrameResult]):
     """those it was tracked with, by their dotted names"""
     puts: list[int] = field(default_factory=list)
     """frames that were taken since it was read or begun, in this order: whoever follows it looks at these alone"""
-    _held: OrderedDict[int, FrameResult] = field(default_factory=OrderedDict)
+    _read: LRUCache[int, FrameResult] = field(default_factory=LRUCache)
 
     def put(self, result: FrameResult, head: StoredFrame | None) -> None:
         """Take a frame, in the place of the one that was there. head: where it is on disk; None: nowhere."""
         self.heads[result.frame] = result if head is None else head
         self.puts.append(result.frame)
-        self._hold(result)
+        self._read.put(result.frame, result, _MOST_READ)
 
     def __getitem__(self, frame: int) -> FrameResult:
         """Raises KeyError, or HandtrackError where a frame cannot be read any more."""
         head = self.heads[frame]
         if isinstance(head, FrameResult):
             return head
-        result = self._held.get(frame)
-        if result is None:
-            result = head.read()
-        self._hold(result)
-        return result
-
-    def _hold(self, result: FrameResult) -> None:
-        self._held[result.frame] = result
-        self._held.move_to_end(result.frame)
-        while len(self._held) > _HELD:
-            self._held.popitem(last=False)
+        return self._read.value(frame, head.read, lambda _: _MOST_READ)
 
     def __contains__(self, frame: object) -> bool:
         return frame in self.heads

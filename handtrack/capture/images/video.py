@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import threading
 import zlib
-from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from handtrack.arrays import D3, Array, Axes, F, Floats, H, W
 from handtrack.capture.images.containers import check_container
 from handtrack.capture.images.frames import check_announced, check_size
 from handtrack.errors import HandtrackError
+from handtrack.parallel import LRUCache
 
 ENDING = threading.Event()
 """the program ends: no frames are counted any more. Python ends threads that still run, and within a decoder that aborts the program"""
@@ -136,7 +136,7 @@ class VideoFile:
         self.path = Path(path)
         self._where = where or str(path)
         self._lock, self._counting = threading.RLock(), threading.Lock()
-        self._cache: OrderedDict[int, Array] = OrderedDict()
+        self._cache = LRUCache[int, Array]()
         self._audit = audit
         self._checkpoints = dict(audit.checkpoints) if audit is not None else {}
         self._capture = self._open()
@@ -210,9 +210,8 @@ class VideoFile:
         if frame < 0:
             return None
         with self._lock:
-            if frame in self._cache:
-                self._cache.move_to_end(frame)
-                return self._cache[frame]
+            if (cached := self._cache.get(frame)) is not None:
+                return cached
             if self._audit is not None and frame >= self._audit.count:
                 return None
             if frame < self._next:
@@ -270,9 +269,7 @@ class VideoFile:
 
     def _remember(self, frame: int, image: Array) -> None:
         image.flags.writeable = False
-        self._cache[frame] = image
-        while len(self._cache) > self._keep:
-            self._cache.popitem(last=False)
+        self._cache.put(frame, image, self._keep)
 
     def _rewind(self, frame: int) -> None:
         """Place the decoder a window before `frame`, at a proven checkpoint or at the start."""

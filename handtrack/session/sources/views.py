@@ -34,12 +34,13 @@ from handtrack.geometry.rotation import rotation_matrix
 from handtrack.geometry.source_lens import PinholeView, SourceLens
 from handtrack.observation.observation import ImageKeypoints, ImageView, Silhouette
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
+from handtrack.parallel import LRUCache
 from handtrack.session.layout import SESSION_FILE, inside, is_pattern, matching_files
 from handtrack.session.session_file import CameraSettings, missing_counterpart
+from handtrack.session.sources.cache_limits import CroppedMask, most_masks
 from handtrack.session.sources.camera_times import CameraTimes, JoinedByTime, recording_of
 from handtrack.session.sources.corrected_masks import CorrectedMasks
 from handtrack.session.sources.keypoint_files import KeypointFiles
-from handtrack.session.sources.lru_cache import CroppedMask, LRUCache, most_masks
 from handtrack.session.sources.video_audits import read_audit
 
 MaskChoice = tuple[str | MaskMethod | None, Roi | None]

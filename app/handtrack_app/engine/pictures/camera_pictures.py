@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sized
 from dataclasses import replace
 
@@ -27,6 +26,7 @@ from handtrack.geometry.camera import Camera
 from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import BonePoses
 from handtrack.observation.observation import Silhouette
+from handtrack.parallel import LRUCache
 from handtrack.session.session import Session
 from handtrack_app.engine.document import Document
 from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
@@ -105,13 +105,13 @@ class CameraPictures:
     def __init__(self, session: Session) -> None:
         self._session = session
         self._maps: dict[str, tuple[Array, Array] | None] = {}
-        self._kept: OrderedDict[tuple[str, int], Bytes] = OrderedDict()
+        self._plain = LRUCache[tuple[str, int], Bytes]()
 
     def see(self, session: Session) -> None:
         """Take the session as it is now; pictures by another calibration are forgotten."""
         if session.rig is not self._session.rig:
             self._maps.clear()
-            self._kept.clear()
+            self._plain.clear()
         self._session = session
 
     def camera(self, name: str) -> Camera:
@@ -119,15 +119,7 @@ class CameraPictures:
 
     def plain(self, name: str, frame: int) -> Bytes[H, W, D3]:
         """Return a camera's undistorted picture RGB; its silhouette where it has no images."""
-        key = (name, frame)
-        if key in self._kept:
-            self._kept.move_to_end(key)
-            return self._kept[key]
-        image = self._read(name, frame)
-        self._kept[key] = image
-        if len(self._kept) > _KEPT:
-            self._kept.popitem(last=False)
-        return image
+        return self._plain.value((name, frame), lambda: self._read(name, frame), lambda _: _KEPT)
 
     def straight(self, name: str, image: Array[H, W, *Axes]) -> Bytes[H, W, *Axes]:
         """Return a camera's image, or a layer over it, without the lens's distortion."""

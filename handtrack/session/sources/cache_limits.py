@@ -1,11 +1,6 @@
-"""What was read of a session, kept for a while. Safe from several threads."""
+"""How much of what was read of a session is cached, and masks small enough for it."""
 
 from __future__ import annotations
-
-import threading
-from collections import OrderedDict
-from collections.abc import Callable
-from typing import Generic, TypeVar
 
 import cv2
 import numpy as np
@@ -15,41 +10,11 @@ from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.observation.observation import Observation
 from handtrack.tracking.frame.constants import FRAMES_AHEAD
 
-K = TypeVar("K")
-V = TypeVar("V")
 _FRAMES_KEPT = FRAMES_AHEAD + 4  # those that a search may have solved anew are at hand
 _OBSERVATIONS_KEPT = 2 * _FRAMES_KEPT  # with a cloud, and without
 _PIXELS_KEPT = 400_000_000  # of all masks kept
 _MASK_BYTES_KEPT = 200_000_000  # of one camera's computed masks: the estimate of all frames reads each about five times
 _POINTS_KEPT = 12_000_000  # of all clouds before filtering, 300 MB: the estimate of all frames reads each about six times
-
-
-class LRUCache(Generic[K, V]):
-    """Values by keys; those longest not used are forgotten."""
-
-    def __init__(self) -> None:
-        self._kept: OrderedDict[K, V] = OrderedDict()
-        self._lock = threading.Lock()
-
-    def value(self, key: K, make: Callable[[], V], most: Callable[[V], int]) -> V:
-        """Return the value of a key, made unless it is kept. most: how many like it may be kept."""
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-        value = make()
-        size = most(value)
-        with self._lock:
-            self._kept[key] = value
-            self._kept.move_to_end(key)
-            while len(self._kept) > size:
-                self._kept.popitem(last=False)
-        return value
-
-    def clear(self) -> None:
-        """Forget everything."""
-        with self._lock:
-            self._kept.clear()
 
 
 @array_dataclass
