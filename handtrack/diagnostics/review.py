@@ -1,4 +1,4 @@
-"""The review queue: stretches of a track that are worth a look, the worst first, each with its reason and its size."""
+"""The review queue: intervals of a track that are worth a look, the worst first, each with its reason and its size."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ if TYPE_CHECKING:
     )  # imports all of the model: the page does without
 
 _JOINED = 5
-"""frames without that doubt between two with it that are looked at as one stretch: a fifth of a second at 25 frames a second"""
+"""frames without that doubt between two with it that are looked at as one interval: a fifth of a second at 25 frames a second"""
 _NAMED = 3
-"""stretches that a summary names"""
+"""intervals that a summary names"""
 _UNKNOWN = 0.5
 """how probably a doubtful frame is off of which no probability is stated, as a body's: as probably as not"""
 
 
 @dataclass(frozen=True)
-class Stretch:
+class ReviewInterval:
     """Frames near one another that are looked at together: with one doubt, or a few with another beside them."""
 
     first: int
@@ -52,11 +52,13 @@ def failure_probability(frame: FrameHead) -> float:
     return _UNKNOWN if frame.status == Status.DOUBTFUL else 0.0
 
 
-def worth_a_look(frames: Iterable[FrameHead], done: Container[int] = ()) -> list[Stretch]:
-    """Return the stretches of doubtful and lost frames, those first of which most frames are expected to be off.
+def intervals_to_review(
+    frames: Iterable[FrameHead], done: Container[int] = ()
+) -> list[ReviewInterval]:
+    """Return the intervals of doubtful and lost frames, those first of which most frames are expected to be off.
 
-    frames: ascending; done: frames that need no look, being set by hand or accepted. Doubts of different parts make stretches
-    of their own, which may overlap; but what is seen in one look is one: a stretch that is no longer than those frames that
+    frames: ascending; done: frames that need no look, being set by hand or accepted. Doubts of different parts make intervals
+    of their own, which may overlap; but what is seen in one look is one: an interval that is no longer than those frames that
     join, beside another within as many, goes with that.
     """
     open_runs: dict[str, list[FrameHead]] = {}
@@ -71,8 +73,8 @@ def worth_a_look(frames: Iterable[FrameHead], done: Container[int] = ()) -> list
             run = open_runs[doubt] = []
         run.append(frame)
     looks = _in_one_look([*found, *open_runs.values()])
-    stretches = [_stretch(run) for run in looks]
-    return sorted(stretches, key=lambda stretch: (-stretch.expected, stretch.first))
+    intervals = [_interval(run) for run in looks]
+    return sorted(intervals, key=lambda interval: (-interval.expected, interval.first))
 
 
 def _in_one_look(runs: list[list[FrameHead]]) -> list[list[FrameHead]]:
@@ -103,7 +105,7 @@ def _is_short(run: list[FrameHead]) -> bool:
 
 
 def _doubt_of(frame: FrameHead) -> str:
-    """Return what frames of one stretch have in common: a lost hand, a part, a camera, or the kind of doubt."""
+    """Return what frames of one interval have in common: a lost hand, a part, a camera, or the kind of doubt."""
     if frame.status == Status.LOST or frame.reason is None:
         return frame.status.name
     return frame.reason.part or (frame.reason.kind + frame.reason.camera)
@@ -113,7 +115,7 @@ def _named(frame: FrameHead) -> str:
     return "" if frame.reason is None else frame.reason.part or frame.reason.camera
 
 
-def _stretch(run: list[FrameHead]) -> Stretch:
+def _interval(run: list[FrameHead]) -> ReviewInterval:
     worst = max(run, key=failure_probability)
     word = "lost" if worst.status == Status.LOST else "low confidence"
     brief, words = word, word
@@ -125,13 +127,13 @@ def _stretch(run: list[FrameHead]) -> Stretch:
     if also := ", ".join(filter(None, others)):
         words = f"{words}; also {also}"
     expected = sum(failure_probability(frame) for frame in run)
-    return Stretch(run[0].frame, run[-1].frame, worst.frame, expected, brief, words)
+    return ReviewInterval(run[0].frame, run[-1].frame, worst.frame, expected, brief, words)
 
 
-def queue_words(stretches: list[Stretch]) -> str:
+def queue_words(intervals: list[ReviewInterval]) -> str:
     """Return the head of the queue in a sentence; empty where nothing is worth a look."""
-    if not stretches:
+    if not intervals:
         return ""
-    named = "; ".join(map(str, stretches[:_NAMED]))
-    more = f"; {len(stretches) - _NAMED} more" if len(stretches) > _NAMED else ""
+    named = "; ".join(map(str, intervals[:_NAMED]))
+    more = f"; {len(intervals) - _NAMED} more" if len(intervals) > _NAMED else ""
     return f"worth a look, worst first: frames {named}{more}."

@@ -141,7 +141,7 @@ class TrackingRun:
         should_stop: Callable[[], bool] | None = None,
         frames: range | None = None,
         most: int | None = None,
-        tell: Tell | None = None,
+        on_progress: ReportProgress | None = None,
         tracked: Iterable[FrameResult] | None = None,
         sizes: bool | None = None,
     ) -> TrackingRun:
@@ -150,11 +150,11 @@ class TrackingRun:
         Takes frames that are tracked; or those of `frames` (of all unless given) whose poses joints of two cameras say; or
         tracks `frames` (from the first pose until enough are sure, unless given) with the size at hand. Then fits shape and poses of
         at most `most` of the surest together; where a detector sees the joints is found with them, or alone: sizes
-        says so, else session.toml. tell: is called with the share that is done, 0 to 1, and what is done in words.
+        says so, else session.toml. on_progress: called with the share that is done, 0 to 1, and what is done in words.
         """
         if sizes is None:
             sizes = self.session.hand_scale == "fit" and self.prior_person is None
-        say = tell or (lambda share, words, tracked=None: None)
+        say = on_progress or (lambda share, words, tracked=None: None)
         share, usual = 0.0, MOST_BY_JOINTS if self.sees_joints else MOST_FRAMES
         if tracked is None:
             tracked = posed_by_joints(self, frames or self.session.frame_range, should_stop)
@@ -551,7 +551,7 @@ def _forearm(
     return unseen if found is None else found
 
 
-Tell = Callable[..., None]
+ReportProgress = Callable[..., None]
 """is given the share that is done, 0 to 1, what is done in words, and a frame that was just tracked for it, if one was"""
 
 
@@ -567,7 +567,10 @@ _ROUNDS = 2  # of choosing: a better shape makes more frames sure
 
 
 def tracked_for_size(
-    run: TrackingRun, frames: range | None, should_stop: Callable[[], bool] | None, tell: Tell
+    run: TrackingRun,
+    frames: range | None,
+    should_stop: Callable[[], bool] | None,
+    on_progress: ReportProgress,
 ) -> list[FrameResult]:
     """Return frames tracked from the first pose, each by those before it: all of `frames`, or unless given until enough are sure."""
     live, (start, params) = run.with_values({"tracker.estimate": "forward"}), run.initial()
@@ -575,7 +578,8 @@ def tracked_for_size(
     wanted = frames or run.session.frame_range
     share, words = 0.0, ""
     control = Control(
-        should_stop or (lambda: False), on_provisional=lambda result: tell(share, words, result)
+        should_stop or (lambda: False),
+        on_provisional=lambda result: on_progress(share, words, result),
     )
     for result in live.track_with(control, wanted, start, params):
         results.append(result)
@@ -583,7 +587,7 @@ def tracked_for_size(
         least = len(wanted) if frames else min(_STRETCH, len(wanted))
         share = TRACKED_SHARE * min(count / least, 1.0)
         words = f"{count} frames tracked, {sure} are sure"
-        tell(share, words)
+        on_progress(share, words)
         if frames is None and count >= least and sure >= MOST_FRAMES:
             break
     return results
@@ -618,7 +622,7 @@ def size_of_frames(
     results: Iterable[FrameResult],
     most: int,
     should_stop: Callable[[], bool] | None,
-    tell: Callable[[float, str], None],
+    on_progress: Callable[[float, str], None],
     sizes: bool = True,
 ) -> HandScale | None:
     """Return the person who explains the surest frames best, at most so many, of postures that differ; None where none can tell. Where
@@ -657,7 +661,7 @@ def size_of_frames(
             seen,
             poses,
             stop,
-            lambda share, step=step, words=words: tell((step + share) / _ROUNDS, words),
+            lambda share, step=step, words=words: on_progress((step + share) / _ROUNDS, words),
         )
         if found is None:
             break

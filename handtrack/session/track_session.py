@@ -14,7 +14,7 @@ from handtrack.arrays import Floats, P, S, array_dataclass
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.check_tracked import inconsistency_of_cameras
 from handtrack.session.posed_frames import keyframe_result, posed_frames
-from handtrack.session.run import Tell, TrackingRun
+from handtrack.session.run import ReportProgress, TrackingRun
 from handtrack.session.side import wrong_side_warning
 from handtrack.session.takes.take_recorder import TakeRecorder
 from handtrack.tracking.frame.control import Control
@@ -341,7 +341,7 @@ class _Tracking:
         if self._recorded and not self._run.session.is_counted:
             self._steps.append(step)
 
-    def _report(self, stage: str) -> Tell:
+    def _report(self, stage: str) -> ReportProgress:
         return lambda *done: self._on_progress(Progress(stage, *done))
 
     def events(self) -> Iterator[Event]:
@@ -351,7 +351,7 @@ class _Tracking:
             sized = None
             self._on_progress(Progress("size", 0.0, f"fitting the {run.model.kind}'s size …"))
             try:
-                sized = run.fit_size(self._stops, tell=self._report("size"))
+                sized = run.fit_size(self._stops, on_progress=self._report("size"))
             except KeyboardInterrupt:
                 self._interrupted = True
             if sized is None or self._stops():
@@ -478,7 +478,7 @@ class _Tracking:
         if request.fit_size and run.settings.model.fit_size == "later" and run.size_is_open:
             message = f"fitting the {run.model.kind}'s size to the {len(results)} frames that were tracked …"
             self._on_progress(Progress("size", 0.0, message))
-            other = run.fit_size(self._stops, tell=self._report("size"), tracked=results)
+            other = run.fit_size(self._stops, on_progress=self._report("size"), tracked=results)
             if self._stops():
                 yield Warned(f"the {run.model.kind}'s size is not fitted.")
                 return

@@ -37,7 +37,7 @@ from handtrack.session.clouds_settings import CloudSettings
 from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.formats.truth import Truth
 from handtrack.session.ineffective_settings import ineffective_settings
-from handtrack.session.run import Tell
+from handtrack.session.run import ReportProgress
 from handtrack.session.session_file import (
     CameraSettings,
     HandSettings,
@@ -279,11 +279,11 @@ class FakeRun:
     def fit_size(
         self,
         should_stop: Callable[[], bool] | None = None,
-        tell: Tell | None = None,
+        on_progress: ReportProgress | None = None,
         tracked: Iterable[FrameResult] | None = None,
     ) -> FakeRun:
-        if tell is not None:
-            tell(0.5, "5 of 10 frames tracked", self._result(5, self.model.rest_params(), 3))
+        if on_progress is not None:
+            on_progress(0.5, "5 of 10 frames tracked", self._result(5, self.model.rest_params(), 3))
         self.sizing()  # it looks up too rarely
         return self.with_scale(HandScale(1.1))
 

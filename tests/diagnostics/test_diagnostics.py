@@ -8,7 +8,7 @@ import pytest
 
 from handtrack import Silhouette, Status, TrackerSettings, load_model
 from handtrack.diagnostics import residual_image as ri
-from handtrack.diagnostics.review import worth_a_look
+from handtrack.diagnostics.review import intervals_to_review
 from handtrack.diagnostics.score import score
 from handtrack.observation.observation import UNKNOWN
 from handtrack.simulation.render import render_mask
@@ -53,7 +53,7 @@ def test_most_frames_off_come_first_with_reason_and_size():
     ring = [off(f, "ring finger", 0.4 + 0.05 * (f == 215)) for f in range(212, 220)]
     thumb = [off(f, "thumb", 0.9) for f in (30, 31)]
     fine = [Known(f, Status.TRACKED, None, 0.1) for f in range(100, 110)]
-    first, second = worth_a_look([*thumb, *fine, *ring])
+    first, second = intervals_to_review([*thumb, *fine, *ring])
     assert (first.first, first.last, first.worst) == (212, 219, 215)
     assert first.expected == pytest.approx(8 * 0.4 + 0.05)
     assert str(first) == "212–219, ring finger, P(error > 25 mm) 0.45, ± 12 mm"
@@ -63,14 +63,14 @@ def test_most_frames_off_come_first_with_reason_and_size():
 def test_parts_have_stretches_of_their_own_and_short_gaps_are_bridged():
     thumb = [off(f, "thumb", 0.5) for f in (*range(10, 18), 19, 20, 40)]
     palm = [off(f, "palm", 0.5) for f in (18, *range(21, 28))]
-    found = {(s.first, s.last) for s in worth_a_look(sorted([*thumb, *palm], key=lambda f: f.frame))}  # fmt: skip
+    found = {(s.first, s.last) for s in intervals_to_review(sorted([*thumb, *palm], key=lambda f: f.frame))}  # fmt: skip
     assert found == {(10, 20), (18, 27), (40, 40)}
 
 
 def test_what_is_done_needs_no_look():
     frames = [off(f, "thumb", 0.5) for f in range(10)]
-    assert [(s.first, s.last) for s in worth_a_look(frames, done={0, 1, 9})] == [(2, 8)]
-    assert worth_a_look(frames, done=range(10)) == []
+    assert [(s.first, s.last) for s in intervals_to_review(frames, done={0, 1, 9})] == [(2, 8)]
+    assert intervals_to_review(frames, done=range(10)) == []
 
 
 @pytest.fixture

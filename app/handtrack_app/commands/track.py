@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.capture.images.frames import listed
-from handtrack.diagnostics.review import queue_words, worth_a_look
+from handtrack.diagnostics.review import intervals_to_review, queue_words
 from handtrack.errors import HandtrackError
 from handtrack.session.doctor.examine import examine_start
 from handtrack.session.formats.tables import write_result
@@ -229,7 +229,7 @@ def _doubts(results: Sequence[FrameResult]) -> list[str]:
             notes.append(
                 f"{word}: frames {frames}; the first: {found[0].note or 'no reason told'}."
             )
-    queue = queue_words(worth_a_look(sorted(results, key=lambda r: r.frame)))
+    queue = queue_words(intervals_to_review(sorted(results, key=lambda r: r.frame)))
     return [*notes, queue] if queue else notes
 
 

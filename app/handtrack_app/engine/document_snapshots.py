@@ -9,7 +9,7 @@ import numpy as np
 
 from handtrack.arrays import D3, D21, Floats
 from handtrack.diagnostics.flexion import flexion_deg
-from handtrack.diagnostics.review import Stretch, worth_a_look
+from handtrack.diagnostics.review import ReviewInterval, intervals_to_review
 from handtrack.geometry.camera import Camera
 from handtrack.model.articulated import ArticulatedModel
 from handtrack.model.kinematics import BonePoses
@@ -318,10 +318,10 @@ _MOST = 500  # of the queue: nobody looks at more in one go, and what is told do
 _AT_LIMIT_RAD = 1e-3  # bounded steps end at a limit to rounding; a slider's step is 0.1°
 
 
-def queue(document: Document) -> tuple[Stretch, ...]:
+def queue(document: Document) -> tuple[ReviewInterval, ...]:
     """Return the stretches that are worth a look, the worst first."""
     done = document.accepted | document.by_hand.keys()
-    return tuple(worth_a_look(document.rows.heads(), done)[:_MOST])
+    return tuple(intervals_to_review(document.rows.heads(), done)[:_MOST])
 
 
 def numbers_of(

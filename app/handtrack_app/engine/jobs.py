@@ -232,7 +232,8 @@ def _report_refined(job: BackgroundJob, refined: FramesRefined) -> None:
 def fit_size(job: BackgroundJob, run: TrackingRun) -> None:
     """Fit the size to the frames near the first pose."""
     found = run.fit_size(
-        job.should_stop, tell=lambda share, words, _=None: job.show_progress(share, _SIZING + words)
+        job.should_stop,
+        on_progress=lambda share, words, _=None: job.show_progress(share, _SIZING + words),
     )
     if not job.should_stop():
         job.report(SizeFitted(found))

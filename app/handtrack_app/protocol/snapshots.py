@@ -10,7 +10,7 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, Array, B, Bytes, E, F, Floats, H, Ints, J, K, M, N, S, T, V, W
 from handtrack.capture.clouds.cloud_filters import FilterReport
-from handtrack.diagnostics.review import Stretch
+from handtrack.diagnostics.review import ReviewInterval
 from handtrack.errors import not_enough_memory
 from handtrack.geometry.camera import Camera
 from handtrack.model.shape import ShapeNumber
@@ -181,7 +181,7 @@ class TimelineSnapshot:
     """other numbers by their words, NaN where unknown"""
     marked: Mapping[str, frozenset[int]] = field(default_factory=dict)
     """frames by the marks that the user has given them"""
-    stretches: tuple[Stretch, ...] = ()
+    stretches: tuple[ReviewInterval, ...] = ()
     """worth a look, the worst first"""
     takes: tuple[Span, ...] = ()
     """what the track is composed of, ascending"""

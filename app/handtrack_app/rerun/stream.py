@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W
-from handtrack.diagnostics.review import Stretch, worth_a_look
+from handtrack.diagnostics.review import ReviewInterval, intervals_to_review
 from handtrack.errors import HandtrackError
 from handtrack.files.user_folder import user_data_folder
 from handtrack.geometry.camera import Camera
@@ -97,7 +97,7 @@ def signed_colours(residual: Floats[*Axes]) -> Bytes[*Axes]:
     return np.stack([red, fade, blue], axis=-1)
 
 
-def queue_text(queue: Sequence[Stretch]) -> str:
+def queue_text(queue: Sequence[ReviewInterval]) -> str:
     """Return what is worth a look as Markdown, the worst first."""
     if not queue:
         return "No frame is lost or of low confidence."
@@ -105,7 +105,7 @@ def queue_text(queue: Sequence[Stretch]) -> str:
     return "\n".join(["| frames | worst | why |", "|---|---|---|", *rows])
 
 
-def worst_first(queue: Sequence[Stretch]) -> TimePanel:
+def worst_first(queue: Sequence[ReviewInterval]) -> TimePanel:
     """Return a time panel that opens on the worst frame: rerun takes no time to begin at, but a selection to play in."""
     import rerun.blueprint as rrb
     from rerun.blueprint.components import AbsoluteTimeRange
@@ -387,7 +387,7 @@ class RerunStream:
         """Say what is worth a look, let the viewer open there, and end the recording; the viewer stays."""
         import rerun as rr
 
-        queue = worth_a_look([self.results[frame] for frame in sorted(self.results)])
+        queue = intervals_to_review([self.results[frame] for frame in sorted(self.results)])
         text = rr.TextDocument(queue_text(queue), media_type=rr.MediaType.MARKDOWN)
         self._recording.log("queue", text, static=True)
         self._recording.send_blueprint(_layout(queue, self._kinds))
@@ -440,7 +440,7 @@ def grey(picture: Array[H, W]) -> Bytes[H, W]:
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 
-def _layout(queue: Sequence[Stretch], kinds: Set[str] = frozenset()) -> Blueprint:
+def _layout(queue: Sequence[ReviewInterval], kinds: Set[str] = frozenset()) -> Blueprint:
     import rerun.blueprint as rrb
 
     dotted = [f"residual_{kind}" for kind in sorted(kinds)]

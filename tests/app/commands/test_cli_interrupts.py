@@ -67,7 +67,7 @@ def test_interrupted_tracking_is_saved_and_named(handtrack, session, monkeypatch
 def test_interrupted_size_fit_saves_nothing(handtrack, session, monkeypatch):
     seen = track_command.TrackingRun.fit_size
 
-    def fit(run, should_stop, tell):
+    def fit(run, should_stop, on_progress):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.01)
         return seen(run, should_stop)

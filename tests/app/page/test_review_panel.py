@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from viser.transforms import SO3
 
-from handtrack.diagnostics.review import Stretch
+from handtrack.diagnostics.review import ReviewInterval
 from handtrack.tracking.whole.refinement import CameraError
 from handtrack_app.page.panels.review import undoubted
 from handtrack_app.protocol.snapshots import NO_TIMELINE, Notice, TimelineSnapshot
@@ -106,8 +106,8 @@ def test_one_button_corrects_all_cameras_that_are_named_in_one_step(tmp_path):
         assert not review.strip.cameras_corrected
 
 
-def _card(first: int, last: int, brief: str = "thumb") -> Stretch:
-    return Stretch(first, last, first, 1.0, brief, "the thumb may be off <b>")
+def _card(first: int, last: int, brief: str = "thumb") -> ReviewInterval:
+    return ReviewInterval(first, last, first, 1.0, brief, "the thumb may be off <b>")
 
 
 def test_the_queue_goes_on_and_around(bench):

@@ -20,7 +20,7 @@ from handtrack.files.atomic import filling
 from handtrack_app.engine.compile_watch import CompileWatch
 
 if TYPE_CHECKING:
-    from handtrack.session.run import Tell
+    from handtrack.session.run import ReportProgress
 
 
 def output_file(
@@ -147,7 +147,7 @@ def progress_bar(total: int, what: str) -> tqdm:
 
 
 @contextmanager
-def share_bar(what: str) -> Iterator[Tell]:
+def share_bar(what: str) -> Iterator[ReportProgress]:
     """Give what tells how far something without frames is: a share from 0 to 1, and words; the bar comes with the first."""
     bars: list[tqdm] = []
 

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import viser
 
-from handtrack.diagnostics.review import Stretch
+from handtrack.diagnostics.review import ReviewInterval
 from handtrack.store.spans import Span
 from handtrack_app.page.html import card, picture, text
 from handtrack_app.page.page import Page, put
@@ -88,12 +88,12 @@ class ReviewPanel:
     # ---- the queue
 
     @property
-    def stretches(self) -> tuple[Stretch, ...]:
+    def stretches(self) -> tuple[ReviewInterval, ...]:
         """The queue."""
         return self.strip.stretches
 
     @property
-    def current(self) -> Stretch | None:
+    def current(self) -> ReviewInterval | None:
         """The stretch that was gone to, as long as the frame shown lies in it."""
         frame = self.page.state.frame
         if self.at is None or self.at >= len(self.stretches):
@@ -277,7 +277,7 @@ def head_words(strip: TimelineSnapshot, at: int | None, done: int = 0) -> str:
     return text(look + locked, faint=False)
 
 
-def here_words(frame: int, accepted: bool, stretch: Stretch | None) -> str:
+def here_words(frame: int, accepted: bool, stretch: ReviewInterval | None) -> str:
     """Return what is to be said of the frame shown."""
     said = f"<b>Frame {frame}</b> is accepted, and locked. " if accepted else ""
     if stretch is not None:
