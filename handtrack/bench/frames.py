@@ -104,7 +104,7 @@ def times_between_frames(session: Session, values: dict[str, object], count: int
     frames = range(start, min(start + count, session.frame_count))
     at: list[float] = []
     control = Control(on_provisional=lambda _: at.append(time.perf_counter()))
-    for _ in run.track_with(control, frames, start, params):
+    for _ in run.track(frames, start, params, control):
         pass
     return [1e3 * float(t) for t in np.diff(at)[_AFTER:]]
 

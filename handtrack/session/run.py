@@ -354,21 +354,10 @@ class TrackingRun:
         frames: range,
         start_frame: int,
         start_params: Floats[P],
-        should_stop: Callable[[], bool] | None = None,
-    ) -> Iterator[FrameResult]:
-        """Yield results in the order of tracking; see tracking.sequence.track_recording."""
-        control = Control() if should_stop is None else Control(should_stop)
-        return self.track_with(control, frames, start_frame, start_params)
-
-    def track_with(
-        self,
-        control: Control,
-        frames: range,
-        start_frame: int,
-        start_params: Floats[P],
+        control: Control = Control(),
         done: Sequence[Step] = (),
     ) -> Iterator[FrameResult]:
-        """Yield results as `track` does, stopped, watched and told as control says; done: gone on from, if given."""
+        """Yield results in the order of tracking; see tracking.sequence.track_recording. done: gone on from, if given."""
         on_the_way = range(min(frames.start, start_frame), max(frames.stop, start_frame + 1))
         observe = Prefetch(self.observation, self._prepare, on_the_way, start_frame)
         try:
@@ -581,7 +570,7 @@ def tracked_for_size(
         should_stop or (lambda: False),
         on_provisional=lambda result: on_progress(share, words, result),
     )
-    for result in live.track_with(control, wanted, start, params):
+    for result in live.track(wanted, start, params, control):
         results.append(result)
         count, sure = len(results), sum(r.status == Status.TRACKED for r in results)
         least = len(wanted) if frames else min(_STRETCH, len(wanted))

@@ -19,7 +19,7 @@ from handtrack.session.side import wrong_side_warning
 from handtrack.session.takes.take_recorder import TakeRecorder
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.result import FrameResult, Status, TrackResult
-from handtrack.tracking.sequence import new_share_of, track_frames, with_share
+from handtrack.tracking.sequence import tracked_by_new_share
 from handtrack.tracking.state import Step
 from handtrack.tracking.whole.refinement import Refinement
 
@@ -412,8 +412,8 @@ class _Tracking:
         known = run.session.known_frames
         try:
             for segment in segments:
-                for result in run.track_with(
-                    self._control, segment.frames, segment.first, segment.params, done
+                for result in run.track(
+                    segment.frames, segment.first, segment.params, self._control, done
                 ):
                     if self._recorded:
                         self._results[result.frame] = result
@@ -434,20 +434,8 @@ class _Tracking:
     def _refine(self, segments: Sequence[Segment]) -> FramesRefined:
         run = self._run
         tracked = [self._results[frame] for frame in sorted(self._results)]
-        usual = run.tracker
-        tracker = with_share(usual, new_share_of(usual, run.observation, tracked))
-        if tracker is not usual:
-            # as a pass of its own: nothing of it is kept
-            quiet = Control(self._stops, waits=self._control.waits)
-            again = [
-                result
-                for one in segments
-                for result in track_frames(
-                    tracker, run.observation, one.first, one.params, one.frames, quiet
-                )
-            ]
-            if len(again) == len(tracked):
-                tracked = sorted(again, key=lambda result: result.frame)
+        paths = [(one.first, one.params, one.frames) for one in segments]
+        tracked = tracked_by_new_share(run.tracker, run.observation, tracked, paths, self._control)
         found = refine_frames(run, self._request, tracked, self._control, self._on_progress)
         changed = [r for r in found.results if r is not self._results.get(r.frame)]
         found = replace(found, results=changed)

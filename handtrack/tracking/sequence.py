@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import takewhile
 
@@ -38,41 +38,40 @@ def track_recording(
         yield result
     if tracker.settings.refines and control.refines and not control.should_stop():
         tracked = [found[frame] for frame in sorted(found)]
-        again = with_share(tracker, new_share_of(tracker, observe, tracked))
-        if again is not tracker:
-            # as a pass of its own: nothing of it is kept, and nobody looks at it
-            quiet = Control(control.should_stop, waits=control.waits)
-            other = list(track_frames(again, observe, start_frame, start_params, frames, quiet))
-            if len(other) == len(tracked):
-                tracked = sorted(other, key=lambda result: result.frame)
+        segment = start_frame, start_params, frames
+        tracked = tracked_by_new_share(tracker, observe, tracked, [segment], control)
         yield from refine_recording(tracker, observe, tracked, control)
 
 
-def new_share_of(tracker: Tracker, observe: Observe, tracked: Sequence[FrameResult]) -> float:
-    """Return which share of what one camera's joints say of a frame is new in it (`whole.evidence.new_share`), as tracked frames tell;
-    1 where anything else was seen, or there is one hypothesis.
+def tracked_by_new_share(
+    tracker: Tracker,
+    observe: Observe,
+    tracked: Sequence[FrameResult],
+    segments: Iterable[tuple[int, Floats[P], range]],
+    control: Control,
+) -> Sequence[FrameResult]:
+    """Return tracked frames, ascending: tracked again, counting joints less, where most of what one camera's joints say of a frame was
+    said before (`whole.evidence.new_share`). The same where anything else was seen, there is one hypothesis, or it is stopped.
+
+    Hypotheses that each frame weighs as if it were the first are given up too surely: of a real person before one camera those
+    with the right limbs were. segments: first frame, its solver parameters, and frames of each.
     """
     model, settings = tracker.model, tracker.settings
     if settings.tracker.hypotheses < 2 or settings.traits.closest_prior:
-        return 1.0
+        return tracked
     posed = [result for result in tracked if result.status != Status.LOST]
     poses = np.array([model.transform.solver_params(r.parameters) for r in posed])
     frames = [result.frame for result in posed]
     around = dict(zip(frames, poses, strict=True))
-    return new_share(Evidence(model, settings, observe, around, 1.0), frames, poses)
-
-
-def with_share(tracker: Tracker, share: float) -> Tracker:
-    """Return a tracker that counts one camera's joints so often, where most of what they say was said before; else the same.
-
-    Hypotheses that each frame weighs as if it were the first are given up too surely: of a real person before one camera those
-    with the right limbs were.
-    """
+    share = new_share(Evidence(model, settings, observe, around, 1.0), frames, poses)
     if share > MOSTLY_NEW:
-        return tracker
-    settings = tracker.settings
+        return tracked
     traits = replace(settings.traits, new_share=share)
-    return replace(tracker, settings=replace(settings, traits=traits))
+    tracker = replace(tracker, settings=replace(settings, traits=traits))
+    # as a pass of its own: nothing of it is kept, and nobody looks at it
+    quiet = Control(control.should_stop, waits=control.waits)
+    again = [r for one in segments for r in track_frames(tracker, observe, *one, quiet)]
+    return sorted(again, key=lambda r: r.frame) if len(again) == len(tracked) else tracked
 
 
 def refine_recording(

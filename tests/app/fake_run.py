@@ -295,17 +295,7 @@ class FakeRun:
         frames: range,
         start_frame: int,
         start_params: Floats,
-        should_stop: Callable[[], bool] | None = None,
-    ) -> Iterator[FrameResult]:
-        control = Control() if should_stop is None else Control(should_stop)
-        return self.track_with(control, frames, start_frame, start_params)
-
-    def track_with(
-        self,
-        control: Control,
-        frames: range,
-        start_frame: int,
-        start_params: Floats,
+        control: Control = Control(),
         done: Sequence[Step] = (),
     ) -> Iterator[FrameResult]:
         path = [*range(start_frame, frames.stop), *range(start_frame - 1, frames.start - 1, -1)]

@@ -64,7 +64,7 @@ def test_offsets_are_found_again_with_all_frames(folder):
     told = []
     values = {"keypoints.sigma_px": 1.0, "silhouettes.weight": 0, "model.fit_size": "later"}
     run = TrackingRun.open(Session.open(folder), values)
-    list(run.track_with(Control(on_shared=told.append), range(WHAT.frames), *run.initial()))
+    list(run.track(range(WHAT.frames), *run.initial(), Control(on_shared=told.append)))
     found = Refinement.read(told[-1]).scale
     for joint, true in OFFSETS.items():
         assert missed_mm(found, joint) < 0.6 * np.linalg.norm(true), joint

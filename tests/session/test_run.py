@@ -175,14 +175,14 @@ def test_the_first_frames_do_not_decide_where_they_are_bad():
         ]  # fmt: skip
         seen.append(Observation(frame, frame / 30.0, keypoints=tuple(views)))
 
-    def track(control, frames, start, params):
+    def track(frames, start, params, control):
         for frame in frames:
             yield Tracker(MEAN, TrackerSettings()).step_without_search(
                 TrackerState.beginning_at(poses[frame]), seen[frame]
             )[1]
 
     run = run_of(HandScale(), seen)
-    run.track_with, run.initial, run.with_values = track, lambda: (0, poses[0]), lambda values: run
+    run.track, run.initial, run.with_values = track, lambda: (0, poses[0]), lambda values: run
     run.session.frame_range, run.session.frame_count = range(len(seen)), len(seen)
     tracked = tracked_for_size(run, None, None, lambda share, words: None)  # type: ignore[arg-type]
     size = size_of_frames(run, tracked, 8, None, lambda share, words: None)  # type: ignore[arg-type]

@@ -39,7 +39,7 @@ def results(run):
 def test_frames_and_the_iterations_of_one(run, results, tmp_path):
     path = tmp_path / "run.rrd"
     recorder = ResidualRecorder(run, path=path, closely=2)
-    again = run.track_with(recorder.watching(Control()), FRAMES, *run.initial())
+    again = run.track(FRAMES, *run.initial(), recorder.watching(Control()))
     for result, expected in zip(again, results, strict=True):
         recorder.show(result)
         np.testing.assert_array_equal(result.parameters, expected.parameters)

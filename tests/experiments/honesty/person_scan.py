@@ -73,7 +73,7 @@ def scanned(run: TrackingRun) -> HandScale:
     run.session.file = replace(run.session.file, hand=hand)
     run, told = run.with_values({"model.fit_size": "true"}).fit_size(), list[str]()
     control = Control(on_shared=told.append)
-    for _ in run.track_with(control, run.session.frame_range, *run.initial()):
+    for _ in run.track(run.session.frame_range, *run.initial(), control):
         pass
     return Refinement.read(told[-1]).scale or run.scale
 

@@ -55,7 +55,7 @@ def tracked(folder: Path) -> tuple[TrackingRun, list[FrameResult]]:
     """Return a recording's live pass."""
     run = TrackingRun.open(Session.open(folder))
     start, params = run.initial()
-    live = run.track_with(Control(refines=False), run.session.frame_range, start, params)
+    live = run.track(run.session.frame_range, start, params, Control(refines=False))
     return run, sorted(live, key=lambda result: result.frame)
 
 

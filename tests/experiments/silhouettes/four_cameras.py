@@ -88,7 +88,7 @@ def tracked_alone(session: Session, frames: range, settings: Mapping[str, object
     frame, start = run.initial()
     told: list[str] = []
     control = Control(on_shared=told.append)
-    results = list(run.track_with(control, frames, frame, start))
+    results = list(run.track(frames, frame, start, control))
     count = len(frames)
     return Person(run, results[:count], results[count:], Refinement.read(told[-1]))
 
