@@ -54,7 +54,6 @@ from handtrack.tracking.size.person import FEWEST_BY_JOINTS, OpenPerson, seen_ar
 from handtrack.tracking.state import Step, TrackerState
 from handtrack.tracking.tracker import Tracker
 from handtrack.tracking.whole.chosen_frames import fit_person
-from handtrack.version import VERSION
 
 _WRIST = ("wrist_flex", "wrist_abd")  # freedoms that only a forearm shows
 _ARM_LOOKS = 8  # frames, evenly spread
@@ -388,24 +387,17 @@ class TrackingRun:
 
     def result(self, frames: Iterable[FrameResult]) -> TrackResult:
         """Return the frames as one result, sorted, the latest of each, with where they came from."""
-        latest = {result.frame: result for result in frames}
-        track = self.labels.track([latest[frame] for frame in sorted(latest)])
-        return replace(track, pins=self.session.pins.text)
+        return replace(self.labels.track(frames), pins=self.session.pins.text)
 
     @property
     def labels(self) -> TrackLabels:
         """What the numbers of this run's results mean, and where they come from."""
         model, std_mm = self.model, self.scale.std.get("length_mm")
-        return TrackLabels(
-            parameter_names=model.parameter_names,
-            bone_names=tuple(model.skeleton.bone_names),
-            joint_names=tuple(model.joint_names),
-            model=model.name,
-            side=model.side,
+        return TrackLabels.of(
+            model,
             scale=json.dumps(scale_table(self.scale)),
             session=self.session.name,
             settings=json.dumps(self.settings.flat(), sort_keys=True),
-            version=VERSION,
             start_confidence=None if self.first is None else self.first.confidence,
             hand_length_mm=None if std_mm is None else hand_length_mm(model),
             hand_length_std_mm=std_mm,

@@ -47,7 +47,6 @@ from handtrack.tracking.frame.confidence import BODY_OFF_M, FRAME_OFF_M, FrameCo
 from handtrack.tracking.frame.frame_result import posed_result
 from handtrack.tracking.frame.result import FrameResult, Status, TrackLabels, TrackResult
 from handtrack.tracking.search.initialize import FEWEST
-from handtrack.version import VERSION
 
 _CAMERAS, _SIZE = 2, (640, 480)
 _SIGMA_M = 0.01  # as `retarget` has it
@@ -93,15 +92,10 @@ def captured(
 def result_of(motion: Captured, name: str) -> TrackResult:
     """Return the motion as a tracked sequence: uncertainties as of joints known to 1 cm, doubtful where a joint is far off."""
     model, clip = motion.model, motion.clip
-    labels = TrackLabels(
-        model.parameter_names,
-        tuple(model.skeleton.bone_names),
-        tuple(model.joint_names),
-        model.name,
-        model.side,
-        json.dumps(scale_table(model.scale)),
-        name,
-        version=VERSION,
+    labels = TrackLabels.of(
+        model,
+        scale=json.dumps(scale_table(model.scale)),
+        session=name,
         definition=model.definition,
         fps=clip.fps,
         cameras=rig_json(_rig(clip)),

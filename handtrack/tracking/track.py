@@ -20,7 +20,6 @@ from handtrack.tracking.frame.result import TrackLabels, TrackResult
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.sequence import track_recording
 from handtrack.tracking.tracker import Tracker
-from handtrack.version import VERSION
 
 _HOW = "Observation(frame, time_s, silhouettes=[Silhouette(camera, mask), …]), one a frame"
 
@@ -70,14 +69,5 @@ def track(
 
     tracker = Tracker(model, settings, tuple(terms), tuple(priors), sure)
     results = track_recording(tracker, observe, first, model.clipped(params), frames, control)
-    latest = {result.frame: result for result in results}
-    labels = TrackLabels(
-        model.parameter_names,
-        tuple(model.skeleton.bone_names),
-        tuple(model.joint_names),
-        model.name,
-        model.side,
-        settings=json.dumps(settings.flat(), sort_keys=True),
-        version=VERSION,
-    )
-    return labels.track([latest[frame] for frame in sorted(latest)])
+    labels = TrackLabels.of(model, settings=json.dumps(settings.flat(), sort_keys=True))
+    return labels.track(results)

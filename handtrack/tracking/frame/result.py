@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from html import escape
@@ -15,7 +15,7 @@ import numpy as np
 
 from handtrack.arrays import D2, D3, D4, D21, Array, B, F, Floats, J, K, S, array_dataclass, indices
 from handtrack.errors import HandtrackError, unknown_name
-from handtrack.model.articulated import FINGERS, JOINT_CENTRES, keypoint_names
+from handtrack.model.articulated import FINGERS, JOINT_CENTRES, ArticulatedModel, keypoint_names
 from handtrack.tracking.frame.reason import Reason, Status
 from handtrack.tracking.frame.result_fields import (
     Column,
@@ -29,6 +29,7 @@ from handtrack.tracking.frame.result_fields import (
     vector,
 )
 from handtrack.tracking.frame.tables.track_model import model_of
+from handtrack.version import VERSION
 
 if TYPE_CHECKING:
     import pandas
@@ -282,10 +283,18 @@ class TrackLabels:
     refinement: str | None = None
     """JSON of `tracking.whole.refinement.Refinement`: what was found that all frames share"""
 
-    def track(self, frames: Sequence[FrameResult]) -> TrackResult:
-        """Return frames as one result. They are in ascending order, each once, and at least one."""
-        assert frames, "no frames"
-        assert (np.diff([f.frame for f in frames]) > 0).all(), "frames must ascend, each once"
+    @classmethod
+    def of(cls, model: ArticulatedModel, **more: Any) -> TrackLabels:
+        """Return the labels of a model's results by this version; more: the other fields."""
+        bones, joints = tuple(model.skeleton.bone_names), tuple(model.joint_names)
+        names = model.parameter_names, bones, joints, model.name, model.side
+        return cls(*names, version=VERSION, **more)
+
+    def track(self, frames: Iterable[FrameResult]) -> TrackResult:
+        """Return frames, at least one, as one result, ascending; of several of one number the last counts."""
+        latest = {one.frame: one for one in frames}
+        assert latest, "no frames"
+        frames = [latest[number] for number in sorted(latest)]
         own = {entry.name: getattr(self, entry.name) for entry in fields(TrackLabels)}
         track = TrackResult(**own | stacked(FIELDS, frames))
         named = (len(self.parameter_names), len(self.bone_names), len(self.joint_names))
