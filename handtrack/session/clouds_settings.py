@@ -26,7 +26,7 @@ _NAMES = 'a list of camera names, such as ["cam0"]'
 
 
 @dataclass(frozen=True)
-class CloudSource:
+class CloudOrigin:
     """Where point clouds come from: exactly one of these."""
 
     files: Annotated[str, FULL] | None = None
@@ -38,7 +38,7 @@ class CloudSource:
 
 
 @dataclass(frozen=True)
-class CloudSettings(CloudSource):
+class CloudSettings(CloudOrigin):
     """[clouds]: where point clouds come from, and what is said of filters and matching."""
 
     given: Mapping[str, Any] = field(default_factory=dict)
@@ -130,7 +130,7 @@ def read_clouds(values: Any, cameras: Sequence[Any], where: str) -> CloudSetting
             f"{where}: expected exactly one of {', '.join(_CLOUD_SOURCES)}; found "
             f"{', '.join(sources) or 'none'}."
         )
-    source = read_table(CloudSource, table, where, also=tuple(CLOUD_SETTINGS))
+    source = read_table(CloudOrigin, table, where, also=tuple(CLOUD_SETTINGS))
     for left, right in source.stereo:
         if left == right:
             raise HandtrackError(f"{where}: stereo = {shown(table['stereo'])}; expected {_PAIRS}.")

@@ -5,7 +5,7 @@ import pytest
 
 from handtrack import Camera
 from handtrack.arrays import Array
-from handtrack.capture.images.synchrony import Motion, TimeOffset, plane_angles, time_offsets
+from handtrack.capture.images.synchrony import ImageMotion, TimeOffset, plane_angles, time_offsets
 from handtrack.geometry.rotation import rotation_matrix
 
 FRAMES = 60
@@ -37,11 +37,13 @@ def pictures(
     return frames
 
 
-def two_stretches(name: str, turn: float, late: float, moves: bool = True) -> tuple[Motion, Motion]:
+def two_stretches(
+    name: str, turn: float, late: float, moves: bool = True
+) -> tuple[ImageMotion, ImageMotion]:
     seen_by, rng = camera(name, turn), np.random.default_rng(ord(name))
     frames = pictures(seen_by, late, rng, moves)
     half = FRAMES // 2
-    return Motion(seen_by, frames[:half]), Motion(seen_by, frames[half:])
+    return ImageMotion(seen_by, frames[:half]), ImageMotion(seen_by, frames[half:])
 
 
 @pytest.mark.parametrize("turn", [0.2, 0.9, 2.4], ids=["a pair", "apart", "nearly opposite"])

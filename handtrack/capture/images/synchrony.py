@@ -62,7 +62,7 @@ class TimeOffset:
         return self.agrees and agree and gain >= _LEAST_GAIN * min(1.0, size * size)
 
 
-class Motion:
+class ImageMotion:
     """What moved from frame to frame in one camera's pictures, reduced."""
 
     def __init__(self, camera: Camera, pictures: Iterable[Array[H, W, *Axes] | None]) -> None:
@@ -114,7 +114,7 @@ def _grid(camera: Camera, shape: tuple[int, ...]) -> Floats:
     return np.stack(np.meshgrid(across, down), axis=-1)
 
 
-def time_offsets(motions: Sequence[tuple[Motion, Motion]]) -> dict[int, TimeOffset]:
+def time_offsets(motions: Sequence[tuple[ImageMotion, ImageMotion]]) -> dict[int, TimeOffset]:
     """Return the offset of each camera, by its place, that can be compared with most others; none where nothing tells.
 
     motions: of each camera, in two stretches. The offsets o of all cameras together maximise the sum over pairs of how well what
@@ -214,12 +214,14 @@ def _best_offsets(
     return offsets
 
 
-def agreement(first: tuple[Motion, Motion], second: tuple[Motion, Motion]) -> Floats[D2, L]:
+def agreement(
+    first: tuple[ImageMotion, ImageMotion], second: tuple[ImageMotion, ImageMotion]
+) -> Floats[D2, L]:
     """Return how well what moves in two stretches agrees at each lag of the second, −12 to 12 frames; NaN: unseen."""
-    return np.stack([_alike(a, b) for a, b in zip(first, second, strict=True)])
+    return np.stack([_correlations(a, b) for a, b in zip(first, second, strict=True)])
 
 
-def _alike(first: Motion, second: Motion) -> Floats:
+def _correlations(first: ImageMotion, second: ImageMotion) -> Floats:
     """Return (2 most + 1,) how well what moves agrees at each lag of the second; NaN where too little is seen to tell."""
     unknown = np.full(2 * _MOST_LATE + 1, np.nan)
     shapes = [next((c.shape for c in m.changes if c is not None), None) for m in (first, second)]

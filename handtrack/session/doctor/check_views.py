@@ -12,7 +12,7 @@ import numpy as np
 
 from handtrack.arrays import Array, H, W, evenly_spread
 from handtrack.capture.images.frames import FrameSource, listed
-from handtrack.capture.images.synchrony import Motion, TimeOffset, time_offsets
+from handtrack.capture.images.synchrony import ImageMotion, TimeOffset, time_offsets
 from handtrack.capture.images.video import VideoFile
 from handtrack.geometry.camera import Camera
 from handtrack.session.session import Session
@@ -453,7 +453,7 @@ def _moving(view: View) -> FrameSource | None:
     return view.mask_files if view.mask_files is not None else view.images
 
 
-def _motions(view: View, source: FrameSource, count: int) -> tuple[Motion, Motion]:
+def _motions(view: View, source: FrameSource, count: int) -> tuple[ImageMotion, ImageMotion]:
     """Return what moved in two stretches of a recording."""
     long = min(_STRETCH, count // 2)
     starts = (
@@ -462,7 +462,7 @@ def _motions(view: View, source: FrameSource, count: int) -> tuple[Motion, Motio
         else (count // 3 - long // 2, 2 * count // 3 - long // 2)
     )
     first, second = (
-        Motion(view.camera, (source.read(frame) for frame in range(start, start + long)))
+        ImageMotion(view.camera, (source.read(frame) for frame in range(start, start + long)))
         for start in starts
     )
     return first, second
