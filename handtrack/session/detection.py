@@ -127,7 +127,7 @@ class JointDetection:
         """Look for hands in all images of a frame; return by camera those that were found, whose ever they are, by their numbers."""
         self._seen[frame] = {}
         for view in self.views:
-            own = view.camera_frame(frame)
+            own = view.own_frame(frame)
             image = None if own is None else view.image(frame)
             hands = self._followers[view.name].step(image)
             if image is not None and own is not None:
@@ -178,9 +178,9 @@ def joint_pattern(camera: str) -> str:
     return f"{KEYPOINTS_FOLDER}/{glob.escape(camera)}/*.json"
 
 
-def joint_file(folder: Path, camera: str, camera_frame: int) -> Path:
+def joint_file(folder: Path, camera: str, own_frame: int) -> Path:
     """Return the file of one of a camera's own frames."""
-    return folder / KEYPOINTS_FOLDER / camera / f"{camera_frame:06d}.json"
+    return folder / KEYPOINTS_FOLDER / camera / f"{own_frame:06d}.json"
 
 
 def session_changes(session: Session, cameras: Sequence[str]) -> dict[str, str]:

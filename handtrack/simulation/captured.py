@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.arrays import D3, F, Floats, J, P, array_dataclass
 from handtrack.capture.calibration.rig_file import rig_json, write_rig
 from handtrack.capture.images.openpose import LAYOUTS
-from handtrack.capture.joints.imported_joints import write_joints
+from handtrack.capture.joints.given_joints import write_joints
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import ArticulatedModel, HandScale

@@ -11,7 +11,7 @@ from handtrack.arrays import D2, D3, F, Floats, J, K, S
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.capture.clouds.point_cloud import PointCloud
 from handtrack.capture.images.openpose import LAYOUTS, Layout
-from handtrack.capture.joints.imported_joints import write_joints
+from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.joints.joint_names import NAMED
 from handtrack.geometry.camera import CameraRig
 from handtrack.model.articulated import ArticulatedModel

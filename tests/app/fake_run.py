@@ -99,7 +99,7 @@ class FakeView:
     def corrections(self) -> CorrectedMasks:
         return CorrectedMasks(Path(), self.name, self.camera.size)
 
-    def camera_frame(self, frame: int) -> int | None:
+    def own_frame(self, frame: int) -> int | None:
         return frame
 
     def silhouette(self, frame: int) -> Silhouette | None:

@@ -324,11 +324,11 @@ def correction_of(
     session: Session, at: tuple[str, int], correction: Correction | None
 ) -> tuple[CorrectedMasks, bytes | None]:
     """Return the corrected masks of a camera, and what they hold of its own frame; None: nothing. Raises HandtrackError."""
-    camera, camera_frame = at
+    camera, own_frame = at
     view = session.view(camera)
     if correction is None:
         return view.corrections, None
-    decoded(correction.png, view.camera.size, f"the correction {camera}/{camera_frame}")
+    decoded(correction.png, view.camera.size, f"the correction {camera}/{own_frame}")
     return view.corrections, correction.png
 
 
@@ -576,8 +576,8 @@ class Document:
         for kind, entry in changed:
             if kind == "pose":
                 self._derive_pose(entry)
-        for (place, content), camera_frame in corrections:
-            place.hold(camera_frame, content)
+        for (place, content), own_frame in corrections:
+            place.hold(own_frame, content)
         if corrections:
             self.run.session.forget_observations()
         for frame, own in pins.items():

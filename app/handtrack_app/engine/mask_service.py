@@ -79,7 +79,7 @@ def _painted(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
     if silhouette is None:
         return image
     picture = mask_picture(image, silhouette)
-    own = view.camera_frame(frame)
+    own = view.own_frame(frame)
     layer = None if own is None else view.corrections.layer(own)
     if layer is not None:
         marked = np.where(layer != AS_IT_IS, np.uint8(255), np.uint8(0))
@@ -90,7 +90,7 @@ def _painted(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:
 
 
 def _words(view: View, frame: int) -> str:
-    frames, own = view.corrections.frames, view.camera_frame(frame)
+    frames, own = view.corrections.frames, view.own_frame(frame)
     here = "corrected here" if own in frames else "not corrected here"
     return f"{here}; {len(frames)} frame{'s' if len(frames) != 1 else ''} in all"
 
@@ -128,11 +128,11 @@ def carry(
 def _carried(
     view: View, frame: int, way: range, is_painted: Callable[[str, int], bool]
 ) -> Iterator[tuple[tuple[str, int], Correction]]:
-    own = view.camera_frame(frame)
+    own = view.own_frame(frame)
     layer = None if own is None else view.corrections.layer(own)
     before = view.image(frame)
     for at in way:
-        own, image = view.camera_frame(at), view.image(at)
+        own, image = view.own_frame(at), view.image(at)
         if layer is None or before is None or image is None or own is None:
             return
         if is_painted(view.name, own):
@@ -384,14 +384,14 @@ class MaskService(PreviewService):
     def _place(self, camera: str, frame: int) -> tuple[View, int]:
         """Return a camera's view and its own frame. Raises HandtrackError where it shows nothing."""
         view = self.document.run.session.view(camera)
-        own = view.camera_frame(self.document.clamped(frame))
+        own = view.own_frame(self.document.clamped(frame))
         if own is None:
             raise HandtrackError(f"camera '{camera}' shows nothing at frame {frame}.")
         return view, own
 
-    def _is_painted(self, camera: str, camera_frame: int) -> bool:
+    def _is_painted(self, camera: str, own_frame: int) -> bool:
         """Return whether a frame was corrected there, and not only carried to it."""
-        correction = self.document.in_force(("correction", (camera, camera_frame)))
+        correction = self.document.in_force(("correction", (camera, own_frame)))
         return correction is not None and not correction.carried
 
     @command(job=True, files=True, words="carrying masks on")

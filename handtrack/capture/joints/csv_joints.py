@@ -11,7 +11,7 @@ import numpy as np
 
 from handtrack.arrays import D3, F, Floats, M, N
 from handtrack.capture.images.frames import frame_number
-from handtrack.capture.joints.imported_joints import (
+from handtrack.capture.joints.given_joints import (
     BodyPoints,
     Hand,
     ImportedBodies,

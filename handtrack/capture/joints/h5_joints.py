@@ -20,7 +20,7 @@ from handtrack.capture.joints.csv_joints import (
     renamed,
     table_joints,
 )
-from handtrack.capture.joints.imported_joints import ImportedJoints
+from handtrack.capture.joints.given_joints import ImportedJoints
 from handtrack.errors import HandtrackError
 
 _MOST_BYTES = 1 << 30  # of one array

@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.arrays import Floats
 from handtrack.capture.images.frames import frame_number
 from handtrack.capture.images.openpose import LAYOUTS, body_points, read_openpose
-from handtrack.capture.joints.imported_joints import (
+from handtrack.capture.joints.given_joints import (
     BodyPoints,
     Hand,
     ImportedJoints,

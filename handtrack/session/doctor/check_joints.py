@@ -80,7 +80,7 @@ def _seen_joints(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
     for frame in range(session.frame_count):
         row = {}
         for view, one in files.items():
-            own = view.camera_frame(frame)
+            own = view.own_frame(frame)
             row[view.name] = {} if own is None else one.as_taken(own)
         rows.append(row)
         found += sum(map(bool, row.values())) > 1

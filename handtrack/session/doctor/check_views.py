@@ -137,7 +137,7 @@ def _check_joined(view: View, session: Session) -> Iterator[Finding]:
     if view.times is None:
         return
     frames = session.frame_range
-    count = sum(view.times.camera_frame(f) is not None for f in frames if f < view.frame_count)
+    count = sum(view.times.own_frame(f) is not None for f in frames if f < view.frame_count)
     text = f"camera '{view.name}': its frames are taken by time; {count} of the session's {len(frames)} have one"
     if count:
         yield note(f"{text}.")

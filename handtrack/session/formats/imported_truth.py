@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, Ints, N, indices
-from handtrack.capture.joints.imported_joints import named_points
+from handtrack.capture.joints.given_joints import named_points
 from handtrack.capture.joints.joint_names import BODY_LAYOUTS, JOINTS, NAMED, named_bodies
 from handtrack.errors import HandtrackError
 from handtrack.files.text_files import (

@@ -28,7 +28,7 @@ class CameraTimes:
     own: FrameTimes
     """of the camera's, by the session's clock"""
 
-    def camera_frame(self, frame: int) -> int | None:
+    def own_frame(self, frame: int) -> int | None:
         """Return the camera's frame nearest to a session's frame; None where none lies within half a frame of it."""
         time_s = self.line.time_of(frame)
         own = self.own.nearest(time_s)
@@ -38,12 +38,12 @@ class CameraTimes:
     @cached_property
     def mean_offset_frames(self) -> float:
         """How far the frames that are joined lie apart on average, in the session's frames: only whole frames are taken."""
-        joined = [f for f in range(_LOOKED_AT) if self.camera_frame(f) is not None]
+        joined = [f for f in range(_LOOKED_AT) if self.own_frame(f) is not None]
         return float(np.mean([abs(self.frames_later(f)) for f in joined])) if joined else 0.0
 
     def frames_later(self, frame: int) -> float:
         """Return how many of the session's frames later the camera's image was taken; 0 where it has none."""
-        own = self.camera_frame(frame)
+        own = self.own_frame(frame)
         return (
             0.0
             if own is None
@@ -84,11 +84,11 @@ class JoinedByTime(DerivedFrames):
         return self._times.frames(self.source.known_frames)
 
     def has(self, frame: int) -> bool:
-        own = self._times.camera_frame(frame)
+        own = self._times.own_frame(frame)
         return own is not None and self.source.has(own)
 
     def _own(self, frame: int) -> Array[H, W, *Axes] | None:
-        own = self._times.camera_frame(frame)
+        own = self._times.own_frame(frame)
         return None if own is None else self.source.read(own)
 
 

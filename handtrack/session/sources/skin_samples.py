@@ -25,7 +25,7 @@ def painted_skin(session: Session) -> list[Bytes[N, D3]]:
         if view.settings.images is None or not (painted := set(view.corrections.frames)):
             continue
         for frame in session.frame_range:
-            own = view.camera_frame(frame)
+            own = view.own_frame(frame)
             if own is None or own not in painted:
                 continue
             image, layer = view.image(frame), view.corrections.layer(own)

@@ -147,9 +147,9 @@ class View:
     def name(self) -> str:
         return self.settings.name
 
-    def camera_frame(self, frame: int) -> int | None:
+    def own_frame(self, frame: int) -> int | None:
         """Return the camera's own frame that shows a session's frame; None where none does."""
-        return frame if self.times is None else self.times.camera_frame(frame)
+        return frame if self.times is None else self.times.own_frame(frame)
 
     @property
     def sources(self) -> tuple[FrameSource, ...]:
@@ -184,7 +184,7 @@ class View:
 
     def mask(self, frame: int) -> Bytes[H, W] | None:
         """Return the frame's mask uint8, read or computed, and corrected; None where missing. See `unknown_at`."""
-        own = self.camera_frame(frame)
+        own = self.own_frame(frame)
         mask, unknown = self.uncorrected_mask(frame), self.unknown_at(frame)
         return mask if own is None or unknown is None else self.corrections.over(own, mask, unknown)
 
@@ -206,7 +206,7 @@ class View:
         learned = self._segmenter
         if not isinstance(learned, SeededMasks):
             return learned(image)
-        own = self.camera_frame(frame)
+        own = self.own_frame(frame)
         seeds = None if own is None else self._seeds(own)
         return None if seeds is None else learned.mask(image, seeds)
 
@@ -219,7 +219,7 @@ class View:
 
     def unknown_at(self, frame: int) -> int | None:
         """Return the same for a frame's mask: a correction may say that nobody knows where the camera's masks never do."""
-        own = self.camera_frame(frame)
+        own = self.own_frame(frame)
         is_corrected = own is not None and self.corrections.content(own) is not None
         return UNKNOWN_LEVEL if self.unknown is None and is_corrected else self.unknown
 
@@ -256,7 +256,7 @@ class View:
 
     def keypoints(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
         """Return the frame's 2D joints in the undistorted image, as exact as sigma_px; none where none were found."""
-        own = self.camera_frame(frame)
+        own = self.own_frame(frame)
         files = self.keypoint_files
         return () if files is None or own is None else files.read(own, sigma_px)
 
@@ -431,23 +431,23 @@ class JointSeeds:
     def __init__(self, files: KeypointFiles) -> None:
         self._files = files
 
-    def __call__(self, camera_frame: int) -> HandSeeds | None:
+    def __call__(self, own_frame: int) -> HandSeeds | None:
         """Return the frame's seeds; None where the hand was not found, nor shortly before and after."""
-        joints = self._files.as_taken(camera_frame)
+        joints = self._files.as_taken(own_frame)
         if not joints:
-            joints = self._bridged(camera_frame)
+            joints = self._bridged(own_frame)
         return seeds_of_joints(joints, self._files.camera.size)
 
-    def _bridged(self, camera_frame: int) -> dict[str, Floats[D2]]:
+    def _bridged(self, own_frame: int) -> dict[str, Floats[D2]]:
         ends = []
         for way in (-1, 1):
-            near = [camera_frame + way * step for step in range(1, _BRIDGED + 1)]
+            near = [own_frame + way * step for step in range(1, _BRIDGED + 1)]
             found = [(n, joints) for n in near if (joints := self._files.as_taken(n))]
             if not found:
                 return {}
             ends.append(found[0])
         (first, before), (last, after) = ends
-        share = (camera_frame - first) / (last - first)
+        share = (own_frame - first) / (last - first)
         return {
             n: np.asarray((1 - share) * before[n] + share * after[n])
             for n in before.keys() & after.keys()

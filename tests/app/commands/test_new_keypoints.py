@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack import Session, bundled_session
-from handtrack.capture.joints.imported_joints import write_joints
+from handtrack.capture.joints.given_joints import write_joints
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import SkinYCrCb
 from tests.app.command_line import refused

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handtrack.capture.images.openpose import LAYOUTS, read_openpose
-from handtrack.capture.joints.imported_joints import (
+from handtrack.capture.joints.given_joints import (
     checked_bodies,
     in_pixels,
     layout_of,

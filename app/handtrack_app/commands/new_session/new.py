@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from handtrack.capture.calibration.rig_file import write_rig
-from handtrack.capture.joints.imported_joints import UnknownPoints
+from handtrack.capture.joints.given_joints import UnknownPoints
 from handtrack.capture.joints.subject import HAND
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.capture.masks.segmentation import METHODS, MaskMethod

@@ -17,7 +17,7 @@ from handtrack.capture.calibration.formats.resolve import LensView
 from handtrack.capture.images.frames import COLOUR, DEPTH, IMAGE_SUFFIXES, ImageFiles
 from handtrack.capture.images.openpose import LAYOUTS, is_body
 from handtrack.capture.images.video import VideoFile
-from handtrack.capture.joints.imported_joints import (
+from handtrack.capture.joints.given_joints import (
     ImportedJoints,
     in_pixels,
     layout_of,
