@@ -36,7 +36,7 @@ class ReviewPanel:
     rows: list[viser.GuiButtonHandle] = field(default_factory=list)
     cards: list[viser.GuiHtmlHandle] = field(default_factory=list)
     """of the same intervals, with a picture of the worst frame: the buttons lie over them"""
-    _asked: tuple[Stretch, ...] = ()
+    _asked: tuple[ReviewInterval, ...] = ()
     """intervals whose pictures were asked for"""
     _pictures: dict[int, str] = field(default_factory=dict)
     moved: Callable[[], None] = lambda: None
