@@ -64,6 +64,8 @@ class KeypointFiles:
         self.camera = camera
         self.flat = camera.without_distortion()
         self._notes = FrameNotes()
+        # the estimate of all frames asks for each about nine times
+        self._undistorted = dict[int, Floats[J, D2]]()
         read_openpose(next(iter(self.files.values())), self.layout)
 
     @property
@@ -78,13 +80,16 @@ class KeypointFiles:
 
     def read(self, frame: int, sigma_px: float) -> tuple[ImageKeypoints, ...]:
         """Return the tallest person's joints in the undistorted image, all as exact as sigma_px; none where none were found."""
-        rows = self._rows(frame)
-        if rows is None:
-            return ()
-        straight = self.camera.undistort_points(rows[:, :2])
-        straight[rows[:, 2] < _LEAST] = np.nan
+        if frame not in self._undistorted:
+            rows = self._rows(frame)
+            if rows is None:
+                return ()
+            straight = self.camera.undistort_points(rows[:, :2])
+            straight[rows[:, 2] < _LEAST] = np.nan
+            self._undistorted[frame] = straight
         names = tuple(self.layout.points)
-        return (ImageKeypoints(self.flat, names, straight, np.full(len(names), sigma_px)),)
+        sigma = np.full(len(names), sigma_px)
+        return (ImageKeypoints(self.flat, names, self._undistorted[frame], sigma),)
 
     def as_taken(self, frame: int) -> dict[str, Floats[D2]]:
         """Return the same joints by name, in the image as it was taken [px]; those that count as missing are left out."""
