@@ -21,10 +21,10 @@ def opened(folder: Path, **options: Any) -> Persistence:
     return store
 
 
-def posed(store: Persistence, frame: int, by: float = 0.0, found: bool = False) -> None:
+def posed(store: Persistence, frame: int, by: float = 0.0) -> None:
     """Set a frame's pose: the first one, every parameter moved by so much."""
     values = (store.document.start + by).tolist()
-    store.do(f"Pose of frame {frame}", pose_edit(store.document, frame, values, found))
+    store.do(f"Pose of frame {frame}", pose_edit(store.document, frame, values))
 
 
 def did(store: Persistence, edit: Edit) -> None:

@@ -17,6 +17,7 @@ from handtrack.session.session_state import SessionState, decide, name_of, writt
 from handtrack.store.history import History
 from handtrack.store.store import Store
 from handtrack_app.engine.posing_service import pose as pose_edit
+from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import FRAMES, fake_document
@@ -95,9 +96,9 @@ class Session:
 
     def pose(self) -> None:
         document, rng = self.store.document, self.rng
-        frame = rng.randrange(FRAMES)
-        values = document.start + rng.uniform(-0.1, 0.1)
-        pose = pose_edit(document, frame, values.tolist(), found=rng.random() < 0.2)
+        frame, model = rng.randrange(FRAMES), document.model
+        values = model.params_within_limits(document.start + rng.uniform(-0.1, 0.1))
+        pose = set_pose(document, frame, model.joint_params(values), found=rng.random() < 0.2)
         tag = rng.choice(("", "slider"))
         self.store.do("Pose", pose, tag, waits=rng.random() < 0.5)
 

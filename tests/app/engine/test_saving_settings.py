@@ -55,9 +55,8 @@ def test_while_tracking_runs_nothing_is_saved(bench):
     bench.engine.set_setting("cloud.weight", 2.0)
     bench.engine.track(0, 12, 3)
     bench.engine.save_settings()
-    eventually(
-        lambda: any("fixed while tracking" in notice.text for notice in bench._unread), "told"
-    )
+    said = bench.layout.messages
+    eventually(lambda: "fixed while tracking" in said.list.content, "told")
     assert path.read_text(encoding="utf-8") == TEXT
 
 
