@@ -74,8 +74,10 @@ class OpenSession:
         """tracked frames that rerun is still to be shown"""
         self._asked_to_save: tuple[int, bytes] | None = None
         self.store = Persistence.open(document, plan.take_over)
-        self._restored = self.store.restore()
+        restored = self.store.restore()
         known, page = self.store.history.said, plan.page
+        self._restored = restored if known else ""
+        """what comes back of the user's own work; of what the terminal or an import made nobody is told"""
         self._page = page
         self._served = self._written = known[1] if page and known and known[0] == page else 0
         self._live = LiveControl.of(document, publish)

@@ -14,6 +14,8 @@ from handtrack.store.spans import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import export_beside
+from handtrack_app.protocol import snapshots
+from tests.app.desk import working
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.opened import did, opened, posed, spans, tracked
 
@@ -45,6 +47,16 @@ def test_tracked_frames_come_back_to_the_bit(tmp_path):
         np.testing.assert_array_equal(back.joint_positions, result.joint_positions)
         assert back.status == result.status
     assert again.restore() == f"Restored from last time: {FRAMES} tracked frames."
+
+
+def test_frames_that_no_page_tracked_are_no_return(tmp_path):
+    """As after an import, or by `handtrack track`."""
+    tracked(opened(tmp_path))
+    worker, listener = working(tmp_path, fake_document)
+    worker.stop()
+    strip = next(one for one in listener.seen if isinstance(one, snapshots.TimelineSnapshot))
+    assert (strip.status >= 0).all()
+    assert not any(getattr(one, "title", "") == "Welcome back" for one in listener.seen)
 
 
 def test_tracking_again_overwrites_nothing(tmp_path):
