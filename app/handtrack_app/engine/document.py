@@ -102,7 +102,7 @@ class TakeShelf:
         """Add a take that is being tracked."""
         self._known[number] = take
 
-    def forget_observations(self) -> None:
+    def forget_cards(self) -> None:
         """A take has come to its end."""
         self._cards = None
 

@@ -207,7 +207,7 @@ _OPEN_TAB = """%s.forEach((name, n) => setTimeout(() => {
   tab?.click();
 }, 300 * n));"""
 """viser opens tabs by the pointer alone; one within another is drawn after it"""
-ASKED_S = 60.0  # a browser is waited for
+_ASKED_S = 60.0  # a browser is waited for
 _MODIFIERS = {
     "cmd/ctrl": "Ctrl", "cmd/ctrl+shift": "Ctrl Shift", "shift": "Shift", "alt": "Alt", "alt+shift": "Alt Shift",
 }  # fmt: skip
@@ -231,6 +231,22 @@ now, written since
 Shows = TypeVar("Shows")
 Widget = TypeVar("Widget")
 Kept = TypeVar("Kept")
+
+
+def remembered(client: viser.ClientHandle, name: str, act: Callable[[str | None], None]) -> None:
+    """Call back with what a page's browser keeps under a name, None for nothing or no answer.
+
+    On a thread of its own: a page that draws its first picture answers late, and the threads of viser are for others.
+    """
+
+    def ask() -> None:
+        try:
+            kept = client.local_storage.get_item(name, timeout=_ASKED_S)
+        except (RuntimeError, TimeoutError):
+            kept = None
+        act(kept)
+
+    threading.Thread(target=ask, name="remembered", daemon=True).start()
 
 
 @dataclass(frozen=True)
@@ -354,19 +370,13 @@ class Page:
     def remembered(
         self, client: viser.ClientHandle, name: str, act: Callable[[str | None], None]
     ) -> None:
-        """Call back with what a page's browser keeps under a name, None for nothing or no answer; a page that draws its first
-        picture answers late, and the threads of viser are for others.
-        """
+        """Call back as `remembered` does, while the page is there; what fails is told on it."""
 
-        def ask() -> None:
-            try:
-                kept = client.local_storage.get_item(name, timeout=ASKED_S)
-            except (RuntimeError, TimeoutError):
-                kept = None
+        def use(kept: str | None) -> None:
             if client.client_id in self.server.get_clients():
                 self._tried(client, partial(act, kept))
 
-        threading.Thread(target=ask, name="remembered", daemon=True).start()
+        remembered(client, name, use)
 
     def own(
         self,

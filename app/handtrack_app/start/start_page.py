@@ -26,7 +26,7 @@ from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_bro
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.html import card, dress, escaped, picture, table, text
-from handtrack_app.page.page import ASKED_S, put
+from handtrack_app.page.page import put, remembered
 from handtrack_app.page.panels.view import KEPT_AS, SYSTEM, Taste, colours
 from handtrack_app.start.found_files import (
     CALIBRATIONS,
@@ -483,10 +483,13 @@ class StartPage:
 def _welcome(client: viser.ClientHandle) -> None:
     """Give a page the colours that its browser remembers, else the system's."""
     run_javascript(client, SYSTEM)
-    with suppress(RuntimeError, TimeoutError):  # it left
-        taste = Taste.read(client.local_storage.get_item(KEPT_AS, timeout=ASKED_S))
+
+    def begin(kept: str | None) -> None:
+        taste = Taste.read(kept)
         if taste is not None:
             colours(client.gui, taste.colours)
+
+    remembered(client, KEPT_AS, begin)
 
 
 def _picture(image: Bytes[H, W, D3]) -> str:

@@ -405,7 +405,7 @@ class Persistence:
         written: they stay as long as the program runs.
         """
         take, self._take = self._take, None
-        self.document.takes.forget_observations()
+        self.document.takes.forget_cards()
         if take is None or not take.shelf:
             return
         try:
