@@ -126,7 +126,7 @@ def deformed(bones: BonePoses, by: Floats) -> BonePoses:
     """Return the bones each moved by its own twist (B, 6) = (v, ω), world axes, about bones.reference; by (B, 12) they are stretched
     about it as well, along their own axes by the exponentials of three numbers, and their flesh is shifted [m].
     """
-    turn = np.stack([rotation_matrix(w) for w in by[:, 3:6]])
+    turn = rotation_matrix(by[:, 3:6])
     arm, scale_change, shift = bones.position - bones.reference, bones.scale_change, bones.shift
     if by.shape[1] == 12:
         more = np.exp(by[:, 6:9])

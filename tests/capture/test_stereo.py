@@ -44,7 +44,7 @@ def texture():
     """(H, W, 3) uint8: blobs of several sizes, 0.5 mm a pixel."""
     rng = np.random.default_rng(3)
     noise = sum(
-        s * cv2.GaussianBlur(rng.normal(size=(1600, 1600, 3)), (0, 0), s) for s in (5.0, 10.0, 20.0)
+        s * cv2.GaussianBlur(rng.normal(size=(1200, 1200, 3)), (0, 0), s) for s in (5.0, 10.0, 20.0)
     )
     return np.clip(128 + 45 * noise / noise.std(), 0, 255).astype(np.uint8)
 
@@ -54,7 +54,7 @@ def picture(seen: Camera, texture, plane_m=PLANE_M) -> np.ndarray:
     u, v = np.meshgrid(np.arange(240.0), np.arange(180.0))
     rays = seen.rays(np.stack([u, v], -1))
     hit = seen.centre + rays * ((plane_m - seen.centre[2]) / rays[..., 2])[..., None]
-    place = (hit[..., :2] / 0.0005 + 800).astype(np.float32)
+    place = (hit[..., :2] / 0.0005 + 600).astype(np.float32)
     return cv2.remap(
         texture,
         np.ascontiguousarray(place[..., 0]),
