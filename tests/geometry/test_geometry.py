@@ -14,6 +14,8 @@ from handtrack.geometry.rotation import (
     quaternion_wxyz,
     rotation_matrix,
     rotation_vector,
+    spread_rotations,
+    turned_by,
 )
 from handtrack.geometry.triangulation import triangulated
 from handtrack.simulation.simulate import simulated_rig
@@ -132,6 +134,18 @@ def test_quaternions_of_any_length_give_the_matrices_of_scipy(rng):
     wxyz = rng.normal(size=(300, 4))
     known = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
     np.testing.assert_array_equal(matrix_from_quaternion(wxyz), known)
+
+
+def test_every_rotation_has_one_near(rng):
+    grid = spread_rotations(600)
+    assert grid @ np.swapaxes(grid, 1, 2) == pytest.approx(np.tile(np.eye(3), (600, 1, 1)))
+    assert np.linalg.det(grid) == pytest.approx(np.ones(600))
+    quaternions = rng.normal(size=(500, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    nearest = [turned_by(grid, r).min() for r in matrix_from_quaternion(quaternions)]
+    # measured 14.0° and 23.8°; 600 random ones: 15.5° and about 45°
+    assert np.rad2deg(np.mean(nearest)) < 14.6
+    assert np.rad2deg(np.max(nearest)) < 27.0
 
 
 def test_a_sphere_shows_as_the_circle_that_is_known():

@@ -11,12 +11,10 @@ from handtrack import (
     load_model,
 )
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.search.auto_start import auto_start
+from tests.tracking.scenes import on_surface
 
 HANDS = [load_model(forearm=arm) for arm in (False, True)]
 FILMED = load_model(scale=HandScale(1.05))  # another person's
@@ -34,13 +32,11 @@ def turned(pose, rng, model=FILMED):
     return params
 
 
-def depth_camera(params, rng, model=FILMED, views=True):
+def depth_camera(params, rng, model=FILMED):
     """Return what a depth camera at EYE measures of a pose."""
-    bones = model.bones(params)
-    points, normals = sample_surface(MetaballSurface.of(model), bones, 6000, rng)
-    seen = seen_from(points, normals, [EYE[None]])
-    noisy = points[seen] + rng.normal(scale=0.001, size=(int(seen.sum()), 3))
-    return Observation(0, 0.0, cloud=PointCloud(noisy), cloud_views=(EYE[None],) if views else ())
+    points, _ = on_surface(model, params, 4000, rng, EYE)
+    noisy = points + rng.normal(scale=0.001, size=points.shape)
+    return Observation(0, 0.0, cloud=PointCloud(noisy), cloud_views=(EYE[None],))
 
 
 def error_mm(result, params, model=FILMED):
@@ -50,7 +46,7 @@ def error_mm(result, params, model=FILMED):
 
 def test_silhouettes_of_a_hand_turned_anyhow(rng):
     params = turned("rest", rng)
-    seen = mask_views(FILMED, params, simulated_rig(3, (320, 240)).cameras)
+    seen = mask_views(FILMED, params, simulated_rig(3, (160, 120)).cameras)
     found = auto_start(HANDS, TrackerSettings(), seen)
     assert error_mm(found[0].result, params) < 12.0
     assert not found[0].model.has_forearm, "there is none to be seen"

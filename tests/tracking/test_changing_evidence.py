@@ -18,15 +18,14 @@ from handtrack import (
     load_model,
 )
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.clouds.cloud_emptiness import hidden, seen_from
+from handtrack.terms.clouds.cloud_emptiness import hidden
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
 from handtrack.tracking.search.initialize import fit_keypoints
 from handtrack.tracking.sequence import track_frames
+from tests.tracking.scenes import on_surface
 
 MODEL = load_model()
 EYE = np.array([0.0, 0.0, -0.5])
@@ -49,8 +48,7 @@ def pose(frame):
 def measured(frame):
     """Return the points of the hand that a camera at EYE sees (N, 3)."""
     rng = np.random.default_rng(frame)
-    points, normals = sample_surface(MetaballSurface.of(MODEL), MODEL.bones(pose(frame)), 6000, rng)
-    points = points[seen_from(points, normals, [EYE[None]])]
+    points, _ = on_surface(MODEL, pose(frame), 6000, rng, EYE)
     return points + rng.normal(scale=1e-3, size=points.shape)
 
 

@@ -16,13 +16,11 @@ from handtrack import (
 )
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
-from handtrack.solver.levenberg_marquardt import solve
-from handtrack.solver.problem import Problem
-from handtrack.terms.priors.priors import GaussianPrior
+from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
 from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
 from tests.experiments.scenes.simulated_clouds import FINE, depth_views
+from tests.tracking.scenes import on_surface
 
 CHI2_90 = 6.251
 """squared length within which nine tenths of three standard normal numbers lie"""
@@ -33,7 +31,7 @@ def test_points_count_by_the_surface_they_measure(rng, scale, count):
     """Not by how many there are, nor by how large the hand is: a larger hand's parts are broader."""
     model = load_model(scale=HandScale(scale))
     bones = model.bones(model.rest_params())
-    points, _ = sample_surface(MetaballSurface.of(model), bones, count, rng)
+    points, _ = on_surface(model, model.rest_params(), count, rng)
     seen = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), model, bones, TrackerSettings())
     mesh = surface_mesh(MetaballSurface.of(model), bones)
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
@@ -70,7 +68,7 @@ START = MODEL.bones(np.zeros(6))
 def points():
     """A hand's whole surface, and what is none of it: a fifth of it once more, 14 mm further along its arm."""
     rng = np.random.default_rng(0)
-    points, _ = sample_surface(MetaballSurface.of(MODEL), START, 3000, rng)
+    points, _ = on_surface(MODEL, np.zeros(6), 3000, rng)
     end = points[points[:, 1] > np.quantile(points[:, 1], 0.8)]
     return np.concatenate([points, end + [0.0, 0.014, 0.0]])
 
@@ -95,20 +93,3 @@ def test_both_sides_are_weighed_by_k_and_its_rest(points, share):
     _, (nothing, alone), _ = seen(points, 0.0)
     assert nothing.cost(bones) == 0.0
     assert model_side.cost(bones) == pytest.approx((1.0 - share) * alone.cost(bones), rel=1e-9)
-
-
-@pytest.mark.parametrize("share", [0.1, 0.7])
-def test_the_solve_ends_where_the_weighted_sum_is_least(points, share):
-    """Along the arm, every half millimetre: points that are none of the hand's draw it on as far as K lets them."""
-    _, terms, _ = seen(points, share)
-    held = GaussianPrior(np.zeros(6), np.array([1e-4, 1.0, 1e-4, 1e-3, 1e-3, 1e-3]))
-    problem = Problem(MODEL, terms, [held])
-    places = np.linspace(-0.002, 0.012, 29)
-    parts = []
-    for alone in (1.0, 0.0):
-        _, sides, _ = seen(points, alone)
-        shifts = [MODEL.bones(np.array([0.0, y, 0.0, 0.0, 0.0, 0.0])) for y in places]
-        parts.append([sides[0 if alone else 1].cost(bones) for bones in shifts])
-    by_hand = share * np.array(parts[0]) + (1.0 - share) * np.array(parts[1])
-    found = solve(problem, np.array([0.0, 0.004, 0.0, 0.0, 0.0, 0.0])).params
-    assert found[1] == pytest.approx(places[np.argmin(by_hand)], abs=7e-4)

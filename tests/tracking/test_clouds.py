@@ -1,38 +1,33 @@
-"""Clouds in the tracker, simplified models, finger shifts."""
+"""Clouds in the tracker, simplified models, and where the hand is expected."""
 
 import numpy as np
 import pytest
 
 from handtrack import Observation, PointCloud, Status, Tracker, TrackerState, load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.tracking.search.initialize import carried_over
+from handtrack.tracking.sequence import track_frames
+from tests.tracking.scenes import off_mm, on_surface
+
+HAND = load_model()
 
 
-def seen(model, pose, rng, count=3000, noise=3e-4):
-    """Return joint parameters and an observation of points all over the hand's surface."""
-    joint = named_pose(model, pose)
+def seen(pose, rng, count=3000, noise=3e-4):
+    """Return parameters and an observation of points all over the hand's surface."""
+    joint = named_pose(HAND, pose)
     joint[:6] = rng.normal(scale=0.3, size=6)
-    bones = model.bones(model.transform.solver_params(joint))
-    points, _ = sample_surface(MetaballSurface.of(model), bones, count, rng)
+    points, _ = on_surface(HAND, joint, count, rng)
     cloud = PointCloud(points + rng.normal(scale=noise, size=points.shape))
     return joint, Observation(0, 0.0, cloud=cloud)
 
 
-def error_mm(model, result, joint):
-    truth = model.joint_positions(model.bones(model.transform.solver_params(joint)))
-    return 1e3 * np.linalg.norm(result.joint_positions - truth, axis=1).mean()
-
-
 @pytest.mark.parametrize("pose", ["open", "curl", "pinch"])
 def test_a_cloud_alone_gives_the_pose(rng, pose):
-    model = load_model()
-    joint, observation = seen(model, pose, rng)
+    joint, observation = seen(pose, rng)
     start = joint + rng.normal(size=26) * ([0.006] * 3 + [np.deg2rad(4)] * 23)
-    _, result = Tracker(model).step(TrackerState.beginning_at(model.clipped(start)), observation)
+    _, result = Tracker(HAND).step(TrackerState.beginning_at(HAND.clipped(start)), observation)
     assert result.status == Status.TRACKED
-    assert error_mm(model, result, joint) < 0.25  # measured 0.04 to 0.11 mm
+    assert off_mm(result, HAND, joint).mean() < 0.25  # measured 0.04 to 0.11 mm
 
 
 @pytest.mark.parametrize(
@@ -40,11 +35,31 @@ def test_a_cloud_alone_gives_the_pose(rng, pose):
 )  # of 12 draws: medians 3.5 and 14.9 mm, worst 4.1 and 15.2
 def test_simpler_models_hold_the_palm(rng, name, count, within_m):
     """A cloud of the whole hand, followed by three ellipsoids or one: where the wrist is, roughly."""
-    whole, simple = load_model(), load_model(name)
-    joint, observation = seen(whole, "rest", rng)
+    simple = load_model(name)
+    joint, observation = seen("rest", rng)
     assert len(simple.transform.names) == count
-    start = carried_over(whole, joint, simple)
+    start = carried_over(HAND, joint, simple)
     np.testing.assert_allclose(start[:6], joint[:6])
     _, result = Tracker(simple).step(TrackerState.beginning_at(start), observation)
     assert result.keypoints21 is None
     assert np.linalg.norm(result.joint_positions[0] - joint[:3]) < within_m
+
+
+def test_tracking_tells_where_the_hand_is_expected_unless_it_was_lost(rng):
+    """A hand that moves on by 12 mm a frame; one frame sees nothing, the next one is seen again."""
+    handed, first = [], named_pose(HAND, "open")
+    first[:3] = [0.0, 0.1, 0.4]
+
+    def observe(frame, bones):
+        handed.append(bones)
+        if frame == 3:
+            return Observation(frame, frame / 30)
+        points, _ = on_surface(HAND, first + 0.012 * frame * np.eye(26)[0], 800, rng)
+        return Observation(frame, frame / 30, cloud=PointCloud(points))
+
+    results = list(track_frames(Tracker(HAND), observe, 0, first, range(5)))
+    assert [r.status for r in results] == [Status.TRACKED] * 3 + [Status.LOST, Status.TRACKED]
+    assert results[3].reason.kind == "unseen"
+    expected = [None if bones is None else bones.position[0, 0] for bones in handed]
+    np.testing.assert_allclose(expected[:4], [0.0, 0.0, 0.024, 0.036], atol=0.005)
+    assert expected[4] is None

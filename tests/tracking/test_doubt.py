@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handtrack import ImageKeypoints, Status, Tracker, TrackerSettings, load_model
-from handtrack.model.articulated import keypoint_names
+from handtrack import Status, Tracker, TrackerSettings, load_model
 from handtrack.simulation.motion import motion
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
@@ -19,6 +18,7 @@ from handtrack.tracking.frame.confidence import (
 )
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
+from tests.tracking.scenes import joints_seen
 
 HAND = load_model("hand26")
 CHI2_90 = 6.251388631170325
@@ -100,12 +100,10 @@ def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng):
     pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[4])
     rig = list(simulated_rig(2, (160, 120), 0.4))
     seen, bones = mask_views(HAND, pose, rig), HAND.bones(pose)
-    places = HAND.joint_positions(bones)[[HAND.joint_names.index(n) for n in keypoint_names()]]
 
     def doubt(off_px: float | None) -> tuple[float, float]:
-        joints = () if off_px is None else tuple(
-            ImageKeypoints(c, keypoint_names(), c.project(places) + off_px, 2.0) for c in rig
-        )  # fmt: skip
+        cameras = rig if off_px is not None else []
+        joints = joints_seen(cameras, HAND.keypoints21(bones), off_px)
         terms = frame_terms(HAND, TrackerSettings(), replace(seen, keypoints=joints), bones, None)
         found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(0.003), (), 0.0)
         return found.p_off_25mm, float(np.trace(found.joint_covariance, axis1=1, axis2=2).max())

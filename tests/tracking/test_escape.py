@@ -5,11 +5,8 @@ import pytest
 
 from handtrack import Observation, PointCloud, TrackerSettings, load_model
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.descent import descend
 from handtrack.tracking.frame.frame_terms import frame_terms
@@ -19,6 +16,7 @@ from handtrack.tracking.search.lost_finger import (
     finger_shifts,
     with_fingers_found,
 )
+from tests.tracking.scenes import on_surface
 
 MODEL = load_model()
 SETTINGS = TrackerSettings()
@@ -101,25 +99,11 @@ def test_a_finger_may_fold_out_of_a_depth_cameras_sight():
     # its end behind the palm, which is seen from the back
     truth = with_finger_at(start, "middle", 80)
     bones = MODEL.bones(truth)
-    points, normals = sample_surface(
-        MetaballSurface.of(MODEL), bones, 6000, np.random.default_rng(3)
-    )
-    cloud = PointCloud(points[seen_from(points, normals, [eye[None]])])
-    seen = Observation(0, 0.0, cloud=cloud, cloud_views=(eye[None],))
+    points, _ = on_surface(MODEL, truth, 6000, np.random.default_rng(3), eye)
+    seen = Observation(0, 0.0, cloud=PointCloud(points), cloud_views=(eye[None],))
     terms = frame_terms(MODEL, SETTINGS, seen, MODEL.bones(start), None)
     before, anew = (
         sum(term.cost(bones) for term in t.stage(t.stages - 1, bones))
         for t in (terms, terms.as_seen_at(bones))
     )
     assert anew < 0.05 * before
-
-
-BENDS = ("mcp_flex", "pip_flex", "dip_flex")
-
-
-def bent(model, joint, by_finger):
-    joint = joint.copy()
-    for finger, angle in by_finger.items():
-        for bend in BENDS:
-            joint[model.skeleton.parameter(f"{finger}_{bend}")] = angle
-    return joint

@@ -19,8 +19,6 @@ from handtrack import (
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.model.size import FOREARM_END
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.confidence import FrameConfidence
@@ -36,6 +34,7 @@ from handtrack.tracking.size.person import OpenPerson
 from handtrack.tracking.whole.evidence import Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
+from tests.tracking.scenes import on_surface
 
 HAND, WHOLE = load_model(), load_model(forearm=True)
 ARM = WHOLE.skeleton.bone("forearm")
@@ -98,7 +97,7 @@ def test_the_length_of_a_forearm_is_told_by_two_near_cameras(length):
 
 def test_a_cloud_shows_an_arm_where_it_goes_on_behind_the_wrist(rng):
     hand, whole = without_arm(posed()), WHOLE.transform.solver_params(posed())
-    of_hand, _ = sample_surface(MetaballSurface.of(HAND), HAND.bones(hand), 1500, rng)
+    of_hand, _ = on_surface(HAND, hand, 1500, rng)
     bones = WHOLE.bones(whole)
     turned, share = rng.uniform(0, 2 * np.pi, 500), rng.uniform(size=500)
     clouds = [(of_hand, False)]
@@ -115,7 +114,7 @@ def test_an_arm_in_a_cloud_does_not_pull_a_hand_alone():
     rng, hand = np.random.default_rng(1), without_arm(posed())
 
     def before_camera(model, params, count):
-        points, normals = sample_surface(MetaballSurface.of(model), model.bones(params), count, rng)
+        points, normals = on_surface(model, params, count, rng)
         points = points[normals[:, 2] > 0.3]
         return points + rng.normal(scale=0.003, size=points.shape)
 

@@ -1,7 +1,6 @@
-"""What hypotheses put into a search's rounds: headings, trees of the best minima, draws; and when a round is made again."""
+"""What hypotheses put into a search's rounds: headings, trees of the best minima, draws."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
 from handtrack.sampling.chains import chains_of, prepare
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.control import Control
 from handtrack.tracking.frame.frame_terms import FrameTerms
 from handtrack.tracking.hypotheses import mixture_search
 from handtrack.tracking.hypotheses.mixture_search import (
@@ -22,7 +20,6 @@ from handtrack.tracking.hypotheses.mixture_search import (
     Start,
 )
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
-from handtrack.tracking.search.engine import Propose, Round, Search, run_rounds
 
 HAND = load_model()
 CAMERA = simulated_rig(1, (320, 240)).cameras[0]
@@ -124,18 +121,3 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     assert uneven["ring jumped"] - even["ring jumped"] == pytest.approx(np.log(1.6))
     stiff = replace(objective(NextHypotheses, [Component(belief, frame(), 1.0)]), chains=())
     assert not stiff.each_jumped_along_chains([], 0)
-
-
-@pytest.mark.parametrize(("costs", "made"), [((5, 4, 3), 3), ((5, 4.5, 3), 2), ((5, 6, 3), 2)])
-def test_a_round_is_made_again_while_its_best_is_better_by_the_margin(costs, made):
-    """Margin 0.9: 5 → 4 is better, 4.5 is not; and never more often than the row says."""
-    left = list(costs)
-
-    def more(objective, found, most):
-        return [SimpleNamespace(cost=cost, origin="more") for cost in (left.pop(0), 9)]
-
-    search = Search("", "", (Round((Propose(more),), adds=True, times=3),), "", margin=0.9)
-    tried = []
-    found = run_rounds(search, SimpleNamespace(), (), Control(), tried=tried)
-    assert len(tried) == made
-    assert [c.cost for c in found if c.cost != 9] == list(costs[:made])

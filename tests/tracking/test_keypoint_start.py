@@ -1,12 +1,13 @@
-"""Joints in images to hands in space: triangulated, or with what one camera leaves open."""
+"""Joints to hands: in space, of an unknown size, triangulated from images, or with what one camera leaves open."""
 
 import numpy as np
 import pytest
 
-from handtrack import ImageKeypoints, load_model
+from handtrack import HandScale, ImageKeypoints, Keypoints, load_model
 from handtrack.model.articulated import keypoint_names
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.simulate import simulated_rig
+from handtrack.tracking.search.initialize import fit_keypoints, fit_scale
 from handtrack.tracking.search.keypoint_start import (
     hands_from_images,
     triangulated,
@@ -67,3 +68,30 @@ def test_one_camera_leaves_a_choice_with_the_hand_in_it(rng, turn):
     for h in (h for h in found if h.confidence > 0.01):
         off = CAMERAS[0].project(points_of(h.params)) - seen[0].pixels
         assert np.median(np.linalg.norm(off, axis=1)) < 5.0, "all of them look like what was seen"
+
+
+def seen_pose(model, pose, rng, noise=0.0):
+    joint = named_pose(model, pose)
+    joint[:6] = rng.normal(scale=0.5, size=6)
+    points = model.keypoints21(model.bones(model.transform.solver_params(joint)))
+    return Keypoints(
+        keypoint_names(), points + rng.normal(scale=noise, size=points.shape), noise or 1e-3
+    )
+
+
+@pytest.mark.parametrize("pose", ["open", "fist", "point", "pinch"])
+def test_exact_keypoints_give_back_the_hand(rng, pose):
+    seen = seen_pose(MODEL, pose, rng)
+    error = np.linalg.norm(points_of(fit_keypoints(MODEL, seen)) - seen.positions, axis=1)
+    assert error.max() < 1e-3  # the weak pull to the relaxed hand is all that is left
+
+
+def test_the_hands_size_is_found_from_noisy_keypoints():
+    truth = HandScale(1.08, {"thumb": 0.97})
+    model = load_model(scale=truth)
+    errors = []
+    for seed in range(6):
+        seen = seen_pose(model, "open", np.random.default_rng(seed), noise=0.005)
+        scale = fit_scale(lambda s: load_model(scale=s), seen)
+        errors.append(scale.overall / truth.overall - 1)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.03

@@ -16,7 +16,7 @@ from handtrack import (
     load_model,
 )
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import carried_mesh, sample_surface
+from handtrack.model.surfaces.surface_mesh import carried_mesh
 from handtrack.sampling.diffusion import long_tailed
 from handtrack.terms.priors.priors import CorrelatedPrior
 from handtrack.tracking.frame.control import Control
@@ -28,6 +28,7 @@ from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.closing_fist import scene
 from tests.model.metaballs_reference import merged
 from tests.terms.conic_field_reference import dense_field
+from tests.tracking.scenes import off_mm, on_surface
 
 HAND, BALL = load_model(), load_model("ball6")
 
@@ -87,7 +88,7 @@ def test_without_limits_a_joint_bends_where_it_never_could(fist):
 @pytest.fixture(scope="module")
 def ball_cloud():
     rng = np.random.default_rng(0)
-    points, _ = sample_surface(MetaballSurface.of(BALL), BALL.bones(np.zeros(6)), 400, rng)
+    points, _ = on_surface(BALL, np.zeros(6), 400, rng)
     return points[points[:, 2] > 0.0]  # seen from one side
 
 
@@ -117,9 +118,7 @@ def test_a_cloud_costs_what_the_papers_sums_say(ball_cloud, distance, beta):
 
 def test_fingers_are_shifted_to_both_sides_in_each_frame_and_the_least_energy_wins():
     joint = HAND.rest_params()
-    points, _ = sample_surface(
-        MetaballSurface.of(HAND), HAND.bones(joint), 1500, np.random.default_rng(0)
-    )
+    points, _ = on_surface(HAND, joint, 1500, np.random.default_rng(0))
     seen = Observation(0, 0.0, cloud=PointCloud(points))
     told = []
     tracker = Tracker(load_model(coupling="21"), settings("paper2004", **{"solver.iterations": 25}))
@@ -136,8 +135,7 @@ def test_fingers_are_shifted_to_both_sides_in_each_frame_and_the_least_energy_wi
         assert proposed == len(trials) == 2
         assert report.winner is None or report.winner.cost < report.standing
         assert min(trial.cost for trial in trials) >= report.standing or report.winner
-    truth = HAND.joint_positions(HAND.bones(joint))
-    assert 1e3 * np.linalg.norm(result.joint_positions - truth, axis=1).mean() < 1.0
+    assert off_mm(result, HAND, joint).mean() < 1.0
     assert result.status == Status.TRACKED
 
 

@@ -198,9 +198,8 @@ def test_ten_frames_count_static_priors_once_and_what_was_seen_ten_times():
     np.testing.assert_allclose(shares, [0.1 * rest.cost(x), 0.1 * linked.cost(x), 0.5 * x @ x])
 
 
-def test_joints_in_images_count_by_what_is_new_in_them():
-    camera = simulated_rig(1, (320, 240)).cameras[0]
-    bones = HAND.bones(HAND.rest_params())
+def test_joints_in_images_count_by_what_is_new_in_them_and_seen_coarsely_by_a_hundredth():
+    camera, bones = simulated_rig(1, (320, 240)).cameras[0], HAND.bones(HAND.rest_params())
     pixels = camera.project(HAND.joint_positions(bones)) + 2.0
     term = KeypointTerm(HAND, ImageKeypoints(camera, HAND.joint_names, pixels, 1.0))
     terms = frame(HAND, keypoints=(term,))
@@ -209,6 +208,8 @@ def test_joints_in_images_count_by_what_is_new_in_them():
     lasting = replace(terms.settings, traits=replace(terms.settings.traits, new_share=0.25))
     (once,) = without_memory(replace(terms, settings=lasting)).keypoints
     assert once.cost(bones) == pytest.approx(0.25 * term.cost(bones))
+    (wide,) = coarse(terms).keypoints
+    assert wide.cost(bones) == pytest.approx(term.cost(bones) / 100.0)
 
 
 def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
@@ -237,12 +238,3 @@ def test_the_pull_is_the_belief_of_what_is_not_free():
         bell = multivariate_normal(np.full(len(others), 0.1), covariance[np.ix_(others, others)])
         expected = bell.logpdf(np.full(len(others), 0.1)) - bell.logpdf(x[others])
         assert prior.cost(x) == pytest.approx(expected)
-
-
-def test_seen_coarsely_joints_cost_a_hundredth():
-    camera = simulated_rig(1, (320, 240)).cameras[0]
-    bones = HAND.bones(HAND.rest_params())
-    pixels = camera.project(HAND.joint_positions(bones)) + 2.0
-    term = KeypointTerm(HAND, ImageKeypoints(camera, HAND.joint_names, pixels, 1.0))
-    (wide,) = coarse(frame(HAND, keypoints=(term,))).keypoints
-    assert wide.cost(bones) == pytest.approx(term.cost(bones) / 100.0)

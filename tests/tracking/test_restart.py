@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from handtrack import (
-    ImageKeypoints,
     Observation,
     PointCloud,
     Status,
@@ -16,8 +15,6 @@ from handtrack import (
     load_model,
 )
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
@@ -25,6 +22,7 @@ from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.search import lost_hand
 from handtrack.tracking.search.global_search import GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
+from tests.tracking.scenes import joints_seen, off_mm, on_surface
 
 MODEL = load_model()
 RIG = simulated_rig(3, (320, 240))
@@ -65,8 +63,7 @@ def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
     def observation_of(params, frame):
         if by == "masks":
             return mask_views(MODEL, params, RIG.cameras, frame)
-        bones = MODEL.bones(params)
-        points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 2500, rng)
+        points, _ = on_surface(MODEL, params, 2500, rng)
         return Observation(frame, frame / 25.0, cloud=PointCloud(points))
 
     first = first_of(observation_of(posed(), 0))
@@ -74,8 +71,7 @@ def test_a_hand_that_moved_on_unseen_is_found_again(rng, by):
     plain, jumps = (followed(s, first, seen) for s in (PLAIN, JUMPS))
     assert plain.status == Status.LOST
     assert jumps.status == Status.TRACKED
-    off = jumps.keypoints21 - MODEL.keypoints21(MODEL.bones(truth))
-    assert 1e3 * np.linalg.norm(off, axis=1).mean() < 2.0
+    assert off_mm(jumps, MODEL, truth).mean() < 2.0
 
 
 @pytest.mark.parametrize("spoil", [np.ones_like, lambda mask: 1 - mask], ids=["white", "inverted"])
@@ -99,11 +95,7 @@ def test_a_hand_whose_joints_two_cameras_see_there_is_not_lost_nor_looked_for(kn
     beside = np.zeros_like(good.silhouettes[0].mask)
     beside[:80, :100] = 1.0  # something else of skin's colour
     spoilt = [replace(one, mask=np.maximum(one.mask, beside)) for one in good.silhouettes]
-    places = MODEL.joint_positions(MODEL.bones(posed()))
-    joints = [
-        ImageKeypoints(camera, MODEL.joint_names, camera.project(places), 2.0)
-        for camera in RIG.cameras
-    ]
+    joints = joints_seen(RIG.cameras, MODEL.keypoints21(MODEL.bones(posed())))
 
     def looked_for(*seen_joints):
         found = []

@@ -1,6 +1,9 @@
 """Rounds of a search: propose, thin, fit; a pose is taken only if it is better by the row's gain."""
 
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 
 from handtrack import load_model
 from handtrack.tracking.frame.control import Control
@@ -76,3 +79,18 @@ def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
     search = Search("a line", "", rounds, "distance", repeats=3)
     improved(search, Line(), candidate(9.0), Control(on_search=told.append), 7, "asked")
     assert [report.winner is not None for report in told] == [True, False]
+
+
+@pytest.mark.parametrize(("costs", "made"), [((5, 4, 3), 3), ((5, 4.5, 3), 2), ((5, 6, 3), 2)])
+def test_a_round_is_made_again_while_its_best_is_better_by_the_margin(costs, made):
+    """Margin 0.9: 5 → 4 is better, 4.5 is not; and never more often than the row says."""
+    left = list(costs)
+
+    def more(objective, found, most):
+        return [SimpleNamespace(cost=cost, origin="more") for cost in (left.pop(0), 9)]
+
+    search = Search("", "", (Round((Propose(more),), adds=True, times=3),), "", margin=0.9)
+    tried = []
+    found = run_rounds(search, SimpleNamespace(), (), Control(), tried=tried)
+    assert len(tried) == made
+    assert [c.cost for c in found if c.cost != 9] == list(costs[:made])

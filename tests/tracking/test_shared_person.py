@@ -20,8 +20,6 @@ from handtrack.model.articulated import ShapeCovariance, keypoint_names
 from handtrack.model.model_file import read_scale, write_scale
 from handtrack.model.pose_changes import moved
 from handtrack.model.size import SizeParameters, hand_length_mm
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.render import render_mask
 from handtrack.terms.clouds.cloud_emptiness import seen_from
 from handtrack.tracking.frame.control import Control
@@ -35,6 +33,7 @@ from handtrack.tracking.whole.evidence import Evidence, Recording
 from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
 from tests.derivatives import check_gradient
+from tests.tracking.scenes import on_surface
 from tests.tracking.test_shared_cameras import FPS, FRAMES, SIGMA_PX, camera_at, waving_poses
 
 HAND = load_model("hand26")
@@ -226,13 +225,13 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
     )
     who = OpenPerson(lambda scale: load_model("hand26", "left", scale))
     person = who.build(HandScale(proportions=told))
-    surface, poses = MetaballSurface.of(person), waving_poses()[::3]
+    poses = waving_poses()[::3]
     near = [poses[0, :3] + np.array([[0.05, 0.1, z]]) for z in (0.5, -0.5)]
 
     def found(views):
         seen = []
         for frame, pose in enumerate(poses):
-            points, normals = sample_surface(surface, person.bones(pose), 4000, rng)
+            points, normals = on_surface(person, pose, 4000, rng)
             points = points[seen_from(points, normals, views)]
             cloud = PointCloud(points + rng.normal(scale=1e-3, size=points.shape))
             seen.append(Observation(frame, 3 * frame / FPS, cloud=cloud, cloud_views=tuple(views)))

@@ -6,7 +6,7 @@ import pytest
 from handtrack import HandScale, load_model
 from handtrack.model.size import SizeParameters
 from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
+from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
@@ -16,6 +16,7 @@ from handtrack.terms.loss import geman_mcclure
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
+from tests.tracking.scenes import on_surface
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
@@ -27,7 +28,7 @@ def test_a_cloud_by_pose_and_shape(rng, side):
     pose = hand.clipped(hand.params_from(fist) + rng.normal(scale=0.1, size=26))
     centre = pose[:3] + np.array([0.05, -0.1, 0.6])
     bones = hand.bones(pose)
-    points, _ = sample_surface(surface, bones, 300, rng)
+    points, _ = on_surface(hand, pose, 300, rng)
     points = points + rng.normal(scale=0.003, size=points.shape)
     emptiness = CloudEmptinessTerm.at_start(points[::3], surface_mesh(surface, bones, 0.008))
     terms = [

@@ -1,14 +1,12 @@
-"""The compiled scores of laid shapes are those of their plain forms."""
+"""What a search for the first pose goes by: compiled scores of laid shapes, and what all silhouettes agree on."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from handtrack import load_model
+from handtrack import Silhouette, load_model
 from handtrack.geometry.rotation import spread_rotations
-from handtrack.model.surfaces.metaballs import MetaballSurface
-from handtrack.model.surfaces.surface_mesh import sample_surface
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.search.evidence.cloud_evidence import cloud_evidence
@@ -16,13 +14,17 @@ from handtrack.tracking.search.evidence.hand_shapes import hand_shapes, palm_mid
 from handtrack.tracking.search.evidence.silhouette_evidence import (
     _STEP_PX,
     silhouette_evidence,
+    visual_hull,
 )
+from tests.tracking.scenes import on_surface
 from tests.tracking.start_reference import cloud_score, silhouette_score
 
 MODEL = load_model()
 PARAMS = MODEL.rest_params() + np.array([0.0, -0.09, 0.0, 0.4, -0.3, 0.2, *[0.1] * 20])
 SHAPE = hand_shapes(MODEL, ["curl"])[0]
 TURNS = spread_rotations(5)
+SEEN = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras).silhouettes
+JOINTS = MODEL.joint_positions(MODEL.bones(PARAMS))
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +34,7 @@ def places():
 
 
 def test_scores_of_clouds(rng, places):
-    bones = MODEL.bones(PARAMS)
-    points, _ = sample_surface(MetaballSurface.of(MODEL), bones, 3000, rng)
+    points, _ = on_surface(MODEL, PARAMS, 3000, rng)
     start = cloud_evidence(points, ())
     found = start.scores(SHAPE, TURNS, places)
     every = np.ones(len(SHAPE.points), bool)
@@ -44,8 +45,7 @@ def test_scores_of_clouds(rng, places):
 
 
 def test_scores_of_silhouettes(places):
-    seen = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras)
-    start = silhouette_evidence(seen.silhouettes)
+    start = silhouette_evidence(SEEN)
     found = start.scores(SHAPE, TURNS, places)
     outside, sizes = start._pictures
     samples, begin, areas = start._samples
@@ -61,3 +61,32 @@ def test_scores_of_silhouettes(places):
     sure = low <= 0.2
     assert (low[sure] == found[sure]).all()
     assert (found[~sure] > 0.2).all(), "what is given up is worse than enough"
+
+
+def nearest(points, to):
+    return np.linalg.norm(points - to[:, None], axis=2).min(axis=1)
+
+
+def test_the_hull_holds_the_hand_and_lies_in_every_mask():
+    hull = visual_hull(SEEN)
+    assert nearest(hull.centres, JOINTS).max() < 0.01, "every joint is in it"
+    for silhouette in SEEN:
+        row, column = np.nonzero(silhouette.mask)
+        mask = np.stack([column, row], axis=1).astype(float)
+        pixel = silhouette.camera.project(hull.centres)
+        depth = silhouette.camera.to_camera(hull.centres)[:, 2]
+        off = np.linalg.norm(pixel[:, None] - mask, axis=2).min(axis=1)
+        half_cell = 0.5 * hull.side * silhouette.camera.matrix[0, 0] / depth
+        assert (off <= half_cell + 1.0).all(), silhouette.camera.name  # a pixel of rounding
+    palm = np.linalg.norm(hull.centres - JOINTS.mean(axis=0), axis=1).argmin()
+    assert hull.depth[palm] > 0.008, "the palm is deep inside"
+
+
+def test_empty_and_contradicting_masks_have_no_hull():
+    assert len(visual_hull([]).centres) == 0
+    nothing = [Silhouette(s.camera, np.zeros_like(s.mask), s.valid) for s in SEEN]
+    assert len(visual_hull(nothing).centres) == 0
+    row = np.zeros_like(SEEN[0].mask)
+    row[:8, :8] = 1.0  # a corner that sees past everything the others see
+    corner = Silhouette(SEEN[0].camera, row, SEEN[0].valid)
+    assert len(visual_hull([corner, *SEEN[1:]]).centres) == 0

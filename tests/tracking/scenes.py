@@ -1,0 +1,29 @@
+"""What tests of tracking share: points of a hand's surface, joints as cameras see them, and how far a result is off."""
+
+import numpy as np
+
+from handtrack import ImageKeypoints
+from handtrack.model.articulated import keypoint_names
+from handtrack.model.surfaces.metaballs import MetaballSurface
+from handtrack.model.surfaces.surface_mesh import sample_surface
+from handtrack.terms.clouds.cloud_emptiness import seen_from
+
+
+def on_surface(model, params, count, rng, eye=None):
+    """Return points (N, 3) and normals on a posed model's surface; eye: only what a camera there sees."""
+    points, normals = sample_surface(MetaballSurface.of(model), model.bones(params), count, rng)
+    seen = slice(None) if eye is None else seen_from(points, normals, [eye[None]])
+    return points[seen], normals[seen]
+
+
+def joints_seen(cameras, points, off_px=0.0, sigma_px=2.0):
+    """Return a hand's keypoints (21, 3) as cameras see them, beside by off_px."""
+    return tuple(
+        ImageKeypoints(c, keypoint_names(), c.project(points) + off_px, sigma_px) for c in cameras
+    )
+
+
+def off_mm(result, model, params):
+    """Return how far each joint of a result is from where parameters have it [mm]."""
+    true = model.joint_positions(model.bones(params))
+    return 1e3 * np.linalg.norm(result.joint_positions - true, axis=1)
