@@ -1,11 +1,10 @@
-"""Images of calibration boards by known cameras: every pixel's ray is cut with the board's plane."""
+"""Calibration boards before known cameras."""
 
 import cv2
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from handtrack import Camera, CameraRig
-from handtrack.capture.calibration.boards import Board, Chessboard, draw_board, page_size_mm
+from handtrack.capture.calibration.boards import Board, CharucoBoard, draw_board, page_size_mm
 from handtrack.geometry.rotation import rotation_matrix
 
 _PER_MM = 4.0
@@ -48,49 +47,19 @@ def seen_pixels(camera: Camera, board: Board, pose) -> np.ndarray:
     return camera.project(board.points @ pose[:3, :3].T + pose[:3, 3])
 
 
-class BoardPhotographer:
-    """Takes pictures of one board with one camera; the lens is traced once."""
-
-    def __init__(self, camera: Camera, board: Board) -> None:
-        self._camera = camera
-        self._page = draw_board(board, _PER_MM)
-        margin = (page_size_mm(board)[0] - board.squares[0] * board.square_m * 1e3) / 2
-        # the board's origin is its first inner corner, or the outer corner of a ChArUco board
-        inside = board.square_m * 1e3 if isinstance(board, Chessboard) else 0.0
-        self._origin_mm = margin + inside
-        width, height = camera.size
-        u, v = np.meshgrid(np.arange(2 * width) / 2 - 0.25, np.arange(2 * height) / 2 - 0.25)
-        # the lens is smooth: trace it on a coarse grid and interpolate
-        coarse = np.stack(np.meshgrid(np.linspace(-1, width, 60), np.linspace(-1, height, 60)), -1)
-        traced = camera.undistort_points(coarse)
-        at = [(v + 1) / (height + 1) * 59, (u + 1) / (width + 1) * 59]
-        # not cv2.remap: its steps of 1/32 of a coarse cell would be a quarter of a pixel
-        straight = np.stack([map_coordinates(traced[..., i], at, order=3) for i in range(2)], -1)
-        flat = (straight - camera.matrix[:2, 2]) / np.diag(camera.matrix)[:2]
-        self._rays = np.concatenate([flat, np.ones_like(flat[..., :1])], -1)
-
-    def picture(self, pose, rng=None, noise=2.0) -> np.ndarray:
-        """Return the image (H, W) uint8 of the board at T_world_board."""
-        camera = self._camera
-        turn = camera.rotation @ pose[:3, :3]
-        shift = camera.rotation @ pose[:3, 3] + camera.translation
-        plane = np.linalg.inv(np.column_stack([turn[:, 0], turn[:, 1], shift]))
-        on_board = self._rays @ plane.T
-        place = on_board[..., :2] / on_board[..., 2:] * 1e3 + self._origin_mm
-        at = (place * _PER_MM - 0.5).astype(np.float32)
-        fine = cv2.remap(
-            self._page,
-            at[..., 0],
-            at[..., 1],
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=120,
-        )
-        height, width = fine.shape[0] // 2, fine.shape[1] // 2
-        image = fine.reshape(height, 2, width, 2).mean(axis=(1, 3)) * 0.8 + 20
-        if rng is not None:
-            image = image + rng.normal(size=image.shape) * noise
-        return np.clip(np.round(image), 0, 255).astype(np.uint8)
+def photograph(camera: Camera, board: CharucoBoard, pose, rng, noise=2.0) -> np.ndarray:
+    """Return the image (H, W) uint8 of a board at T_world_board by a camera without distortion."""
+    page, pixel = draw_board(board, _PER_MM), 1e-3 / _PER_MM
+    margin = 0.5e-3 * page_size_mm(board)[0] - 0.5 * board.squares[0] * board.square_m
+    to_board = np.array([[pixel, 0, pixel / 2 - margin], [0, pixel, pixel / 2 - margin], [0, 0, 1]])
+    turn, twice = camera.rotation @ pose[:3, :3], np.array([[2, 0, 0.5], [0, 2, 0.5], [0, 0, 1]])
+    seen = np.column_stack([turn[:, :2], camera.to_camera(pose[:3, 3])])
+    width, height = camera.size
+    fine = cv2.warpPerspective(
+        page, twice @ camera.matrix @ seen @ to_board, (2 * width, 2 * height), borderValue=120
+    )  # fmt: skip
+    image = 0.8 * cv2.resize(fine, camera.size, interpolation=cv2.INTER_AREA) + 20
+    return np.clip(np.round(rng.normal(image, noise)), 0, 255).astype(np.uint8)
 
 
 def three_cameras(size=(480, 360)) -> CameraRig:

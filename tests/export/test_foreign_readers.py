@@ -1,5 +1,7 @@
 """Every format is read by somebody else's program, which finds each joint where the result has it."""
 
+from dataclasses import replace
+
 import pytest
 
 from handtrack import HandtrackError
@@ -9,8 +11,9 @@ from tests.export.foreign import (
     BOUNDS_MM,
     OF_KNOWN_SKELETONS,
     READERS,
+    library,
 )
-from tests.export.sequences import KINDS, sample_sequence
+from tests.export.sequences import KINDS, LOST_ROW, sample_sequence
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])
@@ -23,3 +26,15 @@ def test_foreign_readers_find_the_joints(name, kind, tmp_path):
             export_format(name).write(tmp_path / "x.json", table)
         return
     assert READERS[name](kind, tmp_path) < BOUNDS_MM[name]
+
+
+def test_a_pose_file_is_as_large_as_what_was_found(tmp_path):
+    """Not as where a lost hand is held, metres away."""
+    Pose = library("pose_format").Pose
+    track = sample_sequence("left")[1]
+    far = track.joint_positions.copy()
+    far[LOST_ROW] += 10.0
+    table = ResultsTable(replace(track, joint_positions=far))
+    (path,) = export_format("pose").write(tmp_path / "x.pose", table)
+    told = Pose.read(path.read_bytes()).header.dimensions
+    assert 0 < max(told.width, told.height, told.depth) < 2000

@@ -4,7 +4,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handtrack.model.kinematics import BonePoses
-from handtrack.model.kinematics_kernels import Growth
 from handtrack.model.skeleton import Skeleton
 
 
@@ -22,25 +21,6 @@ def bone_poses(skeleton: Skeleton, params: np.ndarray) -> BonePoses:
         rotation.append(turn)
         position.append(place)
     return BonePoses(np.asarray(params[:3]), np.stack(rotation), np.stack(position))
-
-
-def growth_fields(growth: Growth, bones: BonePoses) -> tuple[np.ndarray, np.ndarray]:
-    """What deviations do to bones whose heads, axes and flesh grow: (B, 12, N) of joints and of ellipsoids, as `BoneFields`."""
-    turn, above = bones.rotation, growth.parent[1:]
-    stretch = np.einsum("bik,bkn,bjk->bijn", turn, growth.rates, turn)
-    along = bones.position[1:] - bones.position[above]
-    further = np.einsum("bijn,bj->bin", stretch[above], along)
-    own = slice(growth.first, growth.first + len(growth.moves))
-    scaled = bones.scale_change[above] * growth.moves[:, 1:]
-    further[:, :, own] += np.einsum("bik,qbk->biq", turn[above], scaled)
-    head = np.zeros((len(turn), 3, stretch.shape[3]))
-    for bone, parent in enumerate(above, start=1):
-        head[bone] = head[parent] + further[bone - 1]
-    at = head - np.einsum("bijn,bj->bin", stretch, bones.position - bones.reference)
-    shifted = at.copy()
-    shifted[:, :, own] += np.einsum("bik,qbk->biq", turn, bones.scale_change * growth.shift)
-    stretch = stretch.reshape(len(turn), 9, -1)
-    return np.concatenate([at, stretch], axis=1), np.concatenate([shifted, stretch], axis=1)
 
 
 def paper_quaternion(x: np.ndarray) -> np.ndarray:

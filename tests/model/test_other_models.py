@@ -6,15 +6,9 @@ import pytest
 from handtrack import (
     ArticulatedModel,
     HandtrackError,
-    Observation,
-    Silhouette,
-    TrackerSettings,
-    bundled_session,
     load_model,
-    track,
 )
 from handtrack.export.motion.urdf import urdf_text
-from handtrack.simulation.scenes.simulated_views import model_mask
 from tests.conftest import REPOSITORY
 
 GRIPPER = REPOSITORY / "docs" / "notebooks" / "gripper.urdf"
@@ -67,26 +61,6 @@ def test_a_model_written_as_urdf_and_read_again_moves_the_same(tmp_path, rng, na
     limits = dict(zip(again.parameter_names, again.limits.interval, strict=True))
     for parameter, low_high in zip(model.parameter_names[6:], model.limits.interval[6:], strict=True):  # fmt: skip
         np.testing.assert_allclose(limits[parameter], low_high, atol=1e-8)
-
-
-def test_a_robot_hand_is_tracked_by_its_own_model():
-    """By three silhouettes, from a start 15° off; its thumb's second joint follows the first."""
-    from handtrack.capture.calibration.rig_file import read_rig
-
-    robot = load_model(GRIPPER, coupling="21")
-    cameras = list(read_rig(bundled_session() / "calibration.toml"))
-    place = np.mean([c.centre + 0.45 * c.rotation[2] for c in cameras], axis=0)
-    angles = {"left_bend": 0.5, "left_curl": 0.9, "right_bend": 0.3, "right_curl": 0.6, "thumb_bend": 0.5, "thumb_curl": 0.4}  # fmt: skip
-    root = dict(zip(("root_tx", "root_ty", "root_tz"), place, strict=True))
-    true = robot.params_from(angles | root)
-    off = {name: value - 0.26 for name, value in angles.items()}
-    start = robot.params_from(off | root, nearest=True)
-    flesh = robot.flesh["fine"].posed(robot.bones(true))
-    seen = tuple(Silhouette(c, model_mask(c, flesh)) for c in cameras)
-    result = track(robot, [Observation(0, 0.0, silhouettes=seen)], start, TrackerSettings())
-    for name, value in angles.items():
-        assert result.angle(name, degrees=False)[0] == pytest.approx(value, abs=0.03), name
-    assert result.angle("thumb_curl") == pytest.approx(0.8 * result.angle("thumb_bend"))
 
 
 def test_a_bvh_gives_its_skeleton(tmp_path):

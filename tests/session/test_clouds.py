@@ -51,6 +51,8 @@ def test_the_crop_needs_the_hand_of_the_frame_before(folder, rng):
     near, reports = session.cloud(0, hand_distance=lambda p: np.abs(p[:, 0]))
     assert np.abs(near.points[:, 0]).max() <= 0.02
     assert reports[0].name == "crop"
+    seen = session.observation(0, hand_distance=lambda p: np.abs(p[:, 0])).cloud
+    np.testing.assert_array_equal(seen.points, near.points)
     assert np.abs(session.cloud(0)[0].points[:, 0]).max() > 0.04
     every, reports = session.cloud(
         0,

@@ -51,6 +51,10 @@ def with_a_cloud_in_centimetres(folder: Path) -> None:
         file.write('\n[clouds]\nfiles = "clouds/*.npz"\n')
 
 
+def edited(file: str, old: str, new: str) -> Callable[[Path], None]:
+    return lambda folder: edit(folder / file, old, new)
+
+
 ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
     "all masks empty": (
         lambda f: masks(f, "cam1", EMPTY),
@@ -68,7 +72,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "in 2 of 4 masks more than half of the image is hand, frames 1-2. Are they inverted?",
     ),
     "region of interest": (
-        lambda f: edit(f / "session.toml", 'name = "cam1"', 'name = "cam1"\nroi = [0, 0, 18, 48]'),
+        edited("session.toml", 'name = "cam1"', 'name = "cam1"\nroi = [0, 0, 18, 48]'),
         "warning",
         "camera 'cam1': in 4 of 4 masks most of the hand lies outside of roi = [0, 0, 18, 48], frames 0-3",
     ),
@@ -93,29 +97,27 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "frame 2 counts as missing",
     ),
     "calibration in mm": (
-        lambda f: edit(f / "calibration.toml", "[0.0, 0.0, 0.5]", "[0.0, 0.0, 500.0]"),
+        edited("calibration.toml", "[0.0, 0.0, 0.5]", "[0.0, 0.0, 500.0]"),
         "warning",
         "with world_unit_m = 1. Is calibration.toml in millimetres? Then world_unit_m = 0.001.",
     ),
     "same pose twice": (
-        lambda f: edit(f / "calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, 0.0, 0.0]"),
+        edited("calibration.toml", "[0.0, 0.7, 0.0]", "[0.0, 0.0, 0.0]"),
         "warning",
         "cameras 'cam0' and 'cam1' have one pose. Was it copied?",
     ),
     "matrix of another size": (
-        lambda f: edit(f / "calibration.toml", "0.0, 31.5]", "0.0, 310.0]"),
+        edited("calibration.toml", "0.0, 31.5]", "0.0, 310.0]"),
         "warning",
         "camera 'cam0': the principal point (310, 24) is far from the middle of 64 x 48.",
     ),
     "focal length": (
-        lambda f: edit(f / "calibration.toml", "[80.0, 0.0", "[8000.0, 0.0"),
+        edited("calibration.toml", "[80.0, 0.0", "[8000.0, 0.0"),
         "warning",
         "camera 'cam0': a focal length of 8000 px is unusual for an image 64 px wide",
     ),
     "folding lens": (
-        lambda f: edit(
-            f / "calibration.toml", "[0.0, 0.0, 0.0, 0.0, 0.0]", "[-1.5, 0.0, 0.0, 0.0, 0.0]"
-        ),
+        edited("calibration.toml", "[0.0, 0.0, 0.0, 0.0, 0.0]", "[-1.5, 0.0, 0.0, 0.0, 0.0]"),
         "note",
         "camera 'cam0': the distortion folds back before the image's corners",
     ),
@@ -154,7 +156,7 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "m away from the nearest points of the cloud (median). Is the unit right",
     ),
     "the same images twice": (
-        lambda f: edit(f / "session.toml", 'name = "cam1"', 'name = "cam1"\nimages = "cam0/*.png"'),
+        edited("session.toml", 'name = "cam1"', 'name = "cam1"\nimages = "cam0/*.png"'),
         "warning",
         "cameras 'cam0' and 'cam1' are given the same images, \"cam0/*.png\".",
     ),
@@ -164,13 +166,13 @@ ODD: dict[str, tuple[Callable[[Path], object], str, str]] = {
         "Lengths differ: camera 'cam0', images 3, camera 'cam0', masks 4, camera 'cam1' 4 frames.",
     ),
     "no saved hand": (
-        lambda f: edit(f / "session.toml", 'scale = "fit"', 'scale = "init.json"'),
+        edited("session.toml", 'scale = "fit"', 'scale = "init.json"'),
         "error",
         "init.json: a saved hand is a TOML or JSON file",
     ),
     "a lens of another size": (
-        lambda f: edit(
-            f / "calibration.toml",
+        edited(
+            "calibration.toml",
             "[[80.0, 0.0, 31.5], [0.0, 80.0",
             "[[40.0, 0.0, 31.5], [0.0, 40.0",
         ),

@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack import HandtrackError, PointCloud, Session, bundled_session
-from handtrack.capture.clouds.cloud_files import write_cloud
+from handtrack import HandtrackError, Session, bundled_session
 from handtrack.capture.masks.segmentation import DepthRange, SkinYCrCb
 from handtrack.session import bundled
 from handtrack.session.session_file import (
@@ -19,7 +18,6 @@ from handtrack.session.session_file import (
     read_session_file,
     write_session_file,
 )
-from tests.capture.test_synchrony import camera
 from tests.session.small_session import edit, make_session
 from tests.session.test_hostile_sessions import contains, refusal
 
@@ -103,49 +101,6 @@ def test_c11_the_line_to_write_is_said_and_does_it(halved):
     assert session.rig["cam1"].matrix.tolist() == [[40, 0, 15.5], [0, 40, 11.5], [0, 0, 1]]
     assert session.rig["cam0"].size == (64, 48)
     assert [s.mask.shape for s in session.observation(0).silhouettes] == [(48, 64), (24, 32)]
-
-
-def test_c11_pixels_of_a_scaled_camera_are_where_resized_images_have_them(
-    rng,
-):
-    """Averaging blocks of 4 pixels puts what covered them at their middle."""
-    large = camera("a", 0.3)
-    small = large.scaled((large.size[0] // 4, large.size[1] // 4))
-    points = rng.uniform(-0.05, 0.05, (9, 3))
-    block = (large.project(points) - 1.5) / 4
-    assert np.allclose(small.project(points), block, atol=1e-9)
-
-
-MIDDLE = np.array([0.0, 0.0, 0.01])
-
-
-@pytest.fixture
-def walled(tmp_path: Path, rng: np.random.Generator) -> Path:
-    """A session with masks, and clouds of a hand-sized patch before a wall with forty times its points."""
-    folder = make_session(tmp_path)
-    (folder / "c").mkdir()
-    hand = MIDDLE + rng.uniform(-0.04, 0.04, (1000, 3)) * (1, 1, 0.05)
-    wall = rng.uniform(-1.0, 1.0, (40_000, 3)) * (1, 1, 0.001) + (0, 0, 0.4)
-    for frame in range(2):
-        write_cloud(folder / "c" / f"{frame}.npz", PointCloud(np.vstack([wall, hand])))
-    settings = folder / "session.toml"
-    text = settings.read_text().replace('scale = "fit"', "scale = 1.0")
-    clouds = '[clouds]\nfiles = "c/*.npz"\nmax_points = 400\noutlier_neighbours = 8\n'
-    settings.write_text(f"{text}\n{clouds}")
-    return folder
-
-
-def to_middle(points):
-    return np.linalg.norm(points - MIDDLE, axis=1) - 0.04
-
-
-def test_the_crop_comes_before_the_thinning(walled):
-    session = Session.open(walled)
-    everything = session.observation(0).cloud
-    cropped = session.observation(0, hand_distance=to_middle).cloud
-    assert len(everything) == len(cropped) == 400
-    assert (everything.points[:, 2] < 0.1).sum() < 60  # hardly any of the hand is left
-    assert (cropped.points[:, 2] < 0.1).all()
 
 
 @pytest.fixture

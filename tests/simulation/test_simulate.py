@@ -6,12 +6,11 @@ import pytest
 
 from handtrack import Camera, Session, load_model
 from handtrack.model.flesh import PosedEllipsoids, model_mask
-from handtrack.model.pose_library import named_pose, pose_names
+from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.motion import MOTIONS, motion
 from handtrack.simulation.render import render_mask
 from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
-from handtrack.terms.collision import CollisionTerm
 from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 from tests.terms.silhouette_scene import BONES, bones_of, camera_of, ellipsoids_of
 
@@ -144,23 +143,3 @@ def test_the_model_covers_its_silhouette_and_the_room_the_rest(rng):
     off = np.abs(picture.astype(int) - room)[outside]
     assert np.percentile(off, 99) <= 12  # sampled finer and back: nearly the same
     assert np.abs(picture.astype(int) - room)[share == 1].mean() > 20
-
-
-BODY = load_model("body34")
-
-
-@pytest.fixture(scope="module")
-def session(tmp_path_factory):
-    """Somebody who stands and sways, seen by three small cameras."""
-    what = Simulation(
-        cameras=3, frames=30, size=(160, 120), motion="still", model="body34", scale=0.95, distance_m=3.5, images=False
-    )  # fmt: skip
-    return Session.open(simulate(tmp_path_factory.mktemp("body") / "new", what))
-
-
-@pytest.mark.parametrize("name", pose_names("body"))
-def test_poses_are_within_limits_and_hardly_collide(name):
-    joint = named_pose(BODY, name)
-    low, high = BODY.limits.interval.T
-    assert ((joint >= low) & (joint <= high)).all()
-    assert CollisionTerm.of(BODY).depths(BODY.bones(joint)).max() < 0.03

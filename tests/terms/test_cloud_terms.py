@@ -7,8 +7,6 @@ import pytest
 from scipy.spatial import cKDTree
 
 from handtrack import load_model
-from handtrack.model.flesh import Ellipsoids
-from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.metaballs import FORMS, MetaballSurface
 from handtrack.model.surfaces.surface_mesh import sample_surface, surface_mesh
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
@@ -21,7 +19,7 @@ from tests.derivatives import check_jacobian, check_observation_term
 from tests.model.metaballs_reference import cloud_rows
 from tests.terms.cloud_rays_reference import ray_costs
 from tests.terms.plain_rows import system_of
-from tests.terms.silhouette_scene import assert_same_system
+from tests.terms.silhouette_scene import assert_same_system, parts_at
 
 LOSSES = [quadratic(), geman_mcclure(2.0), huber(1.5), uniform_outliers(0.2, 20.0)]
 
@@ -61,10 +59,8 @@ def test_derivatives_by_every_bone(rng, model, form, loss):
 
 def test_one_ball_by_hand():
     """A point 1 mm outside along x pulls the ball that way, and turns it where its arm says."""
-    flesh = Ellipsoids(
-        ("b",), np.zeros(1, int), np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), 0.01)
-    )
-    bones = BonePoses(np.zeros(3), np.eye(3)[None], np.array([[0.0, 0.1, 0.0]]))
+    flesh, bones = parts_at([[0.01] * 3], [[0.0, 0.1, 0.0]])
+    bones = replace(bones, reference=np.zeros(3))
     term = CloudDistanceTerm(
         prepare_cloud(np.array([[0.011, 0.1, 0.0]])),
         MetaballSurface(flesh, np.ones((1, 1), bool)),

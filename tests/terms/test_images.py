@@ -117,19 +117,23 @@ def test_it_is_the_sum_that_numpy_makes_outline_edges(rng, from_unexplained):
     assert term.cost(moved) == pytest.approx(reference.cost)
 
 
-def test_edges_are_where_the_picture_changes(rng):
-    bones, _, mesh, views = scene(rng, cameras=1, parts=1)
-    camera = views[0][0]
-    seen = edges_of(mesh, bones, camera, drawn(mesh, bones, camera))
+@pytest.fixture
+def edges(rng):
+    """Return bones, and the edges in a picture of a plain part before a plain background."""
+    bones, _, mesh, ((camera, _),) = scene(rng, cameras=1, parts=1)
+    return bones, edges_of(mesh, bones, camera, drawn(mesh, bones, camera))
+
+
+def test_edges_are_where_the_picture_changes(edges):
+    _, seen = edges
     best = seen.place[:, 0][seen.strength[:, 0] > 0]
     assert seen.found > 0.9
     assert abs(np.median(best)) < 0.3
     assert np.percentile(np.abs(best), 80) < 1.0
 
 
-def test_pieces_without_an_edge_tell_nothing_of_how_far_edges_are(rng):
-    bones, _, mesh, views = scene(rng, cameras=1, parts=1)
-    seen = edges_of(mesh, bones, views[0][0], drawn(mesh, bones, views[0][0]))
+def test_pieces_without_an_edge_tell_nothing_of_how_far_edges_are(edges):
+    bones, seen = edges
     seen.strength[5] = 0.0
     (told,) = image_residuals(OutlineEdgesTerm([seen], sigma_px=2.0), bones)
     there = seen.strength.max(axis=1) > 0.0
@@ -138,11 +142,9 @@ def test_pieces_without_an_edge_tell_nothing_of_how_far_edges_are(rng):
     assert np.percentile(np.abs(told.sigmas), 80) < 0.5
 
 
-def test_clutter_far_from_the_outline_does_not_pull(rng):
+def test_clutter_far_from_the_outline_does_not_pull(edges):
     """Beside the outline's own edge another one: narrow, the far one has hardly any say."""
-    bones, _, mesh, views = scene(rng, cameras=1, parts=1)
-    camera = views[0][0]
-    seen = edges_of(mesh, bones, camera, drawn(mesh, bones, camera))
+    bones, seen = edges
     place, strength = np.zeros_like(seen.place), np.zeros_like(seen.strength)
     strength[:, :2], place[:, 1] = (0.5, 0.9), 6.0
     both = replace(seen, place=place, strength=strength)
@@ -221,7 +223,7 @@ def test_the_outline_of_a_coarse_mesh_is_where_its_normals_turn_away(camera):
     assert np.abs(across).max() / 0.5 < 0.06
 
 
-def test_it_agrees_with_exact_rays(rng):
+def test_the_depth_is_that_of_exact_rays_and_a_window_holds_the_model(rng):
     bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
     camera = camera_of(rng, (200, 160), focal=330.0)
     picture = depth_picture(ellipsoid_mesh(flesh, 3), bones, camera)
@@ -233,13 +235,6 @@ def test_it_agrees_with_exact_rays(rng):
     assert np.percentile(np.abs(depth - exact)[both], 95) < 2e-4
     same = face[both] // 1280 == front[both]  # 20 · 4³ faces an ellipsoid
     assert same.mean() > 0.97
-
-
-def test_a_window_holds_the_model_and_nothing_is_around_it(rng):
-    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
-    camera = camera_of(rng, (200, 160), focal=330.0)
-    picture = depth_picture(ellipsoid_mesh(flesh), bones, camera)
-    face, depth = picture.in_image()
     v, u = np.mgrid[:160, :200]
     every = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
     faces, depths = picture.at(every)
