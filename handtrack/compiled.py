@@ -64,6 +64,14 @@ class _Files(FunctionCache._impl_class):
 class _Cache(FunctionCache):
     _impl_class = _Files
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return kept code; none where another version calls the types of its arguments otherwise, and kept no other here."""
+        try:
+            return super().load_overload(sig, target_context)
+        except (AttributeError, ImportError):
+            self.flush()
+            return None
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep code, and remove what was written long ago from its folder: of versions that are gone. Others compile again."""
         super().save_overload(sig, data)

@@ -44,3 +44,15 @@ def test_machine_code_is_made_anew_where_a_function_that_it_calls_changed_in_ano
 def test_a_function_of_a_module_that_is_loaded_by_its_file_is_called_again_and_again(tmp_path):
     (tmp_path / "inner.py").write_text(INNER.format(1))
     assert [called(tmp_path, tmp_path / "kept", BY_FILE) for _ in range(2)] == [["2"], ["2"]]
+
+
+def test_code_for_a_type_that_this_version_calls_otherwise_is_made_anew(tmp_path):
+    (tmp_path / "inner.py").write_text(
+        INNER.format(1).replace("(x)", "(pair)").replace("return x", "return pair.x")
+    )
+    for name in ("Pair", "Two"):
+        (tmp_path / "types_.py").write_text(
+            f"from typing import NamedTuple\nclass {name}(NamedTuple):\n    x: int\n"
+        )
+        asked = f"import inner, types_; print(inner.inner(types_.{name}(1)))"
+        assert called(tmp_path, tmp_path / "kept", asked) == ["2"]

@@ -73,7 +73,7 @@ def _hand(
     axis: Any, model: ArticulatedModel, bones: BonePoses, seen: str, flesh: str, line: str
 ) -> None:
     skin = model_skin(model)
-    points = skin.carried(bones.T_world_bone[None])[0]
+    points, _ = skin.carried(bones)
     points = points[points[:, 1] > -0.09]  # the forearm goes on
     flat = _seen(points, seen, model.side)
     axis.plot(*flat.T, ".", color=flesh, markersize=2.4, zorder=1)

@@ -14,9 +14,8 @@ from handtrack.geometry.quadric import dual_conic, ellipse, is_ellipse, shape_ma
 from handtrack.model.kinematics import BonePoses
 
 
-@dataclass(frozen=True)
-class PosedEllipsoids:
-    """Ellipsoids in the world."""
+class PosedEllipsoids(NamedTuple):
+    """Ellipsoids in the world; or in bones' frames, as compiled sums take them, see `Ellipsoids`."""
 
     bone: Ints[E]
     """the bone each one sits on."""
@@ -26,15 +25,6 @@ class PosedEllipsoids:
     """ellipsoid axes → world."""
     radii: Floats[E, D3]
     """semi-axes [m]."""
-
-
-class EllipsoidArrays(NamedTuple):
-    """Ellipsoids in bone frames, as compiled sums take them; see `Ellipsoids`."""
-
-    bone: Ints[E]
-    centre: Floats[E, D3]
-    rotation: Floats[E, D3, D3]
-    radii: Floats[E, D3]
 
 
 @dataclass(frozen=True)
@@ -55,9 +45,9 @@ class Ellipsoids:
         return len(self.bone)
 
     @cached_property
-    def arrays(self) -> EllipsoidArrays:
+    def arrays(self) -> PosedEllipsoids:
         """The same for compiled sums."""
-        return EllipsoidArrays(
+        return PosedEllipsoids(
             np.ascontiguousarray(self.bone, np.int64),
             *(np.ascontiguousarray(a, float) for a in (self.centre, self.rotation, self.radii)),
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from handtrack.arrays import Ints, K
 from handtrack.compiled import compiled_as_numpy
-from handtrack.model.flesh import EllipsoidArrays
+from handtrack.model.flesh import PosedEllipsoids
 from handtrack.terms.bone_kernels import fill_arm
 from handtrack.terms.ellipsoid_kernels import posed_shapes
 
@@ -16,7 +16,7 @@ from handtrack.terms.ellipsoid_kernels import posed_shapes
 class Collisions(NamedTuple):
     """Pairs of ellipsoids that may not overlap; see `CollisionTerm`."""
 
-    ellipsoids: EllipsoidArrays
+    ellipsoids: PosedEllipsoids
     first: Ints[K]
     second: Ints[K]
     slack: float

@@ -374,7 +374,11 @@ def glb(kind: str, folder: Path) -> float:
     }
     times = array(animation.samplers[0].input)[:, 0]
     np.testing.assert_allclose(times, table.track.time_s - table.track.time_s[0], atol=1e-6)
-    wanted = model_skin(table.model).carried(table.track.T_world_bone)
+    skin_on_bones = model_skin(table.model)
+    poses_of = table.track.T_world_bone[:, skin_on_bones.bone]
+    wanted = (
+        np.einsum("fvij,vj->fvi", poses_of[..., :3, :3], skin_on_bones.local) + poses_of[..., :3, 3]
+    )
     worst = 0.0
     for i in range(len(times)):
         poses: dict[int, np.ndarray] = {}

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D4, Array, Axes, B, F, Floats, V
-from handtrack.export.shown.mesh import Skin, model_skin
+from handtrack.export.shown.mesh import model_skin
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replacing
 from handtrack.geometry.rotation import quaternion_wxyz
 from handtrack.model.articulated import ArticulatedModel
+from handtrack.model.surfaces.part_mesh import PartMesh
 
 _BLEND_M = 0.006  # about a fingertip's radius: creases of joints are as wide
 # glTF 2.0, sections 3.6.2 and 3.9: kinds of numbers, and buffers for vertices and for indices
@@ -38,7 +39,7 @@ def glb_bytes(table: ResultsTable) -> bytes:
     """Return the file."""
     model, track, buffer = table.model, table.track, _Buffer()
     skeleton, skin = model.skeleton, model_skin(model)
-    rest = model.bones(model.params_from({})).T_world_bone
+    rest = model.bones(model.params_from({}))
     local = local_poses(track.T_world_bone, skeleton.parent)
     bones = skeleton.bone_count
     nodes: list[dict[str, Any]] = []
@@ -50,8 +51,7 @@ def glb_bytes(table: ResultsTable) -> bytes:
         node["rotation"] = np.roll(quaternion_wxyz(local[0, bone, :3, :3]), -1).tolist()
         nodes.append(node)
     nodes.append({"name": "skin", "mesh": 0, "skin": 0})
-    posed = skin.carried(rest[None])[0]
-    normal = np.einsum("vij,vj->vi", rest[skin.bone, :3, :3], skin.normal)
+    posed, normal = skin.carried(rest)
     on, weights = blended(model, skin)
     attributes = {
         "POSITION": buffer.add(posed, _FLOAT32, True, _VERTICES),
@@ -64,7 +64,7 @@ def glb_bytes(table: ResultsTable) -> bytes:
         "indices": buffer.add(skin.faces.ravel(), _UINT32, target=_INDICES),
         "material": 0,
     }
-    back = np.swapaxes(np.linalg.inv(rest), 1, 2)  # column by column
+    back = np.swapaxes(np.linalg.inv(rest.T_world_bone), 1, 2)  # column by column
     samplers, channels = _animation(buffer, track.time_s, local)
     tree = {
         "asset": {"version": "2.0", "generator": f"handtrack {track.version}"},
@@ -97,7 +97,7 @@ def glb_bytes(table: ResultsTable) -> bytes:
     return _packed(tree | buffer.tables, bytes(buffer.data))
 
 
-def blended(model: ArticulatedModel, skin: Skin) -> tuple[Array[V, D4], Floats[V, D4]]:
+def blended(model: ArticulatedModel, skin: PartMesh) -> tuple[Array[V, D4], Floats[V, D4]]:
     """Return the bones (V, 4) that carry each vertex, and their weights: its own, and the neighbours it is near to.
 
     Half of a vertex that lies on its own bone's ellipsoids and on a neighbour's is each one's; a vertex _BLEND_M away from a
@@ -105,7 +105,7 @@ def blended(model: ArticulatedModel, skin: Skin) -> tuple[Array[V, D4], Floats[V
     """
     skeleton, shapes = model.skeleton, model.flesh["fine"]
     posed = model.bones(model.rest_params())
-    points = skin.carried(posed.T_world_bone[None])[0]
+    points, _ = skin.carried(posed)
     share = np.zeros((len(points), skeleton.bone_count))
     for bone in range(skeleton.bone_count):
         near = np.full(len(points), np.inf)

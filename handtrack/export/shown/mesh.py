@@ -4,40 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from handtrack.arrays import D3, D4, B, F, Floats, Ints, T, V, array_dataclass
+from handtrack.arrays import D3, Floats
 from handtrack.model.articulated import ArticulatedModel
-from handtrack.model.surfaces.part_mesh import vertex_normals
+from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
 from handtrack.model.surfaces.surface_mesh import carried_mesh, model_mesh
 
 
-@array_dataclass
-class Skin:
-    """A triangle mesh on bones."""
-
-    bone: Ints[V]
-    local: Floats[V, D3]
-    """in that bone's frame [m]"""
-    normal: Floats[V, D3]
-    """unit, outwards, in that bone's frame"""
-    faces: Ints[T, D3]
-    """counter-clockwise seen from outside"""
-
-    def carried(self, T_world_bone: Floats[F, B, D4, D4]) -> Floats[F, V, D3]:
-        """Return the vertices in the world for each of F poses [m]."""
-        own = T_world_bone[:, self.bone]
-        return np.einsum("fvij,vj->fvi", own[..., :3, :3], self.local) + own[..., :3, 3]
-
-
-def model_skin(model: ArticulatedModel) -> Skin:
+def model_skin(model: ArticulatedModel) -> PartMesh:
     """Return a hand's merged surface in one piece, where it has metaballs; else its parts."""
-    if model.kind == "hand" and "metaballs" in model.flesh:
-        relaxed = model.bones(model.rest_params())
-        mesh = carried_mesh(model, relaxed)
-        turned = np.swapaxes(relaxed.rotation[mesh.bone], 1, 2)
-        normals = vertex_normals(mesh.vertices, mesh.faces)
-        return Skin(mesh.bone, mesh.local, np.einsum("vij,vj->vi", turned, normals), mesh.faces)
-    parts = model_mesh(model)
-    return Skin(parts.bone, parts.local, parts.normal, parts.faces)
+    if model.kind != "hand" or "metaballs" not in model.flesh:
+        return model_mesh(model)
+    relaxed = model.bones(model.rest_params())
+    mesh = carried_mesh(model, relaxed)
+    turned = np.swapaxes(relaxed.rotation[mesh.bone], 1, 2)
+    normals = vertex_normals(mesh.vertices, mesh.faces)
+    return PartMesh(mesh.bone, mesh.local, np.einsum("vij,vj->vi", turned, normals), mesh.faces)
 
 
 # ---- Which named joints are connected by bones: the lines of a stick figure

@@ -18,7 +18,7 @@ import numpy as np
 
 from handtrack.arrays import D2, E, Floats
 from handtrack.compiled import compiled, compiled_as_numpy
-from handtrack.model.flesh import EllipsoidArrays
+from handtrack.model.flesh import PosedEllipsoids
 from handtrack.model.kinematics import Frames
 from handtrack.terms.bone_system import Sums
 from handtrack.terms.ellipsoid_kernels import posed_shapes
@@ -83,7 +83,7 @@ def silhouette_sums(
     by how much the outline is farther out.
     Arguments are plain tuples of what they are called: to check classes of NamedTuples takes 10 % of the time.
     """
-    frames, ellipsoids, sums = Frames(*frames), EllipsoidArrays(*ellipsoids), Sums(*sums)
+    frames, ellipsoids, sums = Frames(*frames), PosedEllipsoids(*ellipsoids), Sums(*sums)
     mask, field = MaskArrays(*mask), CameraField(*field)
     bone, levels = ellipsoids.bone, field.levels
     count = bone.shape[0]
