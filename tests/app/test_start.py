@@ -13,7 +13,7 @@ from handtrack_app.start.found_files import find_files
 from handtrack_app.start.import_progress import ImportProgress, preview
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.start_page import StartPage
-from tests.app.commands.test_new_project import project
+from tests.app.commands.test_new_joints import project
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.capture.sample_files import rig_of_two, sample
@@ -64,7 +64,7 @@ def test_one_opencv_file_a_camera_is_taken_whole(tmp_path, start, monkeypatch):
     assert {name: path.name for name, path in found.videos.items()} == {
         n: f"{n}.mp4" for n in rig.names
     }
-    asked: list[list[str]] = []
+    asked = []
     monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
     start.folder.value = str(tmp_path)
     for _ in range(2):  # the second time by what the page wrote into the field
@@ -113,7 +113,7 @@ def test_a_recording_is_made_in_the_browser(start, folder, tmp_path):
     assert made.file.hand.side == "left" and made.frame_count == 100
 
 
-def drawn(client: WireClient) -> set[str]:
+def drawn(client):
     return {m["name"] for _, m in list(client.messages) if m["type"] == "CameraFrustumMessage"}
 
 
@@ -136,7 +136,7 @@ def test_a_camera_without_a_video_and_an_unused_video_are_red(start, folder):
     assert start.found.content.count("ready") == 2
 
 
-def upload(client: WireClient, start: StartPage, path: Path, size: int = 0) -> None:
+def upload(client, start, path, size=0):
     """Send a file as viser's page does; of one of a size [bytes] only what comes first."""
     said = {"source_component_uuid": start.upload._impl.uuid, "transfer_uuid": path.name}
     content = b"" if size else path.read_bytes()
@@ -215,7 +215,7 @@ def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):
         eventually(lambda: start.make.visible, "it is known")
     assert "a Pose2Sim project" in start.found.content
     assert not start.fetch.visible, "its joints need no detector"
-    asked: list[list[str]] = []
+    asked = []
     monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
     start.make_session()
     (words,) = asked

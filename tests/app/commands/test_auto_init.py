@@ -37,7 +37,7 @@ def searched_once():
         yield
 
 
-def worst_error_mm(poses: Path, folder: Path) -> float:
+def worst_error_mm(poses, folder):
     truth, found = Session.open(folder).truth, read_npz(poses)
     assert found.keypoints21 is not None
     rows = np.searchsorted(truth.frame, found.frame)

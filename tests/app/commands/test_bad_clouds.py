@@ -12,7 +12,6 @@ from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.model.pose_library import named_pose
 from handtrack.simulation.render import pixel_rays, render
 from tests.app.cloud_session import FRAMES, STEP_M, cloud_file, cloud_recording
-from tests.app.command_line import Ended
 from tests.session.small_session import edit
 
 TRACKED, LOST = 0, 2
@@ -28,7 +27,7 @@ def clouds(made, tmp_path):
     return Path(shutil.copytree(made, tmp_path / "session"))
 
 
-def statuses(ended: Ended, folder: Path) -> list[int]:
+def statuses(ended, folder):
     """Return each frame's status; the command ended well, and every pose has numbers."""
     assert ended.code == 0, ended.err
     track = read_npz(folder / "tracks/poses.npz")
@@ -36,19 +35,19 @@ def statuses(ended: Ended, folder: Path) -> list[int]:
     return track.status.tolist()
 
 
-def nothing(folder: Path) -> None:
+def nothing(folder):
     np.savez(cloud_file(folder, 2), points=np.zeros((0, 3)))
 
 
-def no_numbers(folder: Path) -> None:
+def no_numbers(folder):
     np.savez(cloud_file(folder, 2), points=np.tile([[np.nan], [np.inf], [-np.inf]], (700, 3)))
 
 
-def missing(folder: Path) -> None:
+def missing(folder):
     cloud_file(folder, 2).unlink()
 
 
-def cut_ply(folder: Path) -> None:
+def cut_ply(folder):
     missing(folder)
     path = folder / "clouds/002.ply"
     write_cloud(path, PointCloud(np.zeros((1000, 3))))
@@ -87,7 +86,7 @@ def depth(clouds):
 MATRIX = "[[400.0, 0.0, 159.5], [0.0, 400.0, 59.5]"  # the hand, fingers up in y, fills the image
 
 
-def depth_image(frame: int) -> np.ndarray:
+def depth_image(frame):
     """(240, 320) uint16, 0.1 mm a unit: the model's hand 0.5 m before the camera, nothing behind it."""
     model = load_model()
     joint = named_pose(model, "open")

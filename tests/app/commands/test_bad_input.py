@@ -15,12 +15,12 @@ from tests.session.small_session import edit
 VIDEO = bundled_session("open_fist_open") / "cam0.mp4"
 
 
-def init(folder: Path, **changes: object) -> None:
+def init(folder, **changes):
     data = json.loads((folder / "init.json").read_text())
     (folder / "init.json").write_text(json.dumps(data | changes))
 
 
-def small_mask(folder: Path) -> None:
+def small_mask(folder):
     cv2.imwrite(str(folder / "masks/cam1/000000.png"), np.zeros((240, 320), np.uint8))
 
 

@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
@@ -37,7 +36,7 @@ def quick(monkeypatch):
     monkeypatch.syspath_prepend(str(REPOSITORY))
 
 
-def folders(root: Path, count: int, broken: int = 0) -> list[Path]:
+def folders(root, count, broken=0):
     """Make folders with a session.toml each; the last `broken` are refused."""
     made = [root / f"take{number}" for number in range(count)]
     for row, folder in enumerate(made):
@@ -48,7 +47,7 @@ def folders(root: Path, count: int, broken: int = 0) -> list[Path]:
     return made
 
 
-def begun(root: Path) -> Counter[str]:
+def begun(root):
     """Return how often the work on each recording began."""
     lines = (root / "work.log").read_text().splitlines()
     return Counter(line.split()[1] for line in lines if line.startswith("begun"))
@@ -99,7 +98,7 @@ def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
     assert "http" not in page
 
 
-def ended(ledger: Path) -> list[Outcome]:
+def ended(ledger):
     return [outcome for outcome in read_ledger(ledger) if outcome.state != STARTED]
 
 

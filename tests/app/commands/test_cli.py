@@ -50,7 +50,7 @@ def test_bash_completes_commands_options_choices_and_files(handtrack, tmp_path):
     (tmp_path / "bash").write_text(handtrack.does("completion", "bash").out)
     (tmp_path / "recording").mkdir()
 
-    def completed(*words: str) -> list[str]:
+    def completed(*words):
         line = f"COMP_WORDS=({' '.join(words)}); COMP_CWORD={len(words) - 1}; _shtab_handtrack"
         script = f'source ./bash; {line}; echo "${{COMPREPLY[@]}}"'
         ended = subprocess.run(

@@ -17,7 +17,7 @@ from tests.app.command_line import PROGRAM
 from tests.session.small_session import edit
 
 
-def program(*words: object, **options) -> subprocess.Popen[str]:
+def program(*words, **options):
     """Start `handtrack` as a program of its own."""
     command = [sys.executable, "-m", "handtrack_app.cli", *map(str, words)]
     return subprocess.Popen(
@@ -34,15 +34,15 @@ def program(*words: object, **options) -> subprocess.Popen[str]:
 class Interrupter:
     """A progress bar that sends this program a signal after some frames, Ctrl-C by default."""
 
-    def __init__(self, after: int, presses: int = 1, number: int = signal.SIGINT) -> None:
+    def __init__(self, after, presses=1, number=signal.SIGINT):
         self.left, self.presses, self.number = after, presses, number
 
     def __enter__(self):
         return self
 
-    def __exit__(self, *_: object) -> None: ...
+    def __exit__(self, *_): ...
 
-    def update(self, frames: int = 1) -> None:
+    def update(self, frames=1):
         before, self.left = self.left, self.left - frames
         if before > 0 >= self.left:  # frames that were solved ahead come at once
             for _ in range(self.presses):

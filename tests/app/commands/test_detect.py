@@ -3,16 +3,14 @@
 import json
 import shutil
 import signal
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from handtrack import Session
-from handtrack.arrays import D3, Array, H, W
 from handtrack.capture.masks.seeded import Seeded
-from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, region_of_hand
+from handtrack.detector.hand_detector import DetectedHand, HandDetector, region_of_hand
 from handtrack.detector.weights import read_weights
 from tests.app.command_line import refused
 from tests.session.small_session import FRAMES, edit, keypoints, make_session
@@ -26,20 +24,20 @@ class Scene:
 
     backend = "fake"
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.session = Session.open(folder)
         self.places = {"right": MINE}
         self.weights = type("Known", (), {"is_known": True})
 
-    def find(self, image: Array[H, W, D3], most: int) -> list[Region]:
+    def find(self, image, most):
         return [region_of_hand(hand.points) for hand in self._hands(image)][:most]
 
-    def hand(self, image: Array[H, W, D3], region: Region) -> DetectedHand | None:
+    def hand(self, image, region):
         hands = self._hands(image)
         near = [np.linalg.norm(hand.region.centre - region.centre) for hand in hands]
         return hands[int(np.argmin(near))] if near and min(near) < 0.5 * region.side else None
 
-    def _hands(self, image: Array[H, W, D3]) -> list[DetectedHand]:
+    def _hands(self, image):
         frame, number = divmod(int(image[0, 0, 0]), STEP)
         if frame == FRAMES - 1:
             return []

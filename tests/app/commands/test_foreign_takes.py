@@ -8,7 +8,6 @@ import pytest
 
 from handtrack_app.engine import opening
 from handtrack_app.engine.store.persistence import Persistence
-from tests.app.command_line import CommandLine
 from tests.session.small_session import edit
 
 
@@ -21,7 +20,7 @@ def session(tracked, tmp_path):
     return folder
 
 
-def of_another_recording(session: Path) -> None:
+def of_another_recording(session):
     """`tracks/` stays; the lens, two cameras' masks and the rate are of another recording of the same hand."""
     edit(session / "calibration.toml", "matrix = [[", "matrix = [[1")
     for camera in ("cam0", "cam1"):
@@ -33,7 +32,7 @@ def of_another_recording(session: Path) -> None:
 CHANGED = {"calibration.toml", "session.toml", "masks of cam0", "masks of cam1"}
 
 
-def told(handtrack: CommandLine, session: Path) -> list[str]:
+def told(handtrack, session):
     """What is said of them when the session is opened, by `takes`, `export` and `doctor`."""
     store = Persistence.open(opening.document(opening.opened(session)))
     store.restore()

@@ -2,14 +2,12 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from handtrack import evaluate, read_npz, write_npz
 from handtrack.model.model_file import scale_table
 from handtrack.session.formats.truth import read_truth
-from tests.app.command_line import CommandLine
 from tests.export.sequences import sample_sequence
 
 OFFSETS = {"thumb_mcp": (0.0, 8.0, 0.0)}
@@ -24,7 +22,7 @@ def poses(tmp_path):
     return tmp_path / "poses.npz"
 
 
-def errors(handtrack: CommandLine, poses: Path, truth: Path, *more: str) -> tuple[float, str]:
+def errors(handtrack, poses, truth, *more):
     ended = handtrack.does("evaluate", poses, "--truth", truth, "--json", *more)
     found = json.loads(ended.out)
     return found["mpjpe_mm"], found["keypoint_definition"]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handtrack import HandtrackError, Session, bundled_session
-from handtrack.detector.hand_detector import DetectedHand, HandDetector, Region, whole_image
+from handtrack.detector.hand_detector import DetectedHand, HandDetector, whole_image
 from handtrack.session.formats.truth import read_truth
 from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
@@ -21,11 +21,11 @@ CALIBRATION = SOURCE / "calibration.toml"
 SIZE = Session.open(SOURCE).rig["cam0"].size
 
 
-def new(out: Path, *words: object) -> list[object]:
+def new(out, *words):
     return ["new", "--out", out, "--calibration", CALIBRATION, *words]
 
 
-def video(path: Path, fps: float, count: int, size: tuple[int, int]) -> Path:
+def video(path, fps, count, size):
     """Write a video whose frame n is n grey levels bright, times 8."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, size)
     for level in range(count):
@@ -45,7 +45,7 @@ def test_c11_scaled_videos_are_taken_where_that_is_said(handtrack, tmp_path):
     assert Session.open(tmp_path / "made").rig["cam0"].size == (width // 2, height // 2)
 
 
-def pictures(folder: Path, count: int) -> Path:
+def pictures(folder, count):
     """Write numbered images; number n is n grey levels bright, times 8."""
     folder.mkdir(parents=True)
     for i in range(count):
@@ -102,15 +102,15 @@ class OneHand:
     backend = "fake"
     right = 0.98
 
-    def find(self, image: np.ndarray, most: int) -> list[Region]:
+    def find(self, image, most):
         return [whole_image(image.shape[1], image.shape[0])] if image.mean() > 4 else []
 
-    def hand(self, image: np.ndarray, region: Region) -> DetectedHand:
+    def hand(self, image, region):
         return DetectedHand(np.zeros((21, 2)), 0.9, self.right)
 
 
 def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypatch):
-    done: list[tuple[object, ...]] = []
+    done = []
     monkeypatch.setattr(HandDetector, "open", lambda *_: OneHand())
     monkeypatch.setattr(detection, "detect", lambda a: done.append((a.session, a.write, a.masks)))
     monkeypatch.setattr(track, "run", lambda a: done.append((a.session, a.init)))
@@ -135,7 +135,7 @@ def test_the_side_is_seen_and_what_follows_is_done(handtrack, tmp_path, monkeypa
 def test_without_weights_it_is_tracked_all_the_same_and_weights_that_are_named_must_be_some(
     handtrack, tmp_path, monkeypatch
 ):
-    done: list[str] = []
+    done = []
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
     monkeypatch.delenv("HANDTRACK_DETECTOR", raising=False)
     monkeypatch.setattr(track, "run", lambda args: done.append(args.init))

@@ -10,7 +10,7 @@ from tests.capture.sample_files import sample
 SPOTS = np.array([[0.0, 0.0, 0.5], [0.12, 0.05, 0.5], [-0.2, 0.1, 0.6], [0.05, -0.15, 0.45]])
 
 
-def taken(table: dict, places: np.ndarray) -> np.ndarray:
+def taken(table, places):
     """Return the pixels (N, 2) at which a fisheye shows points of the world."""
     turned = places @ np.array(table["rotation"]).T + np.array(table["translation"])
     lens = np.array(table["matrix"]), np.array(table["distortions"])

@@ -1,18 +1,12 @@
 """Masks that show more than the hand: a face, another arm, everything."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import cv2
 import numpy as np
 
 from handtrack import Session, Status, read_npz
-from handtrack.arrays import Bytes
 
 
-def paint(
-    session: Path, cameras: list[str], frame: int, painted: Callable[[Bytes], object]
-) -> None:
+def paint(session, cameras, frame, painted):
     for camera in cameras:
         path = str(session / f"masks/{camera}/{frame:06d}.png")
         mask = cv2.imread(path, cv2.IMREAD_UNCHANGED)

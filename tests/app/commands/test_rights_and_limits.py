@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,7 +19,7 @@ _PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE = 24, 1
 
 
 @contextmanager
-def no_more_files() -> Iterator[None]:
+def no_more_files():
     """Let this process open no file any more."""
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     free = os.dup(0)
@@ -61,7 +60,7 @@ print(json.dumps(ended))
 """runs commands, and prints how each ended"""
 
 
-def obey() -> None:
+def obey():
     """Keep to the rights of files and folders, as who is no administrator must."""
     if os.geteuid() == 0:
         ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE, 0, 0, 0)

@@ -15,7 +15,7 @@ DOUBT = "a left hand fits decisively better"
 @pytest.fixture
 def asked(monkeypatch):
     """The frames of each time that the side is asked for; it is always doubted."""
-    times: list[list[int]] = []
+    times = []
 
     def doubted(*given):
         times.append(sorted(given[3]))  # type: ignore[call-overload]

@@ -5,7 +5,6 @@ import random
 import signal
 import stat
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,28 +30,28 @@ def whole(tracked):
 
 
 @contextmanager
-def interrupted(monkeypatch, after: int, number: int = signal.SIGINT):
+def interrupted(monkeypatch, after, number=signal.SIGINT):
     """Let tracking be sent a signal after some frames."""
     with monkeypatch.context() as patch:
         patch.setattr(track, "progress_bar", lambda *_: Interrupter(after, number=number))
         yield
 
 
-def frames_of(session: Path, take: int = 1) -> tuple[int, ...]:
+def frames_of(session, take=1):
     return Store(session / "tracks").take(take).frames
 
 
-def killed_at_write(number: int, session: Path) -> int | None:
+def killed_at_write(number, session):
     """Track in a process of its own; its n-th write to a file of the store is cut in half, and it is killed there."""
     child = copy_of_a_fresh_process(_track_until_write, number, session)
     child.join()
     return child.exitcode
 
 
-def _track_until_write(number: int, session: Path) -> None:
+def _track_until_write(number, session):
     left, really = number, os.write
 
-    def write(handle: int, data) -> int:
+    def write(handle, data):
         nonlocal left
         of_file = stat.S_ISREG(os.fstat(handle).st_mode)
         left -= of_file

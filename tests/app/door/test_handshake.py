@@ -33,7 +33,7 @@ def open_host():
     running.server.stop()
 
 
-def asked(door, path=None, **headers) -> http.client.HTTPResponse:
+def asked(door, path=None, **headers):
     """The answer to one who has the cookie, where no path is given."""
     connection = http.client.HTTPConnection("127.0.0.1", door.port, timeout=60)
     if path is None:
@@ -51,7 +51,7 @@ def socket_of(door, token=True, host="127.0.0.1", **options):
     return connect(url, subprotocols=VISER, max_size=None, **options)
 
 
-def refused_status(door, **options) -> int:
+def refused_status(door, **options):
     with pytest.raises(InvalidStatus) as refused:
         socket_of(door, **options)
     return refused.value.response.status_code
@@ -215,7 +215,7 @@ def test_a11_half_open_connections_keep_nobody_out(door):
         wire.close()
 
 
-def closed(wire: socket.socket) -> bool:
+def closed(wire):
     wire.settimeout(0.02)
     try:
         return wire.recv(1) == b""

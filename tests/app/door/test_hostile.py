@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from handtrack_app.log import logging_to
-from handtrack_app.workbench import Workbench
 from tests.experiments.workbench import attacks
 from tests.experiments.workbench.wire import WireClient
 
@@ -18,14 +17,14 @@ FEWER = {
 }  # fmt: skip
 
 
-def resident_mb() -> float:
+def resident_mb():
     status = Path("/proc/self/status")
     if not status.is_file():
         return 0.0  # told by this system in no such way
     return float(re.search(r"VmRSS:\s+(\d+)", status.read_text())[1]) / 1000
 
 
-def callbacks(bench: Workbench) -> dict[str, int]:
+def callbacks(bench):
     known = bench.server.gui._gui_input_handle_from_uuid
     return {uuid: len(handle._impl.update_cb) for uuid, handle in known.items()}
 

@@ -160,7 +160,7 @@ def test_a_widget_that_is_switched_off_stays(small):
 class Clock:
     now = 0.0
 
-    def __call__(self) -> float:
+    def __call__(self):
         return self.now
 
 

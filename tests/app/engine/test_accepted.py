@@ -1,7 +1,6 @@
 """Accepted frames: neither tracking nor refining changes them, nor bringing another take back; undone, kept, restored."""
 
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.worker import Worker
 from tests.app.desk import pose_with
 from tests.app.engine.test_refine import _bends, _told, _tracked
 from tests.app.fake_run import FRAMES
@@ -11,7 +10,7 @@ from tests.app.waiting import eventually
 DESK = {"refined_by": 0.3}
 
 
-def _accept(worker: Worker, first: int, last: int, on: bool = True) -> None:
+def _accept(worker, first, last, on=True):
     worker.engine.accept(((first, last),), on)
     wanted = set(range(first, last + 1))
     eventually(lambda: wanted <= worker.document.accepted or not on, "accepted")

@@ -5,18 +5,17 @@ import pytest
 
 from handtrack_app.page.panels.tracking import takes_table
 from handtrack_app.protocol.snapshots import APART, TakeCard, WorkSnapshot
-from handtrack_app.workbench import Workbench
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 
 
-def _bends(bench: Workbench) -> list[float]:
+def _bends(bench):
     document = bench.worker.document
     at = document.model.parameter_names.index("index_mcp_flex")
     return [float(document.results[f].parameters[at]) for f in range(FRAMES)]
 
 
-def track(bench: Workbench, first: int, number: int, count: int) -> None:
+def track(bench, first, number, count):
     """Track from a frame on, and wait until it is shown as a take."""
     bench.engine.track(first, FRAMES, first)
     takes = bench.layout.takes

@@ -1,9 +1,6 @@
 """The workbench opens by what a video announces, and goes by its true frames as soon as they are counted."""
 
 import threading
-from pathlib import Path
-
-import pytest
 
 import handtrack.session.sources.video_audits as video_audits
 from handtrack_app.process.child import EnginePlan
@@ -13,9 +10,7 @@ from tests.session.small_session import edit, make_session
 from tests.session.test_times import FRAMES, cut, write_video
 
 
-def opened(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> tuple[EngineInThreads, Listener, threading.Event]:
+def opened(folder, monkeypatch):
     """Return a worker that shows a session whose cut video is counted once the event is set."""
     make_session(folder)
     edit(folder / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')

@@ -1,25 +1,22 @@
 """Edits reach the disk, each frame's, however they follow one another and whatever failed in between."""
 
-from pathlib import Path
-
 from handtrack import HandtrackError
 from handtrack.session.session_state import key_of
 from handtrack.store.store import Store
 from handtrack_app.engine.store import persistence
-from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from tests.app.desk import Listener, a_desk, pose_with
+from tests.app.desk import a_desk, pose_with
 from tests.app.waiting import eventually
 
 
-def written(folder: Path) -> list[int]:
+def written(folder):
     """Return the frames whose poses are on disk, in their order."""
     actions = Store(folder / "tracks").actions()
     changed = [key_of(c.key) for action in actions for c in action.changes]
     return [frame for kind, frame in changed if kind == "pose"]
 
 
-def edit(worker: Worker, listener: Listener, frame: int, version: int) -> None:
+def edit(worker, listener, frame, version):
     worker.engine.set_pose(frame, pose_with(listener, index_mcp_flex=0.1), version)
     listener.pose(version)
 

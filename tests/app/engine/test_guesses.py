@@ -2,7 +2,6 @@
 
 import threading
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ WAYS = ((0.03, 0.9, "no forearm in view"), (0.08, 0.06, "turned by 170°"))
 """where the hand is along x [m], how sure, and in words"""
 
 
-def candidates(run: Any, frame: int) -> list[FirstPoseCandidate]:
+def candidates(run, frame):
     """Return two poses of a frame, the relaxed hand in two places."""
     found = []
     for place, share, words in WAYS:

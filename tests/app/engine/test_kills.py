@@ -9,7 +9,6 @@ import random
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from handtrack import HandtrackError
@@ -21,7 +20,7 @@ from handtrack_app.engine.posing_service import set_pose
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import Persistence
 from tests.app.fake_run import FRAMES, fake_document
-from tests.killing import KILLS, Fate, Tell, forked, killed
+from tests.killing import KILLS, forked, killed
 
 OURS = re.compile(
     r"(actions|takes/\d{4})/\d{6}\.log|lease-\d{6}\.json|poses\.npz|versions/poses_[\w.-]+\.npz"
@@ -39,13 +38,13 @@ class Known:
     """take and frame"""
     lost: int = 0
 
-    def hear(self, line: list[Any]) -> None:
+    def hear(self, line):
         if line[0] == "saved":
             self.last_id, self.state = line[1], line[2]
         elif line[0] == "frame":
             self.frames.add((line[1], line[2]))
 
-    def check(self, folder: Path) -> None:
+    def check(self, folder):
         """Raise AssertionError where an acknowledged action is lost or changed."""
         store = Store(folder / "tracks")
         up_to_it = History.of(a for a in store.actions() if a.id <= self.last_id)
@@ -74,15 +73,15 @@ class Known:
 class Session:
     """A program at work, which tells what it acknowledged."""
 
-    def __init__(self, folder: Path, tell: Tell, rng: random.Random) -> None:
+    def __init__(self, folder, tell, rng):
         self.folder, self.tell, self.rng = folder, tell, rng
         self.open()
 
-    def open(self) -> None:
+    def open(self):
         self.store = Persistence.open(fake_document(self.folder, step_s=0.0))
         self.store.restore()
 
-    def deed(self) -> None:
+    def deed(self):
         """Do one thing, and tell what is saved."""
         rng, store = self.rng, self.store
         deeds = [self.pose] * 8 + [self.setting] * 2 + [self.limits] * 2 + [store.undo] * 4
@@ -94,7 +93,7 @@ class Session:
         if self.store.saved == "saved":  # and not merely kept nowhere, where opening found no room
             self.tell("saved", self.store.history.last_id, self.store.history.state)
 
-    def pose(self) -> None:
+    def pose(self):
         document, rng = self.store.document, self.rng
         frame, model = rng.randrange(FRAMES), document.model
         values = model.params_within_limits(document.start + rng.uniform(-0.1, 0.1))
@@ -102,16 +101,16 @@ class Session:
         tag = rng.choice(("", "slider"))
         self.store.do("Pose", pose, tag, waits=rng.random() < 0.5)
 
-    def setting(self) -> None:
+    def setting(self):
         name = self.rng.choice(("cloud.weight", "silhouettes.weight"))
         self.store.do("Setting", decide(setting={name: self.rng.choice((1.0, 2.0, 3.0))}))
 
-    def limits(self) -> None:
+    def limits(self):
         interval = self.rng.choice((None, (0.0, self.rng.uniform(0.2, 1.0))))
         values = edits.limits(self.store.document, "index_pip_flex", interval)
         self.store.do("Limits", values)
 
-    def track(self) -> None:
+    def track(self):
         store, rng = self.store, self.rng
         document, first = store.document, rng.randrange(FRAMES)
         params = document.start_params(first)
@@ -131,15 +130,15 @@ class Session:
         finally:
             store.end_take(finished=done == len(frames))
 
-    def save(self) -> None:
+    def save(self):
         saving.save_track(self.store)
 
-    def again(self) -> None:
+    def again(self):
         with suppress(HandtrackError):  # what could not be written was never told to be saved
             self.store.close()
         self.open()
 
-    def second(self) -> None:
+    def second(self):
         other = Persistence.open(fake_document(self.folder))
         other.restore()
         # where the first found no room for its lease, the second may write
@@ -148,7 +147,7 @@ class Session:
         other.close()
 
 
-def work(folder: Path, told: Tell, rng: random.Random, fate: Fate) -> None:
+def work(folder, told, rng, fate):
     """Work until the end."""
     session = Session(folder, told, rng)
     told("opened")
@@ -177,6 +176,6 @@ def test_a1_a3_a4_a5_a6_a7_killed_at_any_moment_no_acknowledged_action_is_lost(
     print(f"{KILLS} kills, {actions} actions, {len(known.frames)} frames acknowledged, 0 lost")
 
 
-def strays(folder: Path) -> list[str]:
+def strays(folder):
     names = [p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()]
     return [name for name in names if not OURS.fullmatch(name)]

@@ -1,7 +1,5 @@
 """Running cameras in the workbench's engine: watched, tracked, recorded; nothing is written into the session's own folder."""
 
-from pathlib import Path
-
 import pytest
 
 import handtrack.session.live.live_session as live_session
@@ -21,7 +19,7 @@ FAST = {"solver.iterations": 2, "tracker.recovery": False}
 class Studio:
     """A worker with two scripted cameras."""
 
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, folder, monkeypatch):
         self.folder, self.devices = folder, [ScriptedDevice(hand_image()) for _ in range(2)]
         waiting = list(self.devices)
         monkeypatch.setattr(live_session, "open_device", lambda *_: waiting.pop(0))
@@ -29,14 +27,14 @@ class Studio:
         opener = lambda f: open_live_document(options, f, FAST)  # noqa: E731
         self.worker, self.listener = working(folder, opener)
 
-    def show(self) -> None:
+    def show(self):
         for device in self.devices:
             device.show(hand_image())
 
-    def wait_for_pose(self, test) -> snapshots.PoseSnapshot:
+    def wait_for_pose(self, test):
         return self.listener.wait(snapshots.PoseSnapshot, test, 60.0)
 
-    def stop(self) -> list[str]:
+    def stop(self):
         for device in self.devices:
             device.fail(9)
         self.worker.stop(30.0)

@@ -14,7 +14,6 @@ from handtrack.files.versions import versions
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.calls import Call
 from tests.app.calls import call
 from tests.app.cloudy_session import BOX, SETTINGS, cloudy_session
 from tests.app.desk import Listener, working
@@ -34,23 +33,23 @@ def desk(tmp_path):
     with_worker[0].stop()
 
 
-def begun(folder: Path) -> Desk:
+def begun(folder):
     return (*working(folder), folder)
 
 
-def method(card: snapshots.MaskCard, camera: str = "cam0") -> str:
+def method(card, camera="cam0"):
     return next(c.method for c in card.cameras if c.name == camera)
 
 
-def stroke(frame: int = 0, brush: str = "hand", camera: str = "cam0") -> Call:
+def stroke(frame=0, brush="hand", camera="cam0"):
     return call("paint_mask", frame, camera, brush, ((10.0, 60.0), (20.0, 60.0)), 4.0, brush)
 
 
-def held(worker: Worker) -> list[int]:
+def held(worker):
     return worker.document.run.session.view("cam0").corrections.frames
 
 
-def file_of(folder: Path, frame: int = 0) -> Path:
+def file_of(folder, frame=0):
     return folder / "masks_corrected" / "cam0" / f"{frame:06d}.png"
 
 

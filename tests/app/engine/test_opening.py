@@ -21,8 +21,8 @@ def two_steps(monkeypatch, preview, document):
 
 
 def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
-    seen: list[snapshots.Snapshot] = []
-    before: list[list[type]] = []
+    seen = []
+    before = []
     held = threading.Event()
 
     def opener(folder):
@@ -54,7 +54,7 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
 
 
 def test_a_failure_after_the_preview_is_told(tmp_path, monkeypatch):
-    seen: list[snapshots.Snapshot] = []
+    seen = []
 
     def opener(folder):
         raise ValueError("no such thing")

@@ -1,21 +1,18 @@
 """Another model is looked at: what was made with the one before comes back with it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from handtrack.session.session_state import decide
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.protocol import snapshots
 from tests.app.desk import a_desk
 from tests.app.fake_run import FRAMES
 from tests.app.opened import did, opened, posed, tracked
 
 
-def _use(store: Persistence, model: str) -> None:
+def _use(store, model):
     did(store, decide(setting={"model.name": model}))
 
 
@@ -67,7 +64,7 @@ def test_a_take_of_another_model_is_brought_back_with_its_model(tmp_path):
     assert len(store.document.model.parameter_names) == 6 and store.document.hidden
 
 
-def _arm_decided_while_tracking(folder: Path) -> None:
+def _arm_decided_while_tracking(folder):
     """Track as `handtrack track --init auto` does that finds a forearm: only the take knows of it."""
     store = opened(folder)
     store.document.apply(decide(forearm=True))  # nothing is written of it

@@ -9,12 +9,9 @@ import numpy as np
 from handtrack.observation.pins import Pin
 from handtrack_app.engine.open_session import OpenSession
 from handtrack_app.engine.posing_service import PosingService
-from handtrack_app.engine.store.persistence import Persistence
-from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
-from tests.app.desk import Listener
 from tests.app.engine.test_refine import _bends, _told
 from tests.app.fake_run import FRAMES
 from tests.app.opened import opened, tracked
@@ -23,16 +20,16 @@ from tests.app.waiting import eventually
 DESK = {"refined_by": 0.3}
 
 
-def _tip(pose: snapshots.PoseSnapshot, document) -> np.ndarray:
+def _tip(pose, document):
     return pose.joints[document.model.joint_names.index("index_tip")]
 
 
-def _pixel(document, place, camera="front") -> tuple[float, float]:
+def _pixel(document, place, camera="front"):
     x, y = document.run.session.rig[camera].without_distortion().project(place)
     return float(x), float(y)
 
 
-def _pull(worker: Worker, listener: Listener, version: int, by=(0.0, -0.02, 0.01), frame: int = 3):
+def _pull(worker, listener, version, by=(0.0, -0.02, 0.01), frame=3):
     """Pull the index finger's tip by so much in both cameras; return where to."""
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == frame)
     target = _tip(pose, worker.document) + by
@@ -91,7 +88,7 @@ def test_what_is_no_pin_is_refused_in_words(worker, listener):
     assert worker.document.run.session.pins.frames == []
 
 
-def _errors(listener: Listener) -> list[str]:
+def _errors(listener):
     notices = [s for s in listener.seen if isinstance(s, snapshots.Notice)]
     return [f"{n.title} {n.text}" for n in notices if n.level == "error"]
 
@@ -116,7 +113,7 @@ def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
     eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist(), "where pins led")
 
 
-def _posing(store: Persistence) -> PosingService:
+def _posing(store):
     """Return the service of a session without jobs and pages, whose edits are written at once."""
     edit = lambda _frame, edit, words, *_: store.do(words, edit)  # noqa: E731
     opened_ = SimpleNamespace(
@@ -125,7 +122,7 @@ def _posing(store: Persistence) -> PosingService:
     return PosingService(cast("OpenSession", opened_))
 
 
-def _with_pin(store: Persistence, frame: int) -> Pin:
+def _with_pin(store, frame):
     document = store.document
     model = document.model
     bones = model.bones(model.params_within_limits(document.pose_at(frame)))

@@ -8,9 +8,8 @@ from handtrack import HandScale
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
 from handtrack_app.engine.store.persistence import whole_track
-from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
-from tests.app.desk import Listener, a_desk, pose_with
+from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 
@@ -20,17 +19,17 @@ BY = 0.3
 DESK = {"refined_by": BY}
 
 
-def _told(listener: Listener, title: str) -> list[str]:
+def _told(listener, title):
     notices = [s for s in listener.seen if isinstance(s, snapshots.Notice)]
     return [s.text for s in notices if s.title == title]
 
 
-def _bends(worker: Worker) -> dict[int, float]:
+def _bends(worker):
     at = worker.document.model.parameter_names.index("index_mcp_flex")
     return {f: float(r.parameters[at]) for f, r in worker.document.results.items()}
 
 
-def _tracked(desk: tuple[Worker, Listener]) -> None:
+def _tracked(desk):
     worker, listener = desk
     worker.engine.track(0, FRAMES, 3, anew=True)
     eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked and refined")

@@ -12,7 +12,6 @@ from handtrack.session.posed_frames import posed_frames
 from handtrack.session.session_state import decide
 from handtrack.session.track_session import Ended
 from handtrack_app.engine.store.persistence import whole_track
-from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
 from tests.app.command_line import FRAMES as WHOLE
@@ -78,7 +77,7 @@ def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_ac
     assert expected.parameters[1].tobytes() == before.parameters.tobytes(), "it was accepted"
 
 
-def corrected(folder: Path) -> None:
+def corrected(folder):
     """Track a recording in the workbench, accept a frame, pose one by hand, and pin a joint in another."""
     worker, seen = opened(folder)
     document, engine = worker.document, worker.engine
@@ -98,6 +97,6 @@ def corrected(folder: Path) -> None:
     assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {4}
 
 
-def opened(folder: Path) -> tuple[Worker, list]:
+def opened(folder):
     worker, listener = working(folder)
     return worker, listener.seen

@@ -32,23 +32,6 @@ def store(tmp_path):
     return store
 
 
-def test_a_changed_setting_is_saved_by_its_button(bench, wire):
-    panel, path = bench.layout.settings, bench.folder / "session.toml"
-    path.write_text(TEXT, encoding="utf-8")
-    control = panel.controls["cloud.weight"].widget
-    wire.set_value(control, 2.0)
-    eventually(lambda: bool(panel.saved.save.visible), "it can be saved")
-    wire.set_value(panel.saved.save, True)
-    eventually(lambda: control.label == "Cloud", "no longer marked")
-    eventually(
-        lambda: not panel.saved.save.visible and not panel.saved.back.visible, "nothing to save"
-    )
-    assert path.read_text(encoding="utf-8") == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
-    assert control.value == 2.0
-    bench.engine.set_setting("cloud.weight", 1.0)
-    eventually(lambda: control.label == "Cloud •", "now the usual value is a change")
-
-
 def test_while_tracking_runs_nothing_is_saved(bench):
     path = bench.folder / "session.toml"
     path.write_text(TEXT, encoding="utf-8")

@@ -7,7 +7,7 @@ import pytest
 
 from handtrack import HandScale
 from handtrack_app.protocol import snapshots
-from tests.app.desk import Listener, a_desk, pose_with
+from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 
@@ -19,11 +19,11 @@ def desk(tmp_path):
         yield worker, listener
 
 
-def _offered(listener: Listener) -> snapshots.SessionSnapshot:
+def _offered(listener):
     return listener.wait(snapshots.SessionSnapshot, lambda s: s.offered_size is not None)
 
 
-def _finished(listener: Listener) -> int:
+def _finished(listener):
     told = [s for s in listener.seen if isinstance(s, snapshots.Notice)]
     return sum(s.title == "Tracking finished" for s in told)
 

@@ -1,14 +1,13 @@
 """A session of images alone: it is said what is missing, before anything is tried."""
 
 import re
-from pathlib import Path
 
 from handtrack_app.engine import opening
 from handtrack_app.engine.opening import nothing_seen
 from tests.app.cloudy_session import cloudy_session
 
 
-def _images_only(folder: Path) -> Path:
+def _images_only(folder):
     folder.mkdir(exist_ok=True)
     cloudy_session(folder)
     text = (folder / "session.toml").read_text()

@@ -11,14 +11,14 @@ from handtrack import load_model
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
 from handtrack_app.protocol import snapshots
-from handtrack_app.protocol.calls import Call, Mailbox
+from handtrack_app.protocol.calls import Mailbox
 from tests.app.calls import call
-from tests.app.desk import Listener, a_desk, pose_with
+from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES, FakeRun
 
 
 def test_newest_pose_and_frame_win_and_nothing_else_is_dropped():
-    box: Mailbox[Call] = Mailbox(lambda c: c.key)
+    box = Mailbox(lambda c: c.key)
     for version in range(5):
         for tag in ("index", "ring"):  # moved by another slider it is another step
             box.put(call("set_pose", 0, (), version, tag))
@@ -161,7 +161,7 @@ def test_a_camera_that_the_others_contradict_is_named_when_a_track_is_opened_aga
     assert compared == list(range(FRAMES))
 
 
-def session_index(listener: Listener, name: str) -> int:
+def session_index(listener, name):
     return listener.wait(snapshots.SessionSnapshot).parameter_names.index(name)
 
 

@@ -6,10 +6,9 @@ import pytest
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.page.scene.looking import _pixel
 from handtrack_app.protocol.snapshots import CameraCard
-from handtrack_app.workbench import Workbench
 from tests.app.cloudy_session import BOX, cloudy_session
 from tests.app.desk import in_threads
-from tests.app.page.test_browser import PageUnderTest, browsing, stands
+from tests.app.page.test_browser import browsing, stands
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.experiments.workbench.chromium import PROJECT
@@ -52,7 +51,7 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         eventually(lambda: brushes.radius.value == 12, "a larger brush")
         scale = np.linalg.norm(np.subtract(stop, start)) / 12.0
 
-        def circle_fits() -> bool:
+        def circle_fits():
             page.mouse.move(*start)
             page.mouse.move(*stop)
             return abs(page.evaluate(BRUSH) / (24.0 * scale) - 1.0) < 0.05
@@ -73,7 +72,7 @@ def test_a_user_filters_a_cloud_tries_a_method_and_paints(tmp_path):
         eventually(lambda: not corrections.frames, "undone")
 
 
-def _reach_is_off(bench: Workbench, wanted: tuple[int, ...]) -> float:
+def _reach_is_off(bench, wanted):
     """Return how far what is painted as hand reaches elsewhere than wanted: left, right, top, bottom [px]."""
     view = bench.worker.document.run.session.view("cam0")  # type: ignore[union-attr]
     layer = view.corrections.layer(0)
@@ -84,7 +83,7 @@ def _reach_is_off(bench: Workbench, wanted: tuple[int, ...]) -> float:
     return float(np.abs(np.subtract(reach, wanted)).max())
 
 
-def _filters(bench: Workbench, view: PageUnderTest) -> None:
+def _filters(bench, view):
     view.show_tab("Cloud")
     points = bench.stage.cloud.points
     eventually(lambda: points.visible, "the cloud is there")
@@ -96,7 +95,7 @@ def _filters(bench: Workbench, view: PageUnderTest) -> None:
     eventually(lambda: len(points.points) <= before, "the wall is of another colour")
 
 
-def _marks_skin(bench: Workbench, view: PageUnderTest) -> None:
+def _marks_skin(bench, view):
     page = view.page
     page.get_by_text("Skin colour", exact=True).first.click()
     view.press("Drag a box over the image")
@@ -110,6 +109,6 @@ def _marks_skin(bench: Workbench, view: PageUnderTest) -> None:
     np.testing.assert_allclose(box[1], (x + 3, y + 3, width - 6, height - 6), atol=1)
 
 
-def _seen_at(x: float, y: float) -> list[float]:
+def _seen_at(x, y):
     """Return a world point that the first camera sees at a pixel."""
     return [0.5 * (x - 47.5) / 150.0, 0.09 - 0.5 * (y - 35.5) / 150.0, 0.0]

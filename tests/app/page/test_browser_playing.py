@@ -107,5 +107,5 @@ def test_nothing_is_played_while_no_page_is_open(bench):
     eventually(rests, "nobody sees it any more")
 
 
-def _questions(wire: WireClient) -> list[dict[str, Any]]:
+def _questions(wire):
     return [message for _, message in wire.messages if message.get("key") == "handtrack.drawn"]

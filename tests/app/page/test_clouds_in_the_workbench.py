@@ -70,20 +70,33 @@ def test_a_slider_says_what_the_file_says(name):
     assert math.isfinite(changed.given[name])
 
 
+@pytest.mark.usefixtures("left_open")
 def test_the_page_shows_the_cloud_and_a_slider_filters_it(cloudy):
-    view, panel = cloudy.stage.cloud, cloudy.layout.cloud
-    before = len(view.points.points)
-    assert len(view.points.colors) == before
+    points, panel, undo = (
+        cloudy.stage.cloud.points,
+        cloudy.layout.cloud,
+        cloudy.layout.pose.edit_buttons,
+    )
+    before, voxel = len(points.points), panel.known["voxel_m"].widget
+    save, back = panel.saved.save, panel.saved.back
+    assert len(points.colors) == before and not save.visible
     with WireClient(cloudy.url) as client:
-        client.set_value(panel.known["voxel_m"].widget, 8.0)
-        eventually(lambda: len(view.points.points) < before, "fewer points")
+        client.set_value(voxel, 8.0)
+        eventually(lambda: len(points.points) < before, "fewer points")
         eventually(lambda: "cells" in panel.counts.content, "counted")
         eventually(lambda: "voxel_m" in panel.saved.words.content, "told as not saved")
-        client.set_value(panel.known["voxel_m"].widget, math.nan)
+        client.set_value(voxel, math.nan)
+        client.set_value(undo, "Undo")
+        eventually(lambda: len(points.points) == before and voxel.value == 3.0, "undone")
+        client.set_value(undo, "Redo")
+        eventually(lambda: voxel.value == 8.0 and save.visible and back.visible, "redone")
+        client.set_value(save, True)
+        eventually(lambda: not save.visible and not back.visible, "saved")
+        assert "voxel_m = 0.008  # fine" in (cloudy.folder / "session.toml").read_text()
         client.set_value(panel.colour, "plain")
-        eventually(lambda: len(np.unique(view.points.colors, axis=0)) == 1, "plain")
+        eventually(lambda: len(np.unique(points.colors, axis=0)) == 1, "plain")
         client.set_value(panel.on, False)
-        eventually(lambda: not view.points.visible, "hidden")
+        eventually(lambda: not points.visible, "hidden")
 
 
 def test_the_surface_stands_where_the_ellipsoids_did(cloudy):
@@ -148,3 +161,39 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp
     place = worker.document.start[:3] + [0.0, 0.09, 0.0]
     assert np.linalg.norm(place - np.median(cloud.points, axis=0)) < 0.01
     worker.stop()
+
+
+def test_the_difference_to_the_background_is_set_in_halves_from_1_to_40(cloudy):
+    panel = cloudy.layout.masks
+    masks = lambda: cloudy.worker.document.run.session.view("cam0").settings.masks  # noqa: E731
+    eventually(lambda: panel.built, "built")
+    with WireClient(cloudy.url) as client:
+        client.set_value(panel.method, "before the usual image")
+        eventually(lambda: getattr(masks(), "threshold", None) == 8.0, "in force")
+        for chosen, taken in ((1.5, 1.5), (50.0, 40.0), (0.5, 1.0)):
+            client.set_value(panel.settings["background_median"]["threshold"].widget, chosen)
+            eventually(lambda taken=taken: masks().threshold == taken, "within its limits")
+
+
+def test_nothing_stands_before_the_image_while_a_box_is_dragged(cloudy):
+    stage, skin, wide = cloudy.stage, cloudy.layout.cloud.skin, cloudy.layout.cloud.wide
+    hand, root, points = stage.hand.flesh, stage.root.control, stage.cloud.points
+
+    def shown():
+        return {bool(thing.visible) for thing in (hand, root, points)}
+
+    with WireClient(cloudy.url) as client:
+        client.set_value(wide, True)
+        eventually(lambda: cloudy.state.display.cloud_wide, "a large picture")
+        client.set_value(skin.drag, True)
+        eventually(lambda: shown() == {False}, "the bare image")
+        told = lambda: any("Drag a box over" in str(message) for _, message in client.messages)  # noqa: E731
+        eventually(told, "what to do stands beside the view")
+        eventually(
+            lambda: not wide.value and not cloudy.state.display.cloud_wide, "no picture either"
+        )
+        cloudy.engine.show_frame(1)
+        eventually(lambda: cloudy.state.frame == 1, "another frame")
+        assert shown() == {False}
+        client.set_value(cloudy.layout.session.view, "Hand")
+        eventually(lambda: shown() == {True}, "all of it again")

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.engine import tuning_service
 from handtrack_app.protocol import snapshots
-from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 
 
@@ -14,34 +14,35 @@ def home(tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
 
 
-def _pose(bench: Workbench) -> snapshots.PoseSnapshot:
+def _pose(bench):
     assert bench.stage.pose is not None
     return bench.stage.pose
 
 
 def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
+    """It comes under the pointer as deep as it was, and turns about the line of sight to its middle."""
     page.press("Camera view: front")
     eventually(lambda: page.number in bench.stage.grips._grips, "it can be taken hold of")
-    before, session = _pose(bench), bench.stage.session
-    card = page.view.card
+    before, session, card = _pose(bench), bench.stage.session, page.view.card
     bone = session.bone_names.index("ring_metacarpal")
     palm = before.centre[list(session.ellipsoid_bone).index(bone)]
-    aim = palm + 0.02 * card.rotation[:, 0]
+    aim = palm + card.rotation @ (0.02, 0.01, 0.05)
     page.drag("/grips/flesh", palm, aim)
-    eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], aim - palm, atol=1e-6), "moved")  # fmt: skip
+    way, ahead = aim - card.centre, card.rotation[:, 2]
+    place = card.centre + way * ((palm - card.centre) @ ahead) / (way @ ahead)
+    eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], place - palm, atol=1e-6), "moved")  # fmt: skip
     np.testing.assert_allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9)
-    assert not _pose(bench).pins
-    middle, tip = (
-        _pose(bench).middle,
-        _pose(bench).joints[session.joint_names.index("index_tip")],
-    )
-    axis = (middle - card.centre) / np.linalg.norm(middle - card.centre)
-    page.drag("/grips/flesh", tip, tip + 0.3 * np.cross(axis, tip - middle), "shift")
-    eventually(lambda: np.abs(_pose(bench).values[3:6] - before.values[3:6]).max() > 0.1, "turned")  # fmt: skip
+    moved = _pose(bench)
+    assert not moved.pins
+    tip = moved.joints[session.joint_names.index("index_tip")]
+    axis = (moved.middle - card.centre) / np.linalg.norm(moved.middle - card.centre)
+    quarter = rotation_matrix(axis * np.pi / 2)
+    page.drag("/grips/flesh", tip, moved.middle + quarter @ (tip - moved.middle), "shift")
+    turned = moved.middle + (moved.joints - moved.middle) @ quarter.T
+    eventually(lambda: np.allclose(_pose(bench).joints, turned, atol=2e-3), "by a quarter")
     np.testing.assert_allclose(_pose(bench).values[6:], before.values[6:], atol=1e-9)
     page.press("Undo")
-    eventually(lambda: np.allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9), "a drag is a step")  # fmt: skip
-    assert not np.allclose(_pose(bench).values[:3], before.values[:3])
+    eventually(lambda: np.allclose(_pose(bench).values, moved.values, atol=1e-9), "a drag is a step")  # fmt: skip
 
 
 def test_seen_freely_shift_pulls_a_middle_joint_parallel_to_the_screen(bench, page):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from handtrack_app.engine.document_snapshots import pose_snapshot, session_snapshot
-from handtrack_app.page.pins.grips import hold_at
-from handtrack_app.protocol.snapshots import CameraCard, Hold
+from handtrack_app.page.pins.grips import WholeDrag, hold_at
+from handtrack_app.protocol.snapshots import CameraCard
 from tests.app.fake_run import fake_document
 from tests.app.waiting import eventually
 
@@ -17,17 +17,8 @@ def shown(tmp_path):
     return session, pose, CameraCard.of(document.run.session.rig["front"])
 
 
-def _ellipsoid(session, bone: str) -> int:
+def _ellipsoid(session, bone):
     return int(np.flatnonzero(session.ellipsoid_bone == session.bone_names.index(bone))[0])
-
-
-def test_near_a_joint_it_is_the_joint(shown):
-    session, pose, card = shown
-    tip = pose.joints[session.joint_names.index("middle_tip")]
-    held = hold_at(
-        session, pose, card, _ellipsoid(session, "middle_distal"), tip + (0.0, 0.002, 0.0)
-    )
-    assert held == Hold(joint="middle_tip")
 
 
 def test_away_from_joints_it_is_the_point_of_the_segment_under_the_pointer(shown):
@@ -44,11 +35,16 @@ def test_away_from_joints_it_is_the_point_of_the_segment_under_the_pointer(shown
     assert np.linalg.norm(point - middle) < 0.015, "on the skin"
 
 
-def test_what_is_not_of_this_hand_is_not_held(shown):
+def test_what_is_not_of_this_hand_is_not_held_and_a_drag_that_tells_nothing_changes_nothing(shown):
     session, pose, card = shown
+    behind = card.centre - card.rotation[:, 2]
     assert hold_at(session, pose, card, 10_000, pose.middle) is None
     assert hold_at(session, pose, card, 0, np.full(3, np.nan)) is None
-    assert hold_at(session, pose, card, 0, card.centre - card.rotation[:, 2]) is None
+    assert hold_at(session, pose, card, 0, behind) is None
+    for turns in (False, True):
+        drag = WholeDrag(card, pose.values[:6], pose.middle, pose.joints[0], turns)
+        assert drag.to(behind) is None
+    assert drag.to(pose.middle) is None, "on the axis itself"
 
 
 def test_a_drag_in_a_camera_s_picture_pins_a_joint_there_and_the_hand_follows(bench, page):

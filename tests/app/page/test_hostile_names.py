@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import viser
@@ -14,7 +13,7 @@ from tests.session.small_session import edit
 TAG = "<img src=x onerror=alert(1)>"
 
 
-def written_in(server: viser.ViserServer) -> Iterator[str]:
+def written_in(server):
     """Yield all that the page takes as HTML or Markdown."""
     for container in list(server.gui._container_handle_from_uuid.values()):
         for handle in list(container._children.values()):

@@ -14,7 +14,7 @@ from handtrack_app.protocol.snapshots import TimelineSnapshot
 COUNT = 18_000
 
 
-def _strip(count: int = COUNT, **changed: object) -> TimelineSnapshot:
+def _strip(count=COUNT, **changed):
     rng = np.random.default_rng(0)
     lanes = {
         name: rng.random(count) * size

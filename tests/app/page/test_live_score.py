@@ -9,7 +9,7 @@ from handtrack_app.protocol.snapshots import ScoreSnapshot
 from tests.app.opened import opened, posed, tracked
 
 
-def _score(pose, **changes) -> ScoreSnapshot:
+def _score(pose, **changes):
     known = ScoreSnapshot(pose.frame, tuple(pose.values), {"left": 0.912}, {"silhouettes": 7.0, "priors": 0.5}, {"left": 0.88}, 9.0)  # fmt: skip
     return dataclasses.replace(known, **changes)
 

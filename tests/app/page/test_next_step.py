@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from handtrack_app.workbench import Workbench
 from tests.app.desk import shown, value_of
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 
-def _status(bench: Workbench) -> np.ndarray:
+def _status(bench):
     strip = bench.layout.timeline.strip
     return strip.status
 

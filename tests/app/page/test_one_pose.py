@@ -2,7 +2,6 @@
 
 import re
 import time
-from typing import Any
 from uuid import uuid4
 
 import numpy as np
@@ -14,7 +13,6 @@ from handtrack_app.page.panels.pose import unit_of
 from handtrack_app.page.scene import camera_view
 from handtrack_app.page.time.lanes import cursor_picture
 from handtrack_app.protocol import snapshots
-from handtrack_app.workbench import Workbench
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
@@ -26,16 +24,16 @@ CARD = re.compile(r">Frame (\d+)</b>")
 class Witness:
     """Puts together what a page shows, message by message, and looks at it whenever all has come of a pose that the program shows."""
 
-    def __init__(self, bench: Workbench, wire: WireClient) -> None:
+    def __init__(self, bench, wire):
         self.bench, self.wire = bench, wire
         first = bench.stage.pose
-        self.poses: list[snapshots.PoseSnapshot] = [] if first is None else [first]
-        self.shown: dict[str, Any] = {}
+        self.poses = [] if first is None else [first]
+        self.shown = {}
         self.read, self.looks, self.moving = 0, 0, 0
         self.pictures, self.wrong = 0, list[str]()
         shown = bench.page.show
 
-        def noted(snapshot: snapshots.Snapshot) -> None:
+        def noted(snapshot):
             if isinstance(snapshot, snapshots.PoseSnapshot):
                 self.poses.append(snapshot)
             shown(snapshot)
@@ -45,12 +43,12 @@ class Witness:
 
         object.__setattr__(bench.page, "show", noted)
 
-    def _look(self) -> None:
+    def _look(self):
         """Look at what the page has, once all that it was told until now has come."""
         last = LocalStorageGetItemRequestMessage("witness", str(uuid4()))
         self.bench.server._websock_server.queue_message(last)
 
-        def came() -> bool:
+        def came():
             found = list(self.wire.messages)
             for _, message in found[self.read :]:
                 self._take(message)
@@ -60,7 +58,7 @@ class Witness:
         eventually(came, "the last message")
         self._judge()
 
-    def _take(self, message: dict[str, Any]) -> None:
+    def _take(self, message):
         if message.get("key") == "witness":
             self.shown["witness"] = message["request_uuid"]
         key = message.get("name") or message.get("uuid") or ""
@@ -68,10 +66,10 @@ class Witness:
         for name, value in told.items():
             self.shown[f"{key}.{name}"] = value
 
-    def of(self, handle: Any, name: str) -> Any:
+    def of(self, handle, name):
         return self.shown.get(f"{handle._impl.uuid}.{name}")
 
-    def _judge(self) -> None:
+    def _judge(self):
         panel = self.bench.layout.pose
         card, hand = self.of(panel.card, "content"), self.shown.get("/hand/flesh.batched_positions")
         found = CARD.search(card or "")
@@ -85,7 +83,7 @@ class Witness:
         self.looks += 1
         self.moving += frame != self.poses[0].frame
 
-    def _look_at_pictures(self) -> None:
+    def _look_at_pictures(self):
         """Look, once a snapshot is shown, at what each kind of picture is of."""
         stage = self.bench.stage
         if stage.pose is None or stage.cameras is None:
@@ -100,7 +98,7 @@ class Witness:
             if frustum.image is not None and stage.cameras.frame != frame:
                 self.wrong.append(f"small, beside {frame}: {stage.cameras.frame}")
 
-    def at_rest(self) -> None:
+    def at_rest(self):
         """Sliders, gizmo, numbers beside the lanes, and what is said of the frame are those of the pose on the card."""
         bench, panel = self.bench, self.bench.layout.pose
         pose = bench.stage.pose

@@ -15,12 +15,12 @@ from handtrack_app.protocol.palette import STATUS
 from tests.app.fake_run import fake_document
 
 
-def _strip(**changed: object) -> snapshots.TimelineSnapshot:
+def _strip(**changed):
     none = np.full(4, np.nan)
     return replace(snapshots.TimelineSnapshot(10, np.full(4, -1), none, none, ()), **changed)
 
 
-def timeline_picture(strip: snapshots.TimelineSnapshot) -> str:
+def timeline_picture(strip):
     frames = whole(range(strip.start, strip.start + len(strip.status)))
     return lanes_picture(lanes_of(strip, frames), strip, frames)
 

@@ -11,7 +11,7 @@ VIEW = rotation_matrix(np.array([0.4, -1.1, 0.7]))
 STEP_M, STEP_RAD = 0.003, 0.05
 
 
-def applied(name: str, root: np.ndarray, pivot: np.ndarray) -> np.ndarray:
+def applied(name, root, pivot):
     edit = nudged(root, NUDGES[name], VIEW, pivot, STEP_M, STEP_RAD)
     return np.array([edit[key] for key in ROOT])
 

@@ -16,7 +16,7 @@ def test_range_of_motion_and_speed():
     assert range_and_speed(np.array([1.0, np.nan, 2.0]), 10.0) is None
 
 
-def _snapshot(count: int = 300) -> CurvesSnapshot:
+def _snapshot(count=300):
     values = np.linspace(0, 1, count)
     curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values + 0.1, values - 0.1)  # fmt: skip
     return CurvesSnapshot(0, 30.0, (curve,), 3)

@@ -11,14 +11,13 @@ from handtrack.diagnostics.review import ReviewInterval
 from handtrack.tracking.whole.refinement import CameraError
 from handtrack_app.page.panels.review import undoubted
 from handtrack_app.protocol.snapshots import NO_TIMELINE, Notice, TimelineSnapshot
-from handtrack_app.workbench import Workbench
 from tests.app.desk import shown
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 
 
-def _tracked(bench: Workbench) -> None:
+def _tracked(bench):
     bench.engine.track(0, FRAMES, 3)
     eventually(lambda: len(bench.layout.review.stretches) == 1, "frame 7 is doubtful")
     eventually(lambda: bench.layout.progress.state == "idle", "all are tracked")
@@ -58,55 +57,38 @@ def test_what_is_found_out_about_a_recording_stays_until_it_is_tracked_anew(benc
     assert not about.content
 
 
-OFF = CameraError("side", (0.0, 2.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
-EXACT = CameraError("front", (0.0, 0.1, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
-
-
-def test_a_camera_that_is_surely_off_is_corrected_by_a_button_and_undo_takes_it_back(tmp_path):
-    opener = partial(fake_document, step_s=0.0, refined_by=0.1, refined_cameras=(EXACT, OFF))
+def test_cameras_that_are_surely_off_are_corrected_by_one_button_and_undo_takes_it_back(tmp_path):
+    off = CameraError("side", (0.0, 2.0, 0.0), (0.0, 0.0, 0.0), 0.0, 0.0, (0.1,) * 9)
+    other = replace(off, name="front", turn_deg=(1.0, 0.0, 0.0))
+    opener = partial(fake_document, step_s=0.0, refined_by=0.1, refined_cameras=(other, off))
     with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
-        review, document = bench.layout.review, bench.worker.document
-        calibrated = document.run.session.rig["side"]
+        review, session = bench.layout.review, lambda: bench.worker.document.run.session
+        undo, calibrated = bench.layout.pose.edit_buttons, session().rig["side"].rotation
+        frustum = bench.stage.cameras.frusta["side"]
+        turned = lambda: not np.allclose(frustum.wxyz, SO3.from_matrix(calibrated.T).wxyz)  # noqa: E731
         bench.engine.track(0, FRAMES, 3)
         eventually(lambda: review.correct.visible, "offered")
-        assert "rotation 2.00° (± 0.10)" in review.off.content and "side" in review.correct.label
+        assert "rotation 2.00° (± 0.10)" in review.off.content
+        assert "front, side" in review.correct.label
         client.set_value(review.correct, True)
         eventually(lambda: not review.correct.visible, "applied: no longer offered")
-        corrected = document.run.session.rig["side"]
-        turn = np.arccos((np.trace(corrected.rotation @ calibrated.rotation.T) - 1) / 2)
+        assert set(review.strip.cameras_corrected) == {"front", "side"}
+        assert not review.strip.cameras_off
+        turn = np.arccos((np.trace(session().rig["side"].rotation @ calibrated.T) - 1) / 2)
         assert np.rad2deg(turn) == pytest.approx(2.0)
-        frustum = bench.stage.cameras.frusta["side"]
-        turned = lambda: not np.allclose(frustum.wxyz, SO3.from_matrix(calibrated.rotation.T).wxyz)  # noqa: E731
         eventually(turned, "drawn as corrected")
         assert "corrected by rotation 2.00°" in review.off.content
         client.set_value(review.restore, True)
         eventually(lambda: review.correct.visible and not turned(), "as it was calibrated")
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        client.set_value(undo, "Undo")
         eventually(lambda: review.restore.visible and turned(), "corrected again")
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
-        eventually(lambda: review.correct.visible and not turned(), "offered again")
-        back = document.run.session.rig["side"].rotation
-        np.testing.assert_array_equal(back, calibrated.rotation)
-
-
-def test_one_button_corrects_all_cameras_that_are_named_in_one_step(tmp_path):
-    other = replace(OFF, name="front", turn_deg=(1.0, 0.0, 0.0))
-    opener = partial(fake_document, step_s=0.0, refined_by=0.1, refined_cameras=(other, OFF))
-    with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
-        review = bench.layout.review
-        bench.engine.track(0, FRAMES, 3)
-        eventually(lambda: review.correct.visible, "offered")
-        assert "front, side" in review.correct.label
-        client.set_value(review.correct, True)
-        eventually(lambda: set(review.strip.cameras_corrected) == {"front", "side"}, "both")
-        assert not review.strip.cameras_off
-        eventually(lambda: "front, side" in review.restore.label, "both can be taken back")
-        client.set_value(bench.layout.pose.edit_buttons, "Undo")
+        client.set_value(undo, "Undo")
         eventually(lambda: set(review.strip.cameras_off) == {"front", "side"}, "one step of undo")
-        assert not review.strip.cameras_corrected
+        eventually(lambda: review.correct.visible and not turned(), "offered again")
+        np.testing.assert_array_equal(session().rig["side"].rotation, calibrated)
 
 
-def _card(first: int, last: int, brief: str = "thumb") -> ReviewInterval:
+def _card(first, last, brief="thumb"):
     return ReviewInterval(first, last, first, 1.0, brief, "the thumb may be off <b>")
 
 

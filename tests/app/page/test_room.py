@@ -1,27 +1,25 @@
 """A page's own room: folded panels, colours and text are its own, and its browser remembers them."""
 
 import json
-from typing import Any
 
 import pytest
 
 from handtrack_app.page.panels.view import LARGE, LIGHT, Taste
-from handtrack_app.workbench import Workbench
 from tests.app.waiting import eventually
 from tests.app.wire import Browser, WireClient
 
 
-def said(wire: WireClient, kind: str) -> list[dict[str, Any]]:
+def said(wire, kind):
     return [message for _, message in list(wire.messages) if message["type"] == kind]
 
 
-def answer(wire: WireClient, kept: str | None) -> None:
+def answer(wire, kept):
     """Answer what the browser remembers."""
     eventually(lambda: bool(said(wire, "LocalStorageGetItemRequestMessage")), "asked")
     wire.answer(said(wire, "LocalStorageGetItemRequestMessage")[-1], kept)
 
 
-def folds(bench: Workbench, wire: WireClient) -> list[bool]:
+def folds(bench, wire):
     uuid = bench.page.gui.main_panel._placement_uuid
     told = said(wire, "GuiSetPanelCollapsedMessage")  # the first one is viser's own
     return [m["collapsed"] for m in told if m["uuid"] == uuid and m["counter"] > 1]

@@ -10,7 +10,7 @@ from handtrack_app.page.player import Player
 from tests.app.waiting import eventually
 
 
-def _state() -> UserState:
+def _state():
     return UserState(names=("a", "b"), values=(0.0, 1.0), start=0, stop=10)
 
 

@@ -13,7 +13,7 @@ def session(tmp_path):
     return session_snapshot(fake_document(tmp_path))
 
 
-def in_picture(view: vp.Viewpoint, points: np.ndarray) -> np.ndarray:
+def in_picture(view, points):
     """Return (N, 2) across and upward, in half heights of the picture."""
     ahead = view.look_at - view.position
     ahead = ahead / np.linalg.norm(ahead)

@@ -27,14 +27,14 @@ CARD = CameraCard(
 )  # fmt: skip
 
 
-def by_opencv(points: np.ndarray) -> np.ndarray:
+def by_opencv(points):
     world_to_camera = CARD.rotation.T
     turn, _ = cv2.Rodrigues(world_to_camera)
     pixels, _ = cv2.projectPoints(points, turn, -world_to_camera @ CARD.centre, MATRIX, np.zeros(5))
     return pixels[:, 0]
 
 
-def in_window(zoom: Zoom, window: tuple[int, int], point: np.ndarray) -> np.ndarray:
+def in_window(zoom, window, point):
     """Return where a point of the world is drawn [px of the window], by the page's own kind of camera."""
     looks = eye(CARD, zoom, window[0] / window[1])
     focal = window[1] / 2 / np.tan(looks.fov / 2)
@@ -42,7 +42,7 @@ def in_window(zoom: Zoom, window: tuple[int, int], point: np.ndarray) -> np.ndar
     return np.array([focal * x / z + window[0] / 2, focal * y / z + window[1] / 2])
 
 
-def on_picture(pixel: np.ndarray, depth: float) -> np.ndarray:
+def on_picture(pixel, depth):
     """Return where a pixel of the picture stands in the world, as the plane with the picture is placed."""
     width, height, middle = plane_of(CARD, depth)
     share = (pixel + 0.5) / CARD.size - 0.5

@@ -9,8 +9,6 @@ import random
 import signal
 import time
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -28,49 +26,49 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 class Editor:
     """Somebody who edits, and knows what must be there."""
 
-    def __init__(self, page: Page, folder: Path, rng: random.Random) -> None:
+    def __init__(self, page, folder, rng):
         self.page, self.folder, self.rng = page, folder, rng
-        self.expected: dict[str, tuple[Any, int]] = {}
+        self.expected = {}
         """by key: what was done last, and by which command"""
         self.sent = self.acknowledged = self.acknowledgements = 0
-        self.accepted: set[int] = set()
+        self.accepted = set()
 
-    def _send(self, name: str, *given: Any, **named: Any) -> None:
+    def _send(self, name, *given, **named):
         getattr(self.page.engine.engine, name)(*given, **named)
         self.sent += 1
 
-    def _expect(self, key: str, value: Any) -> None:
+    def _expect(self, key, value):
         self.expected[key] = (value, self.sent)
 
-    def edit(self) -> None:
+    def edit(self):
         """Do one thing."""
         rng = self.rng
         rng.choice((self._pose, self._pose, self._pin, self._setting, self._limits, self._accept))()
 
-    def _pose(self) -> None:
+    def _pose(self):
         frame, bend = rng_frame(self.rng), round(self.rng.uniform(0.1, 1.0), 4)
         self._send("set_pose", frame, values_with(bend), self.sent + 1)
         self._expect(f"pose/{frame}", bend)
 
-    def _pin(self) -> None:
+    def _pin(self):
         frame = self.rng.randrange(6, FRAMES)  # a pin moves its frame's pose
         row = float(self.rng.randrange(20, 40))
         self._send("drop_pins", frame, None, self.sent + 1)
         self._send("set_pin", frame, "front", (40.0, row), self.sent + 1, hold=Hold("index_tip"), tag=str(self.sent))  # fmt: skip
         self._expect(f"pins/{frame}", row)
 
-    def _setting(self) -> None:
+    def _setting(self):
         name = self.rng.choice(("cloud.weight", "silhouettes.weight"))
         value = round(self.rng.uniform(2.0, 9.0), 3)
         self._send("set_setting", name, value)
         self._expect(f"setting/{name}", value)
 
-    def _limits(self) -> None:
+    def _limits(self):
         interval = (-0.5, round(self.rng.uniform(1.2, 1.7), 3))
         self._send("set_limits", "ring_pip_flex", interval)
         self._expect("limits/ring_pip_flex", [*interval])
 
-    def _accept(self) -> None:
+    def _accept(self):
         """Accept a frame or let it go; at times that is undone: one step too many or too few would show."""
         frame = rng_frame(self.rng)
         on = frame not in self.accepted
@@ -86,13 +84,13 @@ class Editor:
 
     # ---- what must be there
 
-    def look(self) -> None:
+    def look(self):
         """Take note of what the page calls saved."""
         if self.page.saved == "saved":
             self.acknowledgements += self.acknowledged < self.sent
             self.acknowledged = self.sent
 
-    def missing(self, upto: int) -> list[str]:
+    def missing(self, upto):
         """Return what was done last by one of so many commands, and is not on disk as it was done."""
         state = state_on_disk(self.folder)
         return [
@@ -102,11 +100,11 @@ class Editor:
         ]
 
 
-def rng_frame(rng: random.Random) -> int:
+def rng_frame(rng):
     return rng.randrange(1, 6)
 
 
-def plain(key: str, value: Any) -> Any:
+def plain(key, value):
     """Return what is on disk as it was asked for."""
     kind = key.partition("/")[0]
     if kind == "pose":

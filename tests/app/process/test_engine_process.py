@@ -6,17 +6,13 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from handtrack.session.session_state import SessionState
 from handtrack.store.lease import holder_of
 from handtrack.store.store import Store
-from handtrack_app.engine.document import Document
 from handtrack_app.process import engine_process
 from handtrack_app.process.child import GB, EnginePlan, LiveOptions
 from handtrack_app.process.engine_process import EngineProcess
@@ -34,26 +30,26 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 class Page:
     """An engine in a process, and all that it said."""
 
-    def __init__(self, folder: Path, opener: Any = fake_document, **plan: Any) -> None:
-        self.seen: list[Any] = []
+    def __init__(self, folder, opener=fake_document, **plan):
+        self.seen = []
         self.engine = EngineProcess(EnginePlan(folder, opener=opener, **plan), self.seen.append)
 
-    def wait(self, kind: type, test: Callable[[Any], bool] = lambda _: True, after: int = 0) -> Any:
+    def wait(self, kind, test=lambda _: True, after=0):
         """Return the first snapshot of a kind that passes the test."""
 
-        def found() -> Any:
+        def found():
             return next((s for s in self.seen[after:] if isinstance(s, kind) and test(s)), None)
 
         eventually(lambda: found() is not None, f"a {kind.__name__}", 90.0)
         return found()
 
-    def told(self, words: str, after: int = 0) -> snapshots.Notice:
+    def told(self, words, after=0):
         return self.wait(snapshots.Notice, lambda n: words in f"{n.title}: {n.text}", after)
 
-    def idle(self, after: int = 0) -> None:
+    def idle(self, after=0):
         self.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", after)
 
-    def kill(self, number: int = signal.SIGKILL) -> int:
+    def kill(self, number=signal.SIGKILL):
         """Kill the engine's process; return how much had been said before."""
         pid, said = self.engine.pid, len(self.seen)
         assert pid is not None
@@ -61,18 +57,18 @@ class Page:
         return said
 
     @property
-    def saved(self) -> str:
+    def saved(self):
         """What the page's head says."""
         return ([""] + [s.saved for s in self.seen if isinstance(s, snapshots.WorkSnapshot)])[-1]
 
     @property
-    def notices(self) -> list[snapshots.Notice]:
+    def notices(self):
         return [s for s in self.seen if isinstance(s, snapshots.Notice)]
 
 
 @pytest.fixture
 def start():
-    pages: list[Page] = []
+    pages = []
 
     def started(*args, **plan):
         pages.append(Page(*args, **plan))
@@ -85,7 +81,7 @@ def start():
         page.engine.stop()
 
 
-def values_with(bend: float) -> tuple[float, ...]:
+def values_with(bend):
     model = fake_document(Path()).model
     values = model.rest.copy()
     values[model.parameter_names.index("index_pip_flex")] = bend
@@ -127,7 +123,7 @@ def test_c40_a_killed_engine_is_told_and_what_was_accepted_is_back(tmp_path, sta
     page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking", said)
 
 
-def state_on_disk(folder: Path) -> dict[str, Any]:
+def state_on_disk(folder):
     return Store(folder / "tracks").history().state
 
 
@@ -173,12 +169,12 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
     assert not any("looked at" in notice.text for notice in page.notices)
 
 
-def deadly_document(folder: Path) -> Document:
+def deadly_document(folder):
     """A document that ends the engine where a setting is changed."""
     document = fake_document(folder)
     become = document.become
 
-    def became(state: SessionState) -> None:
+    def became(state):
         if "cloud.weight" in state.setting:
             os.kill(os.getpid(), signal.SIGKILL)
         become(state)
@@ -208,7 +204,7 @@ def test_c40_what_an_ended_program_could_not_save_is_named(tmp_path):
     assert "frame 3" in " ".join(page.engine.last_words)
 
 
-def crashing_document(folder: Path) -> Document:
+def crashing_document(folder):
     """A document that crashes whoever opens it while a file is there."""
     if (folder / "crash").exists():
         os.kill(os.getpid(), signal.SIGSEGV)
@@ -264,7 +260,7 @@ def test_running_cameras_are_opened_over_there(tmp_path, start):
 # ---- memory
 
 
-def hungry_document(folder: Path) -> Document:
+def hungry_document(folder):
     """A document whose frames take 100 GB each to track."""
     return fake_document(folder, hungry=True)
 
@@ -320,7 +316,7 @@ def test_c40_an_engine_whose_page_was_killed_ends_and_frees_the_session(tmp_path
     eventually(lambda: not _works(engine), "its process ended")
 
 
-def _works(pid: int) -> bool:
+def _works(pid):
     """Return whether a process runs; one that nobody waited for does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"

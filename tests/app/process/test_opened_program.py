@@ -8,7 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -42,7 +41,7 @@ def program(tmp_path):
         started.kill()
 
 
-def widget(client: WireClient, kind: str, label: str) -> Any:
+def widget(client, kind, label):
     """Return what `set_value` takes for the widget with a label."""
     for _, message in list(client.messages):
         if message["type"] == kind and message["props"].get("label") == label:
@@ -99,7 +98,7 @@ def test_c40_the_page_outlives_what_tracks(program, tmp_path):
     assert not any((tmp_path / "session/tracks").glob("lease-*.json"))
 
 
-def _parent(stat: Path) -> int:
+def _parent(stat):
     try:
         return int(stat.read_text().rpartition(")")[2].split()[1])
     except OSError:

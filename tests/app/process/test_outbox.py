@@ -1,33 +1,30 @@
 """What the page keeps until it is on disk, and repeats to the next engine."""
 
-from typing import Any
-
 from handtrack_app.engine.open_session import RULES
 from handtrack_app.process.engine_process import Outbox, named
-from handtrack_app.protocol.calls import Call
 from handtrack_app.protocol.snapshots import Hold, WorkSnapshot
 
 
 class Pipe:
     """An outbox, and what came out of it."""
 
-    def __init__(self, is_listening: bool = True) -> None:
-        self.sent: list[Call] = []
+    def __init__(self, is_listening=True):
+        self.sent = []
         self.outbox = Outbox(self.sent.append, rules=RULES)
         if is_listening:
             self.outbox.listen(is_anew=False)
 
-    def put(self, name: str, *given: Any, **named_: Any) -> bool:
+    def put(self, name, *given, **named_):
         return self.outbox.put(name, given, named_) is None
 
-    def pose(self, frame: int, version: int, tag: str = "") -> bool:
+    def pose(self, frame, version, tag=""):
         return self.put("set_pose", frame, (0.1 * version,), version, tag)
 
-    def written(self, number: int) -> str | None:
+    def written(self, number):
         told = self.outbox.see(WorkSnapshot("saved", (), number, number))
         return None if told is None else told.saved  # type: ignore[union-attr]
 
-    def begins_again(self) -> list[Call]:
+    def begins_again(self):
         """Another engine listens, serves all that it is sent, and writes nothing; return that."""
         given_up, self.sent[:] = self.outbox.ended(), []
         self.outbox.listen(is_anew=True)
@@ -38,7 +35,7 @@ class Pipe:
         return given_up
 
     @property
-    def names(self) -> list[str]:
+    def names(self):
         return [one.name for one in self.sent]
 
 

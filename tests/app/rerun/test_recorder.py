@@ -3,7 +3,6 @@
 import threading
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -83,10 +82,8 @@ def test_frames_and_the_iterations_of_one(run, results, tmp_path):
 def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run):
     pytest.importorskip("rerun")
     bones = run.model.bones(run.initial()[1])
-    told: dict[str, Any] = {}
-    recording: Any = SimpleNamespace(
-        log=lambda name, what, static=False: told.setdefault(name, what)
-    )
+    told = {}
+    recording = SimpleNamespace(log=lambda name, what, static=False: told.setdefault(name, what))
     log_space(recording, run.model, bones, None, {})
     names = run.model.skeleton.bone_names
     at, after = names.index("index_proximal"), names.index("index_intermediate")
@@ -186,7 +183,7 @@ def test_a_failure_while_painting_is_told(run, results, tmp_path, monkeypatch):
     assert recorder.problem == "recording residuals stopped: no paint"
 
 
-def signed(colours: np.ndarray) -> np.ndarray:
+def signed(colours):
     """Return the values that colours of a residual stand for; NaN where nothing was measured."""
     red, fade, blue = np.moveaxis(colours.astype(float), -1, 0)
     value = np.where(red >= blue, 1.0, -1.0) * (1.0 - fade / 255.0)
@@ -232,7 +229,7 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
 
 
 def test_refined_frames_reach_rerun_too(tmp_path, monkeypatch):
-    shown: list[tuple[int, Any]] = []
+    shown = []
     monkeypatch.setattr(
         LiveRecorder, "show", lambda _, __, one: shown.append((one.frame, one.parameters.tolist()))
     )

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import urllib.request
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ def chunks(path, entity):
         yield part.to_record_batch()
 
 
-def scalars(path, entity, timeline="frame") -> dict[int, float]:
+def scalars(path, entity, timeline="frame"):
     found = {}
     for batch in chunks(path, entity):
         values = batch.column("Scalars:scalars").to_pylist()
@@ -36,7 +35,7 @@ def scalars(path, entity, timeline="frame") -> dict[int, float]:
     return found
 
 
-def picture(path, entity) -> np.ndarray:
+def picture(path, entity):
     from PIL import Image
 
     for batch in chunks(path, entity):
@@ -45,7 +44,7 @@ def picture(path, entity) -> np.ndarray:
     raise LookupError(entity)
 
 
-def result(frame: int, note: str = "", **energies: float) -> Any:
+def result(frame, note="", **energies):
     """Return what the stream reads of a FrameResult."""
     return SimpleNamespace(
         frame=frame, time_s=frame / 25, energy=10.0 + frame, iterations=3 + frame, status=Status.TRACKED, energies=energies,

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from handtrack_app.engine import tuning_service
-from handtrack_app.engine.worker import Worker
 from handtrack_app.protocol import snapshots
 from tests.app.waiting import eventually
 
@@ -14,7 +13,7 @@ from tests.app.waiting import eventually
 @pytest.fixture
 def bends(monkeypatch):
     """A fit that bends the index finger to a tenth of the silhouettes' weight; return the weights that it was asked for."""
-    asked: list[float] = []
+    asked = []
 
     def fitted(model, settings, seen, params, should_stop):
         asked.append(settings.silhouettes.weight)
@@ -26,7 +25,7 @@ def bends(monkeypatch):
     return asked
 
 
-def _bend(worker: Worker) -> float:
+def _bend(worker):
     return worker.document.shown[worker.document.model.parameter_names.index("index_pip_flex")]
 
 

@@ -15,7 +15,7 @@ def home(tmp_path, monkeypatch):
     monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path))
 
 
-def _of(names: tuple[str, ...], part: str = ALL) -> CopiedPose:
+def _of(names, part=ALL):
     whole = CopiedPose(ALL, "a", 7, {name: 0.01 * i for i, name in enumerate(names)})
     return whole if part == ALL else CopiedPose(part, "a", 7, whole.pasted(names, part))
 

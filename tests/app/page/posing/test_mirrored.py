@@ -9,7 +9,7 @@ RIGHT = np.array([1.0, 2.0, 0.5]) / np.linalg.norm([1.0, 2.0, 0.5])
 MIDDLE = np.array([0.3, -0.1, 0.2])
 
 
-def _image(places: np.ndarray) -> np.ndarray:
+def _image(places):
     return MIDDLE + (places - MIDDLE) @ (np.eye(3) - 2 * np.outer(RIGHT, RIGHT))
 
 
