@@ -46,12 +46,6 @@ def points(params: np.ndarray, frame: int = 0) -> Observation:
     return Observation(frame, frame / 30, keypoints=(seen,))
 
 
-# ---- the names -------------------------------------------------------------------------------------
-
-
-# ---- cameras ---------------------------------------------------------------------------------------
-
-
 def test_a_camera_of_opencvs_numbers_projects_as_opencv_does(rng):
     matrix = np.array([[600.0, 0, 320], [0, 610, 240], [0, 0, 1]])
     flat, rvec, tvec = np.array([[-0.2, 0.05, 1e-3, 2e-3, 0.01]]), np.array([[0.1], [-0.4], [0.2]]), np.array([[10.0], [20], [500]])  # fmt: skip
@@ -75,25 +69,14 @@ def test_calibrations_are_read_in_metres(tmp_path):
     np.testing.assert_allclose(camera.translation, [0, 0, 0.3])
 
 
-# ---- a first pose without a session ----------------------------------------------------------------
-
-
-def test_a_pose_from_points_in_space():
-    params = posed(0.9)
-    found = find_pose(HAND, points(params))
-    assert [one.source for one in found] == ["points"]
-    off = HAND.joint_positions(HAND.bones(found[0].params)) - HAND.joint_positions(HAND.bones(params))  # fmt: skip
-    assert np.abs(off).max() < 2e-3
-
-
-def test_a_pose_from_joints_in_two_images():
+def test_a_pose_from_points_in_space_or_joints_in_two_images():
     joint = posed(0.9)
     joint[:3] = CAMERAS["cam0"].centre + 0.5 * CAMERAS["cam0"].rotation[2]
-    names = keypoint_names()
     at = HAND.keypoints21(HAND.bones(joint))
-    seen = tuple(ImageKeypoints(c, names, c.project(at), 2.0) for c in list(CAMERAS)[:2])
-    found = find_pose(HAND, Observation(0, 0.0, keypoints=seen))
-    assert np.abs(HAND.keypoints21(HAND.bones(found[0].params)) - at).max() < 3e-3
+    seen = tuple(ImageKeypoints(c, keypoint_names(), c.project(at), 2.0) for c in list(CAMERAS)[:2])
+    for given, within in ((points(joint), 2e-3), (Observation(0, 0.0, keypoints=seen), 3e-3)):
+        (found, *_) = find_pose(HAND, given)
+        assert np.abs(HAND.keypoints21(HAND.bones(found.params)) - at).max() < within
 
 
 def test_values_that_follow_need_not_be_given_and_may_not_contradict():
@@ -111,9 +94,6 @@ def test_values_that_follow_need_not_be_given_and_may_not_contradict():
         coupled.params_from(against)
     nearest = joint(coupled.params_from(against, nearest=True), "index_pip_flex")
     assert nearest == pytest.approx(0.6 / (1 + 4 / 9))
-
-
-# ---- a sequence ------------------------------------------------------------------------------------
 
 
 def test_what_does_not_fit_is_refused_in_words():
@@ -184,9 +164,6 @@ def test_xarray_and_netcdf_are_one(lost, tmp_path):
             )
         assert {n for n in written.variables if not n.startswith("isb")} == set(own.variables)
         assert own.attrs.items() <= written.attrs.items()
-
-
-# ---- terms of one's own ----------------------------------------------------------------------------
 
 
 def test_gradient_and_hessian(rng):

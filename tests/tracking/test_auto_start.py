@@ -46,7 +46,7 @@ def error_mm(result, params, model=FILMED):
 
 def test_silhouettes_of_a_hand_turned_anyhow(rng):
     params = turned("rest", rng)
-    seen = mask_views(FILMED, params, simulated_rig(3, (160, 120)).cameras)
+    seen = mask_views(FILMED, params, simulated_rig(2, (160, 120)).cameras)
     found = auto_start(HANDS, TrackerSettings(), seen)
     assert error_mm(found[0].result, params) < 12.0
     assert not found[0].model.has_forearm, "there is none to be seen"

@@ -61,7 +61,7 @@ def test_a_camera_that_is_known_to_be_late_is_predicted_at_its_own_time():
 def cloud_errors_mm(rng, later, told):
     """Return the errors of the last frames by clouds that were taken `later`, live and refined [mm]."""
     frames = np.arange(8.0)
-    clouds = [PointCloud(on_surface(HAND, pose, 1500, rng)[0]) for pose in poses_at(frames + later)]
+    clouds = [PointCloud(on_surface(HAND, pose, 700, rng)[0]) for pose in poses_at(frames + later)]
 
     def observe(frame, _bones=None):
         by = later if told else 0.0
