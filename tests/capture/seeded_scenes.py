@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from handtrack import Camera, load_model
+from handtrack import load_model
 from handtrack.arrays import Array, Bytes, Floats
 from handtrack.simulation.render import pixel_rays, render
+from tests.cameras import pinhole
 
 SIZE = (360, 300)
 SKIN = np.array([120.0, 150, 205])  # BGR
@@ -47,8 +48,7 @@ def recording(
     of: how many frames its whole motion takes, if more than these.
     """
     model = load_model("hand26")
-    matrix = np.array([[420.0, 0, 180], [0, 420, 150], [0, 0, 1]])
-    camera = Camera("cam0", SIZE, matrix, np.zeros(5), np.eye(3), np.array([0.0, -0.08, 0.55]))
+    camera = pinhole("cam0", SIZE, 420, translation=(0, -0.08, 0.55), at=(180, 150))
     rays = pixel_rays(camera)
     behind = _background(light, rng)
     out = Recording([], [], [], [])

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import HandtrackError
 from handtrack.capture.calibration.rig_file import read_rig, write_rig
@@ -35,9 +36,9 @@ def test_reads_aniposes_form_in_metres(tmp_path):
     camera = rig["cam0"]
     assert rig.names == ("cam0",)
     assert camera.size == (640, 480)
-    np.testing.assert_allclose(camera.translation, [0.01, 0.02, 0.7])
-    np.testing.assert_allclose(camera.rotation, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])
-    np.testing.assert_allclose(camera.distortions, [0.1, -0.2, 0.001, 0.002, 0.0])
+    assert_allclose(camera.translation, [0.01, 0.02, 0.7])
+    assert_allclose(camera.rotation, cv2.Rodrigues(np.array([0.1, 0.2, 0.3]))[0])
+    assert_allclose(camera.distortions, [0.1, -0.2, 0.001, 0.002, 0.0])
 
 
 def test_what_is_written_reads_back(tmp_path):
@@ -47,7 +48,7 @@ def test_what_is_written_reads_back(tmp_path):
     for one, other in zip(rig, again, strict=True):
         assert (one.name, one.size) == (other.name, other.size)
         for key in ("matrix", "distortions", "rotation", "translation"):
-            np.testing.assert_allclose(getattr(one, key), getattr(other, key), atol=1e-15)
+            assert_allclose(getattr(one, key), getattr(other, key), atol=1e-15)
 
 
 NO_RIGHT = "rotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]"

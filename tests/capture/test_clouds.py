@@ -15,6 +15,7 @@ from handtrack.capture.clouds.cloud_filters import CloudFilters
 from handtrack.capture.clouds.depth import DepthSettings, depth_cloud, surface_pixels
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.geometry.rotation import rotation_matrix
+from tests.cameras import pinhole
 
 
 @pytest.fixture
@@ -236,15 +237,8 @@ def test_the_chain_reports_every_step(rng):
 
 
 def camera(distortions=(0, 0, 0, 0, 0)) -> Camera:
-    matrix = np.array([[300.0, 0, 79.5], [0, 310.0, 59.5], [0, 0, 1]])
-    return Camera(
-        "kinect",
-        (160, 120),
-        matrix,
-        np.array(distortions),
-        rotation_matrix(np.array([0.3, -0.2, 0.1])),
-        np.array([0.1, 0.2, 0.3]),
-    )
+    rotation = rotation_matrix(np.array([0.3, -0.2, 0.1]))
+    return pinhole("kinect", (160, 120), (300, 310), rotation, (0.1, 0.2, 0.3), distortions)
 
 
 @pytest.mark.parametrize("distortions", [(0, 0, 0, 0, 0), (-0.3, 0.1, 0.002, -0.001, 0.0)])

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from handtrack.arrays import Array, Bytes
 from handtrack.capture.masks.segmentation import (
@@ -63,14 +64,14 @@ def test_skin_ycrcb_keeps_the_closed_box_of_colours():
     mask = segmenter(method, Frames([]))(image)
     y, cr, cb = np.moveaxis(back.astype(int), -1, 0)
     expected = (y >= 40) & (cr >= 138) & (cr <= 175) & (cb >= 85) & (cb <= 125)
-    np.testing.assert_array_equal(mask > 0, expected)
+    assert_array_equal(mask > 0, expected)
     assert set(np.unique(mask)) <= {0, 255}
 
 
 def test_the_region_of_interest_comes_before_the_largest_piece(rng):
     other = (60, 5, 8, 8)
     segment = segmenter(SkinYCrCb(open_px=0), Frames([]), roi=(55, 0, 25, 60))
-    np.testing.assert_array_equal(segment(scene(rng, HAND, other)), box_mask(*other))
+    assert_array_equal(segment(scene(rng, HAND, other)), box_mask(*other))
 
 
 def test_skin_adaptive_fits_its_sample(rng):
@@ -95,10 +96,10 @@ def test_background_methods_find_what_moves(method, rng):
     for other in images[:20]:
         if other is not None:
             segment(other)
-    np.testing.assert_array_equal(segment(image), first)  # no memory of what was asked before
+    assert_array_equal(segment(image), first)  # no memory of what was asked before
 
 
 def test_depth_range_is_in_metres_and_ignores_zero():
     depth = np.array([[0, 2999, 3000, 6000, 6001]], np.uint16)
     segment = segmenter(DepthRange(near_m=0.3, far_m=0.6), Frames([]), unit_m=0.0001)
-    np.testing.assert_array_equal(segment(depth), [[0, 0, 255, 255, 0]])
+    assert_array_equal(segment(depth), [[0, 0, 255, 255, 0]])

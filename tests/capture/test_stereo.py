@@ -16,6 +16,7 @@ from handtrack.capture.clouds.disparity import (
 from handtrack.capture.clouds.rectification import rectified
 from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
 from handtrack.geometry.rotation import rotation_matrix
+from tests.cameras import pinhole
 
 METHODS = ("sgbm", "correlation")
 PLANE_M = 0.5
@@ -27,16 +28,8 @@ def cloud_of(matcher, *taken):
 
 
 def camera(name, centre=(0, 0, 0), turn=(0, 0, 0), distortions=(0, 0, 0, 0, 0)) -> Camera:
-    matrix = np.array([[300.0, 0, 119.5], [0, 300.0, 89.5], [0, 0, 1]])
     rotation = rotation_matrix(np.array(turn, dtype=float))
-    return Camera(
-        name,
-        (240, 180),
-        matrix,
-        np.array(distortions),
-        rotation,
-        -rotation @ np.array(centre, dtype=float),
-    )
+    return pinhole(name, (240, 180), 300, rotation, -rotation @ centre, distortions)
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from handtrack import Camera
 from handtrack.arrays import Array
 from handtrack.capture.images.synchrony import ImageMotion, plane_angles, time_offsets
 from handtrack.geometry.rotation import rotation_matrix
+from tests.cameras import pinhole
 
 FRAMES = 60
 SIZE = (96, 72)
@@ -14,9 +15,8 @@ SIZE = (96, 72)
 
 def camera(name: str, turn: float) -> Camera:
     """Looks at the origin from half a metre, turned by an angle [rad] around it."""
-    matrix = np.array([[110.0, 0, 47.5], [0, 110.0, 35.5], [0, 0, 1]])
     rotation = rotation_matrix(np.array([0.2 * turn, turn, 0.3 * turn]))
-    return Camera(name, SIZE, matrix, np.zeros(5), rotation, np.array([0.0, 0.0, 0.5]))
+    return pinhole(name, SIZE, 110, rotation, (0, 0, 0.5))
 
 
 def pictures(

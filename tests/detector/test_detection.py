@@ -14,6 +14,8 @@ from handtrack.detector.hand_detector import (
 )
 from handtrack.detector.hand_follower import HandFollower
 from handtrack.detector.identity import HandObservation, epipolar_miss, log_odds, our_hands
+from handtrack.geometry.rotation import rotation_matrix
+from tests.cameras import pinhole
 from tests.detector.fake_detector import FakeDetector, columns, hand_at
 from tests.session.small_session import keypoints
 
@@ -148,12 +150,8 @@ LEFT_PLACE, RIGHT_PLACE = np.array([-0.15, 0.05, 0.0]), np.array([0.12, -0.06, 0
 
 def camera(name: str, angle: float) -> Camera:
     """A distorted camera 0.8 m away, turned about the vertical."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    rotation = np.array([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]])
-    matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
-    return Camera(
-        name, (640, 480), matrix, np.array([-0.1, 0.02, 0, 0, 0]), rotation, np.array([0, 0, 0.8])
-    )
+    rotation = rotation_matrix(np.array([0.0, angle, 0.0]))
+    return pinhole(name, (640, 480), 600, rotation, (0, 0, 0.8), (-0.1, 0.02, 0, 0, 0))
 
 
 CAMERAS = {name: camera(name, angle) for name, angle in (("a", 0.0), ("b", 0.6), ("c", -0.5))}

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from handtrack.export.motion.bvh import humanik_names
@@ -60,7 +61,7 @@ def trc(kind: str, folder: Path) -> float:
     data = opensim.TimeSeriesTableVec3(str(path))
     assert tuple(data.getColumnLabels()) == table.track.joint_names
     assert data.getTableMetaDataAsString("Units") == "mm"
-    np.testing.assert_allclose(data.getIndependentColumn(), table.track.time_s, atol=1e-9)
+    assert_allclose(data.getIndependentColumn(), table.track.time_s, atol=1e-9)
     points = np.array(
         [
             [[row[j][axis] for axis in range(3)] for j in range(data.getNumColumns())]
@@ -363,7 +364,7 @@ def glb(kind: str, folder: Path) -> float:
     (loaded,) = scene.geometry.values()
     assert len(loaded.faces) == file.accessors[mesh.primitives[0].indices].count // 3
     joints, weights = array(attributes.JOINTS_0).astype(int), array(attributes.WEIGHTS_0)
-    np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
+    assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
     rigid = (weights[:, 0] == 1) & (joints[:, 0] == model_skin(table.model).bone)
     assert 0.3 < rigid.mean() < 1  # bones' middles; at joints neighbours have a share
     back = array(skin.inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1)
@@ -373,7 +374,7 @@ def glb(kind: str, folder: Path) -> float:
         for c in animation.channels
     }
     times = array(animation.samplers[0].input)[:, 0]
-    np.testing.assert_allclose(times, table.track.time_s - table.track.time_s[0], atol=1e-6)
+    assert_allclose(times, table.track.time_s - table.track.time_s[0], atol=1e-6)
     skin_on_bones = model_skin(table.model)
     poses_of = table.track.T_world_bone[:, skin_on_bones.bone]
     wanted = (
@@ -409,7 +410,7 @@ def netcdf(kind: str, folder: Path) -> float:
         place = data["position"].transpose("time", "keypoints", "space", "individuals")[..., 0]
         assert np.isnan(place.values[LOST_ROW]).all()
         first = data["angle"].sel(parameter=track.parameter_names[6]).values
-        np.testing.assert_array_equal(first, track.parameters[:, 6])
+        assert_array_equal(first, track.parameters[:, 6])
         assert str(data["reason"].values[LOST_ROW]) == str(track.reason[LOST_ROW])
         seen = _seen(table)
         return _worst(place.values[seen], track.joint_positions[seen])
@@ -431,10 +432,10 @@ def nwb(kind: str, folder: Path) -> float:
             if rows[0].rate is None
             else rows[0].starting_time + np.arange(count) / rows[0].rate
         )
-        np.testing.assert_allclose(times, table.track.time_s)
+        assert_allclose(times, table.track.time_s)
         written_ = [module[f"parameters_{unit}"] for unit in ("meters", "radians")]
         values = np.concatenate([one.data[:] for one in written_], axis=1)
-        np.testing.assert_allclose(values[~table.is_lost], parameters[~table.is_lost])
+        assert_allclose(values[~table.is_lost], parameters[~table.is_lost])
         links = estimate.skeleton.edges[:]
         assert len(links) >= len(rows) - 2
     seen = _seen(table)

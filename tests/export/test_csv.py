@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError, TrackResult
 from handtrack.export.registry import export_format
@@ -77,8 +78,8 @@ def test_frames_that_were_not_tracked_are_lost_ones_where_a_format_has_a_rate(tm
     whole = ResultsTable(part).without_gaps
     assert whole.track.frame.tolist() == [3, 4, 5, 6, 7]
     assert whole.is_lost.tolist() == [False, False, True, True, False]
-    np.testing.assert_allclose(whole.track.time_s, np.arange(3, 8) / 50)
-    np.testing.assert_array_equal(whole.track.parameters[3], track.parameters[1])
+    assert_allclose(whole.track.time_s, np.arange(3, 8) / 50)
+    assert_array_equal(whole.track.parameters[3], track.parameters[1])
     assert np.isinf(whole.track.parameter_std[2]).all()
     assert (joint_confidence(whole.track)[2:4] == 0).all()
     (path,) = written("bvh", part, tmp_path)
@@ -110,9 +111,9 @@ def test_exports_say_whose_points_they_hold_and_hold_those_asked_for(tmp_path):
             == landmarks
         )
         place = [float(rows_of(paths["csv"])[0][f"thumb_mcp_{axis}_m"]) for axis in "xyz"]
-        np.testing.assert_allclose(place, held[landmarks][0, row], atol=1e-8)
+        assert_allclose(place, held[landmarks][0, row], atol=1e-8)
     moved = np.linalg.norm(held["mediapipe21"] - held["joints"], axis=2)
-    np.testing.assert_allclose(moved[:, row], 0.008 * factor, atol=1e-9)
+    assert_allclose(moved[:, row], 0.008 * factor, atol=1e-9)
     assert np.delete(moved, row, axis=1).max() < 1e-9
     with pytest.raises(HandtrackError, match="openpose21"):
         export_format("csv").write(tmp_path / "no.csv", ResultsTable(track), "", "openpose21")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError
 from handtrack.export.mano import ManoModel, fit_mano, write_init
@@ -96,10 +97,10 @@ def test_a_tracked_hand_is_exported_as_mano_near_its_keypoints(model_file, tmp_p
         pose = np.concatenate([found["global_orient"], found["hand_pose"]], 1).reshape(8, 16, 3)
         points = ManoModel.read(model_file).keypoints21(found["betas"], pose, found["transl"])
         far = np.linalg.norm(points - track.keypoints21, axis=2).mean(axis=1)
-        np.testing.assert_allclose(far, found["keypoint_error_m"], atol=1e-9)
+        assert_allclose(far, found["keypoint_error_m"], atol=1e-9)
     write_init(tmp_path / "init.json", points[0], 3)
     start = read_first_pose(tmp_path / "init.json", track.parameter_names)
-    np.testing.assert_allclose(start.xyz, points[0], atol=1e-9)
+    assert_allclose(start.xyz, points[0], atol=1e-9)
 
 
 def test_the_original_pickle_is_read_and_one_that_would_run_is_not(
@@ -122,8 +123,8 @@ def test_the_original_pickle_is_read_and_one_that_would_run_is_not(
     path = tmp_path / "MANO_RIGHT.pkl"
     path.write_bytes(pickle.dumps(tree, protocol=2))
     plain, packed = ManoModel.read(model_file), ManoModel.read(path)
-    np.testing.assert_array_equal(packed.shape_directions, plain.shape_directions)
-    np.testing.assert_array_equal(packed.regressor, plain.regressor)
+    assert_array_equal(packed.shape_directions, plain.shape_directions)
+    assert_array_equal(packed.regressor, plain.regressor)
     path.write_bytes(b"cposix\nsystem\n(S'true'\ntR.")
     with pytest.raises(HandtrackError, match="system"):
         ManoModel.read(path)

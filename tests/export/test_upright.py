@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack.export.registry import AXES
 from handtrack.export.table import ResultsTable
@@ -14,8 +15,8 @@ from tests.export.sequences import KINDS, sample_sequence
 @pytest.mark.parametrize(("up", "wanted"), product(AXES, AXES))
 def test_the_axis_is_brought_to_the_other_by_a_turn(up, wanted):
     turn = turn_between(up, wanted)
-    np.testing.assert_allclose(turn @ axis(up), axis(wanted), atol=1e-15)
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
+    assert_allclose(turn @ axis(up), axis(wanted), atol=1e-15)
+    assert_allclose(turn @ turn.T, np.eye(3), atol=1e-15)
     assert np.linalg.det(turn) == pytest.approx(1.0)
 
 
@@ -33,7 +34,7 @@ def test_all_that_is_of_the_world_turns_together(kind):
     turned = upright(track, "-y", "z")
     assert ResultsTable(turned).misfit_m < 1e-9
     turn = turn_between("-y", "z")
-    np.testing.assert_allclose(turned.joint_positions, track.joint_positions @ turn.T)
-    np.testing.assert_allclose(turned.T_world_bone[..., :3, 3], track.T_world_bone[..., :3, 3] @ turn.T)  # fmt: skip
-    np.testing.assert_allclose(turned.parameters[:, 6:], track.parameters[:, 6:])
+    assert_allclose(turned.joint_positions, track.joint_positions @ turn.T)
+    assert_allclose(turned.T_world_bone[..., :3, 3], track.T_world_bone[..., :3, 3] @ turn.T)  # fmt: skip
+    assert_allclose(turned.parameters[:, 6:], track.parameters[:, 6:])
     assert turned.cameras is None

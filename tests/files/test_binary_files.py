@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from numpy.testing import assert_array_equal
 
 from handtrack import HandtrackError
 from handtrack.files.mat_files import read_mat
@@ -24,11 +25,11 @@ def test_numbers_texts_structs_and_cells(packed, tmp_path):
     }  # fmt: skip
     scipy.io.savemat(tmp_path / "a.mat", values, do_compression=packed)
     read = read_mat(tmp_path / "a.mat")
-    np.testing.assert_array_equal(read["m"], values["m"])
-    np.testing.assert_array_equal(read["whole"], values["whole"])
+    assert_array_equal(read["m"], values["m"])
+    assert_array_equal(read["whole"], values["whole"])
     assert read["yes"] == [[1]]
     assert read["s"]["text"] == "mm"
-    np.testing.assert_array_equal(read["s"]["inner"]["k"], np.eye(2))
+    assert_array_equal(read["s"]["inner"]["k"], np.eye(2))
     assert read["cells"][1] == "x"
     assert [float(part["a"][0, 0]) for part in read["many"]] == [1, 2]
 

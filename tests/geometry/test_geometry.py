@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from handtrack import Camera, HandtrackError
@@ -44,7 +45,7 @@ def test_projects_as_opencv_with_every_number_of_coefficients(count, rng):
     expected, _ = cv2.projectPoints(
         points, camera.rotation, camera.translation, camera.matrix, camera.distortions
     )
-    np.testing.assert_allclose(camera.project(points), expected[:, 0], atol=1e-9)
+    assert_allclose(camera.project(points), expected[:, 0], atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
@@ -52,8 +53,8 @@ def test_undistorting_undoes_the_lens(count, rng):
     camera = make(rng.normal(0, 0.02, count))
     points = rng.uniform(-0.15, 0.15, (6, 7, 3))
     straight = camera.without_distortion().project(points)
-    np.testing.assert_allclose(camera.undistort_points(camera.project(points)), straight, atol=1e-8)
-    np.testing.assert_allclose(camera.distort_points(straight), camera.project(points), atol=1e-8)
+    assert_allclose(camera.undistort_points(camera.project(points)), straight, atol=1e-8)
+    assert_allclose(camera.distort_points(straight), camera.project(points), atol=1e-8)
 
 
 def test_far_off_points_do_not_fold_back_into_the_image():
@@ -74,19 +75,19 @@ def test_jacobian_agrees_with_differences(rng):
     for axis in range(3):
         step = 1e-6 * np.eye(3)[axis]
         change = (straight.project(points + step) - straight.project(points - step)) / 2e-6
-        np.testing.assert_allclose(jacobian[..., axis], change, rtol=1e-6, atol=1e-3)
+        assert_allclose(jacobian[..., axis], change, rtol=1e-6, atol=1e-3)
 
 
 def test_centre_projection_and_rays_belong_together(rng):
     camera = make(BARREL)
-    np.testing.assert_allclose(camera.to_camera(camera.centre), 0, atol=1e-12)
+    assert_allclose(camera.to_camera(camera.centre), 0, atol=1e-12)
     points = rng.uniform(-0.1, 0.1, (9, 3))
     homogeneous = np.column_stack([points, np.ones(9)]) @ camera.projection.T
     straight = camera.without_distortion().project(points)
-    np.testing.assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], straight, atol=1e-9)
+    assert_allclose(homogeneous[:, :2] / homogeneous[:, 2:], straight, atol=1e-9)
     towards = points - camera.centre
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    np.testing.assert_allclose(camera.rays(camera.project(points)), towards, atol=1e-10)
+    assert_allclose(camera.rays(camera.project(points)), towards, atol=1e-10)
 
 
 SKEWED = MATRIX + np.array([[0, 0.5, 0], [0, 0, 0], [0, 0, 0]])
@@ -124,8 +125,8 @@ def test_matrices_give_the_vectors_and_quaternions_of_scipy(rng, angle, off):
     turns = rotation_matrix(angle * axes / np.linalg.norm(axes, axis=1, keepdims=True))
     turns = turns + off * rng.normal(size=turns.shape)
     known = Rotation.from_matrix(turns)
-    np.testing.assert_array_equal(rotation_vector(turns), known.as_rotvec())
-    np.testing.assert_array_equal(quaternion_wxyz(turns), known.as_quat(scalar_first=True))
+    assert_array_equal(rotation_vector(turns), known.as_rotvec())
+    assert_array_equal(quaternion_wxyz(turns), known.as_quat(scalar_first=True))
     assert rotation_vector(turns[0]).shape == (3,)
     assert quaternion_wxyz(turns.reshape(30, 10, 3, 3)).shape == (30, 10, 4)
 
@@ -133,7 +134,7 @@ def test_matrices_give_the_vectors_and_quaternions_of_scipy(rng, angle, off):
 def test_quaternions_of_any_length_give_the_matrices_of_scipy(rng):
     wxyz = rng.normal(size=(300, 4))
     known = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
-    np.testing.assert_array_equal(matrix_from_quaternion(wxyz), known)
+    assert_array_equal(matrix_from_quaternion(wxyz), known)
 
 
 def test_every_rotation_has_one_near(rng):
@@ -151,8 +152,8 @@ def test_every_rotation_has_one_near(rng):
 def test_a_sphere_shows_as_the_circle_that_is_known():
     projection = np.column_stack([np.eye(3), [0, 0, 2.0]])
     centre, shape = q.ellipse(q.dual_conic(projection, np.zeros((1, 3)), np.eye(3)[None]))
-    np.testing.assert_allclose(centre[0], 0, atol=1e-15)
-    np.testing.assert_allclose(shape[0], np.eye(2) / 3, rtol=1e-14)  # tan² of asin(1/2)
+    assert_allclose(centre[0], 0, atol=1e-15)
+    assert_allclose(shape[0], np.eye(2) / 3, rtol=1e-14)  # tan² of asin(1/2)
 
 
 def test_sight_lines_that_touch_an_ellipsoid_are_on_its_ellipse(rng):
@@ -203,7 +204,7 @@ def test_what_one_camera_alone_sees_has_no_depth(seen):
     exact[1:, 0] = np.nan
     found = triangulated(cameras, exact)
     assert np.isnan(found[0]).all()
-    np.testing.assert_allclose(found[1:], points[1:], atol=1e-9)
+    assert_allclose(found[1:], points[1:], atol=1e-9)
 
 
 def test_weights_count_for_as_much_as_repeated_cameras(seen):
@@ -211,4 +212,4 @@ def test_weights_count_for_as_much_as_repeated_cameras(seen):
     weights = np.ones(pixels.shape[:2])
     weights[0] = 2.0
     twice = triangulated([cameras[0], *cameras], np.concatenate([pixels[:1], pixels]))
-    np.testing.assert_allclose(triangulated(cameras, pixels, weights=weights), twice, atol=1e-12)
+    assert_allclose(triangulated(cameras, pixels, weights=weights), twice, atol=1e-12)

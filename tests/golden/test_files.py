@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.model.model_file import read_scale
@@ -69,7 +69,7 @@ def test_a_saved_result_of_format_1_opens():
     saved, made = read_npz(FOLDER / POSES), hand_track(FRAMES)
     assert saved.parameter_names == made.parameter_names
     assert saved.joint_names == made.joint_names
-    np.testing.assert_allclose(saved.joint_positions, made.joint_positions, atol=1e-9)
+    assert_allclose(saved.joint_positions, made.joint_positions, atol=1e-9)
 
 
 def test_a_saved_result_of_format_2_opens():
@@ -77,7 +77,7 @@ def test_a_saved_result_of_format_2_opens():
     assert saved.definition is not None
     assert saved.reason.tolist() == made.reason.tolist()
     assert saved.hand_length_mm == 181.5
-    np.testing.assert_allclose(saved.joint_positions, made.joint_positions, atol=1e-9)
+    assert_allclose(saved.joint_positions, made.joint_positions, atol=1e-9)
 
 
 def test_a_saved_recording_opens(tmp_path):
@@ -108,7 +108,7 @@ def test_a_saved_take_opens(tmp_path):
     assert not store.damage()
     assert len(take.steps()) == len(recording.sample())
     track = store.current_track()
-    np.testing.assert_allclose(track.joint_positions, recording.sample().joint_positions, atol=1e-9)
+    assert_allclose(track.joint_positions, recording.sample().joint_positions, atol=1e-9)
     assert [action.words for action in store.actions()] == ["handtrack track"]
     assert store.known_files() == {"5be36c545ed450b44477e102644e4b27"}
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import (
     Camera,
@@ -55,8 +56,8 @@ def test_a_camera_of_opencvs_numbers_projects_as_opencv_does(rng):
     turned = Camera.from_opencv(
         matrix, flat, cv2.Rodrigues(rvec)[0], tvec, name="c", size=(640, 480), unit_m=0.001
     )
-    np.testing.assert_allclose(vector.project(world / 1000), expected, atol=1e-9)
-    np.testing.assert_allclose(turned.project(world / 1000), expected, atol=1e-9)
+    assert_allclose(vector.project(world / 1000), expected, atol=1e-9)
+    assert_allclose(turned.project(world / 1000), expected, atol=1e-9)
 
 
 def test_calibrations_are_read_in_metres(tmp_path):
@@ -66,7 +67,7 @@ def test_calibrations_are_read_in_metres(tmp_path):
     with pytest.raises(HandtrackError, match="no image size"):
         read_cameras(tmp_path / "c.json")
     camera = read_cameras(tmp_path / "c.json", unit_m=0.1, size=(640, 480))["a"]
-    np.testing.assert_allclose(camera.translation, [0, 0, 0.3])
+    assert_allclose(camera.translation, [0, 0, 0.3])
 
 
 def test_a_pose_from_points_in_space_or_joints_in_two_images():
@@ -119,9 +120,9 @@ def test_numbers_by_name():
     result = hand_track()
     name = "index_pip_flex"
     row = result.parameter_names.index(name)
-    np.testing.assert_allclose(result.angle(name), np.rad2deg(result.parameters[:, row]))
-    np.testing.assert_allclose(result.angle(name, degrees=False), result.parameters[:, row])
-    np.testing.assert_allclose(result.joint("wrist"), result.joint_positions[:, 0])
+    assert_allclose(result.angle(name), np.rad2deg(result.parameters[:, row]))
+    assert_allclose(result.angle(name, degrees=False), result.parameters[:, row])
+    assert_allclose(result.joint("wrist"), result.joint_positions[:, 0])
     with pytest.raises(HandtrackError, match="no angle 'index_pip'"):
         result.angle("index_pip")
     with pytest.raises(HandtrackError, match="no joint 'thumb'"):
@@ -134,11 +135,11 @@ def test_tables_for_pandas_and_xarray():
     result = hand_track()
     table, data = result.to_dataframe(), result.to_xarray()
     assert table.index.name == "frame"
-    np.testing.assert_allclose(table["index_pip_flex_deg"], result.angle("index_pip_flex"))
-    np.testing.assert_allclose(table["index_tip_x_m"], result.joint("index_tip")[:, 0])
+    assert_allclose(table["index_pip_flex_deg"], result.angle("index_pip_flex"))
+    assert_allclose(table["index_tip_x_m"], result.joint("index_tip")[:, 0])
     assert {"root_tx_m", "root_rx_deg", "root_tx_std_m", "status"} <= set(table.columns)
     wrist = data.position.sel(keypoints="wrist", individuals="right")
-    np.testing.assert_allclose(wrist, result.joint("wrist"))
+    assert_allclose(wrist, result.joint("wrist"))
     assert {"time", "space", "keypoints", "individuals"} == set(
         data.position.dims
     )  # as movement asks
@@ -159,9 +160,7 @@ def test_xarray_and_netcdf_are_one(lost, tmp_path):
         for name, array in own.variables.items():
             assert array.dims == written[name].dims, name
             assert array.attrs.get("units", "") in (written[name].attrs.get("units", ""), ""), name
-            np.testing.assert_array_equal(
-                array.values.astype(str), written[name].values.astype(str)
-            )
+            assert_array_equal(array.values.astype(str), written[name].values.astype(str))
         assert {n for n in written.variables if not n.startswith("isb")} == set(own.variables)
         assert own.attrs.items() <= written.attrs.items()
 

@@ -4,6 +4,7 @@ from importlib import resources
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import HandScale, HandtrackError, load_model
 from handtrack.model.articulated import keypoint_names
@@ -22,7 +23,7 @@ def test_zero_pose_is_flat_with_fingers_along_y_and_the_thumb_at_minus_x():
     points = dict(zip(keypoint_names(), model.keypoints21(model.bones(np.zeros(26))), strict=True))
     for finger in ("index", "middle", "ring", "little"):
         along = points[f"{finger}_tip"] - points[f"{finger}_mcp"]
-        np.testing.assert_allclose(along / np.linalg.norm(along), [0, 1, 0], atol=1e-12)
+        assert_allclose(along / np.linalg.norm(along), [0, 1, 0], atol=1e-12)
     assert points["thumb_tip"][0] < points["index_tip"][0] < points["little_tip"][0]
     assert np.linalg.norm(points["middle_tip"]) == pytest.approx(0.187, rel=0.02)
 
@@ -65,13 +66,13 @@ def test_the_left_hand_is_the_exact_mirror_image(rng):
     mirrored[4:6] *= -1  # … and any rotation; joint angles keep their values
     a, b = right.bones(params), left.bones(mirrored)
     flip = np.array([-1.0, 1.0, 1.0])
-    np.testing.assert_allclose(right.joint_positions(a) * flip, left.joint_positions(b), atol=1e-14)
+    assert_allclose(right.joint_positions(a) * flip, left.joint_positions(b), atol=1e-14)
     for key in ("fine", "metaballs"):
         one, other = right.flesh[key].posed(a), left.flesh[key].posed(b)
-        np.testing.assert_allclose(one.centre * flip, other.centre, atol=1e-14)
+        assert_allclose(one.centre * flip, other.centre, atol=1e-14)
         shape = np.einsum("eij,ej,ekj->eik", one.rotation, one.radii**2, one.rotation)
         mirror = np.einsum("eij,ej,ekj->eik", other.rotation, other.radii**2, other.rotation)
-        np.testing.assert_allclose(shape * np.outer(flip, flip), mirror, atol=1e-14)
+        assert_allclose(shape * np.outer(flip, flip), mirror, atol=1e-14)
 
 
 def test_scale_per_hand_and_per_finger():
@@ -82,9 +83,9 @@ def test_scale_per_hand_and_per_finger():
     )
     names = plain.joint_names
     i, j = names.index("index_mcp"), names.index("index_tip")
-    np.testing.assert_allclose(a[j] - a[i], 1.1 * (b[j] - b[i]))
+    assert_allclose(a[j] - a[i], 1.1 * (b[j] - b[i]))
     i, j = names.index("thumb_cmc"), names.index("thumb_tip")
-    np.testing.assert_allclose(a[j] - a[i], 1.1 * 1.2 * (b[j] - b[i]))
+    assert_allclose(a[j] - a[i], 1.1 * 1.2 * (b[j] - b[i]))
 
 
 def test_spread_shrinks_as_the_knuckle_bends():
@@ -131,9 +132,7 @@ def test_left_and_right_are_mirror_images(name, rng):
         for n in body.joint_names
     ]
     flip = np.array([-1.0, 1.0, 1.0])
-    np.testing.assert_allclose(
-        body.joint_positions(a) * flip, body.joint_positions(b)[swapped], atol=1e-12
-    )
+    assert_allclose(body.joint_positions(a) * flip, body.joint_positions(b)[swapped], atol=1e-12)
 
 
 def test_signs_of_limbs(body):
@@ -272,7 +271,7 @@ def test_reduced_sets(coupling, count, rng):
     assert len(model.transform.names) == count
     params = rng.normal(size=count)
     joint = model.joint_params(params)
-    np.testing.assert_allclose(model.transform.solver_params(joint), params, atol=1e-12)
+    assert_allclose(model.transform.solver_params(joint), params, atol=1e-12)
     value = dict(zip(model.parameter_names, joint, strict=True))
     if coupling != "26":
         for finger in ("index", "middle", "ring", "little"):
@@ -293,7 +292,7 @@ def test_a_leaders_bounds_are_the_intersection():
     """pip in [0, 110°] and dip = 2/3 pip in [0, 60°] leave pip [0, 90°]."""
     transform = build_transform(("pip", "dip"), (Follows("dip", "pip", 2 / 3),))
     reduced = transform.reduce_bounds(np.deg2rad([[0, 110], [0, 60]]))
-    np.testing.assert_allclose(np.rad2deg(reduced), [[0, 90]])
+    assert_allclose(np.rad2deg(reduced), [[0, 90]])
 
 
 def test_reduced_bounds_keep_every_joint_within_its_own(rng):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
@@ -26,8 +27,8 @@ def test_compiled_poses_equal_the_plain_form(rng, side, forearm):
             bone_poses(model.skeleton, params),
             reference.bone_poses(model.skeleton, params),
         )
-        np.testing.assert_allclose(fast.rotation, plain.rotation, atol=1e-13)
-        np.testing.assert_allclose(fast.position, plain.position, atol=1e-13)
+        assert_allclose(fast.rotation, plain.rotation, atol=1e-13)
+        assert_allclose(fast.position, plain.position, atol=1e-13)
 
 
 @pytest.mark.parametrize("spread", [1e-5, 0.5, 1.0])
@@ -35,7 +36,7 @@ def test_a_small_turn_in_world_axes_changes_the_rotation_vector_by_the_matrix(rn
     pose, turns = rng.normal(scale=spread, size=(1, 26)), np.zeros((3, 1, 26))
     turns[range(3), 0, range(3, 6)] = 1e-5
     differences = [(moved(pose, turn) - moved(pose, -turn))[0, TURN] / 2e-5 for turn in turns]
-    np.testing.assert_allclose(by_turn(pose[0]), np.transpose(differences), atol=1e-9)
+    assert_allclose(by_turn(pose[0]), np.transpose(differences), atol=1e-9)
 
 
 @pytest.mark.parametrize("spread", [0.0, 1e-6, 0.5, 2.0])
@@ -53,7 +54,7 @@ def test_twist_jacobian_is_the_derivative_of_points_on_bones(rng, spread):
         ahead = bone_poses(model.skeleton, params + step).to_world(every, local)
         behind = bone_poses(model.skeleton, params - step).to_world(every, local)
         predicted = jacobian[:, :3, s] + np.cross(jacobian[:, 3:, s], points - bones.reference)
-        np.testing.assert_allclose(predicted, (ahead - behind) / 2e-6, atol=2e-9, err_msg=name)
+        assert_allclose(predicted, (ahead - behind) / 2e-6, atol=2e-9, err_msg=name)
 
 
 def test_left_jacobian_equals_the_papers_derivative(rng):
@@ -61,11 +62,11 @@ def test_left_jacobian_equals_the_papers_derivative(rng):
     for _ in range(10):
         full = rng.normal(size=3)
         turn = reference.paper_rotation(reference.paper_quaternion(full / 2))
-        np.testing.assert_allclose(turn, rotation_matrix(full), atol=1e-14)
+        assert_allclose(turn, rotation_matrix(full), atol=1e-14)
         paper = reference.paper_rotation_derivative(full / 2) / 2
         ours = left_jacobian(full)
         for s in range(3):
-            np.testing.assert_allclose(paper[:, :, s], skew(ours[:, s]) @ turn, atol=1e-13)
+            assert_allclose(paper[:, :, s], skew(ours[:, s]) @ turn, atol=1e-13)
 
 
 def test_the_surface_of_each_ellipsoid_is_carried_by_its_bone(rng):
@@ -79,4 +80,4 @@ def test_the_surface_of_each_ellipsoid_is_carried_by_its_bone(rng):
             on_it = flesh.centre[e] + (towards * flesh.radii[e]) @ flesh.rotation[e].T
             expected = bones.to_world(int(bone), on_it)
             found = posed.centre[e] + (towards * posed.radii[e]) @ posed.rotation[e].T
-            np.testing.assert_allclose(found, expected, atol=1e-14)
+            assert_allclose(found, expected, atol=1e-14)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import (
     ArticulatedModel,
@@ -60,7 +61,7 @@ def test_a_model_written_as_urdf_and_read_again_moves_the_same(tmp_path, rng, na
     assert len(here.keys() & there.keys()) >= 0.8 * len(here)
     limits = dict(zip(again.parameter_names, again.limits.interval, strict=True))
     for parameter, low_high in zip(model.parameter_names[6:], model.limits.interval[6:], strict=True):  # fmt: skip
-        np.testing.assert_allclose(limits[parameter], low_high, atol=1e-8)
+        assert_allclose(limits[parameter], low_high, atol=1e-8)
 
 
 def test_a_bvh_gives_its_skeleton(tmp_path):
@@ -68,11 +69,11 @@ def test_a_bvh_gives_its_skeleton(tmp_path):
     model = load_model(tmp_path / "person.bvh")
     assert model.parameter_names[6:] == ("spine_z", "spine_x", "spine_y", "head_z", "head_x", "head_y")  # fmt: skip
     at = places(model, np.zeros(12))
-    np.testing.assert_allclose(at["head"], [0, 0.5, 0], atol=1e-9)
-    np.testing.assert_allclose(at["head_end"], [0, 0.6, 0.05], atol=1e-9)
+    assert_allclose(at["head"], [0, 0.5, 0], atol=1e-9)
+    assert_allclose(at["head_end"], [0, 0.6, 0.05], atol=1e-9)
     bent = np.zeros(12)
     bent[6] = np.pi / 2  # about +z: +y goes to −x
-    np.testing.assert_allclose(places(model, bent)["head"], [-0.3, 0.2, 0], atol=1e-9)
+    assert_allclose(places(model, bent)["head"], [-0.3, 0.2, 0], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -170,28 +171,24 @@ def test_it_moves_as_in_mujoco(hand, rng):
         bones = model.bones(model.transform.solver_params(np.r_[np.zeros(6), angles]))
         ours = dict(zip(model.joint_names, model.joint_positions(bones), strict=True))
         for site in ("index_touch", "thumb_touch"):
-            np.testing.assert_allclose(
-                ours[site], turn.T @ (data.site(site).xpos - palm.xpos), atol=1e-8
-            )
+            assert_allclose(ours[site], turn.T @ (data.site(site).xpos - palm.xpos), atol=1e-8)
         for joint in ("index_spread", "index_curl", "thumb_bend", "thumb_curl"):
-            np.testing.assert_allclose(
+            assert_allclose(
                 ours[joint], turn.T @ (data.joint(joint).xanchor - palm.xpos), atol=1e-8
             )
         flesh = model.flesh["fine"].posed(bones)
         geoms = turn.T @ (data.geom_xpos[2:] - palm.xpos).T  # after plane and table, in their order
-        np.testing.assert_allclose(flesh.centre, geoms.T, atol=1e-8)
+        assert_allclose(flesh.centre, geoms.T, atol=1e-8)
 
 
 def test_limits_couplings_and_shapes(hand):
     model = load_model(hand)
     limits = dict(zip(model.parameter_names, np.rad2deg(model.limits.interval), strict=True))
-    np.testing.assert_allclose(limits["index_spread"], (-25, 20), atol=1e-6)
-    np.testing.assert_allclose(limits["index_bend"], (-10, 90), atol=1e-6)
-    np.testing.assert_allclose(limits["thumb_curl"], (-180, 180), atol=1e-6)
+    assert_allclose(limits["index_spread"], (-25, 20), atol=1e-6)
+    assert_allclose(limits["index_bend"], (-10, 90), atol=1e-6)
+    assert_allclose(limits["thumb_curl"], (-180, 180), atol=1e-6)
     coupled = load_model(hand, coupling="21")
     pose = coupled.joint_params(coupled.params_from({"thumb_bend": 0.5}))
     angle = dict(zip(coupled.parameter_names, pose, strict=True))
     assert angle["thumb_curl"] == pytest.approx(0.7 * angle["thumb_bend"])
-    np.testing.assert_allclose(
-        model.flesh["fine"].radii[-3:].min(axis=1), (0.001, 0.009, 0.007), atol=1e-9
-    )
+    assert_allclose(model.flesh["fine"].radii[-3:].min(axis=1), (0.001, 0.009, 0.007), atol=1e-9)

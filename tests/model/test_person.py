@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandScale, HandtrackError, load_model
 from handtrack.geometry.rotation import rotation_matrix
@@ -25,7 +26,7 @@ def test_the_whole_person_comes_back(tmp_path, name):
     write_scale(tmp_path / name, FITTED, {"thumb": "−3.0 %", "overall": "+5.0 %"})
     again = read_scale(tmp_path / name)
     assert scale_table(again) == scale_table(FITTED)
-    np.testing.assert_array_equal(again.covariance.matrix, FITTED.covariance.matrix)
+    assert_array_equal(again.covariance.matrix, FITTED.covariance.matrix)
 
 
 @pytest.mark.parametrize(
@@ -54,9 +55,7 @@ def test_every_number_can_be_set_alone():
         after = {row.name: row.value for row in shape_numbers(load_model(scale=scale))}
         assert after[name] == pytest.approx(2.0, rel=0.1), name
         other = [one for one in before if one != name and one != "overall"]
-        np.testing.assert_allclose(
-            [after[o] for o in other], [before[o] for o in other], rtol=0.1, atol=1e-6
-        )
+        assert_allclose([after[o] for o in other], [before[o] for o in other], rtol=0.1, atol=1e-6)
         assert scale.offsets_mm == FITTED.offsets_mm
         assert name not in scale.std
         assert name not in scale.covariance.names
@@ -88,8 +87,8 @@ def posed(model, rng):
 
 def test_deviations_go_there_and_back(size, rng):
     deviations = rng.normal(size=len(size.names))
-    np.testing.assert_allclose(size.deviations(size.scale(deviations)), deviations, atol=1e-12)
-    np.testing.assert_array_equal(size.deviations(HandScale()), 0.0)
+    assert_allclose(size.deviations(size.scale(deviations)), deviations, atol=1e-12)
+    assert_array_equal(size.deviations(HandScale()), 0.0)
 
 
 def test_a_bodys_offsets_are_mirror_images():
@@ -102,7 +101,7 @@ def test_a_bodys_offsets_are_mirror_images():
     bones = model.bones(model.params_from({}))
     beside = bones.to_world(model.joint_bone, model.observed_point) - model.joint_positions(bones)
     left, right, knee, nose = (beside[model.joint_names.index(name)] for name in size.seen)
-    np.testing.assert_allclose(left, right * [-1.0, 1.0, 1.0], atol=1e-12)
+    assert_allclose(left, right * [-1.0, 1.0, 1.0], atol=1e-12)
     assert abs(left[0]) > 0.01
     assert abs(knee[0]) > 0.01
     assert nose[0] == pytest.approx(0.0, abs=1e-12)
@@ -116,20 +115,20 @@ def test_a_grown_model_is_the_model_of_that_size(size, rng):
     rescaled, base = size.rescaled(deviations), size.model
     built = load_model(base.name, base.side, size.scale(deviations), forearm=True)
     assert rescaled.scale == built.scale
-    np.testing.assert_allclose(rescaled.skeleton.length, built.skeleton.length, atol=1e-12)
+    assert_allclose(rescaled.skeleton.length, built.skeleton.length, atol=1e-12)
     params = posed(base, rng)
     here, there = rescaled.bones(params), built.bones(params)
-    np.testing.assert_allclose(here.position, there.position, atol=1e-12)
+    assert_allclose(here.position, there.position, atol=1e-12)
     joints = rescaled.joint_positions(here), built.joint_positions(there)
-    np.testing.assert_allclose(*joints, atol=1e-12)
+    assert_allclose(*joints, atol=1e-12)
     for flesh in base.flesh:
         ours, theirs = rescaled.flesh[flesh].posed(here), built.flesh[flesh].posed(there)
-        np.testing.assert_allclose(ours.centre, theirs.centre, atol=1e-12)
-        np.testing.assert_allclose(ours.radii, theirs.radii, atol=1e-12)
+        assert_allclose(ours.centre, theirs.centre, atol=1e-12)
+        assert_allclose(ours.radii, theirs.radii, atol=1e-12)
     points = here.position + 0.02
     surfaces = [MetaballSurface.of(model) for model in (rescaled, built)]
     distances = [s.distance(b, points) for s, b in zip(surfaces, (here, there), strict=True)]
-    np.testing.assert_allclose(*distances, atol=1e-12)
+    assert_allclose(*distances, atol=1e-12)
 
 
 def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
@@ -155,17 +154,15 @@ def test_points_move_by_each_deviation_as_the_fields_say(size, rng):
         gradient = fields.joints[:, 3:, k].reshape(-1, 3, 3)
         found = fields.joints[:, :3, k] + np.einsum("bij,bj->bi", gradient, arm)
         seen = (points(ahead) - points(behind)) / (2 * step)
-        np.testing.assert_allclose(found, seen, atol=1e-8, err_msg=name)
+        assert_allclose(found, seen, atol=1e-8, err_msg=name)
         here, there = ellipsoids(ahead), ellipsoids(behind)
         on = gradient[flesh.bone]
         moved = fields.flesh[flesh.bone, :3, k] + np.einsum(
             "eij,ej->ei", on, centre - bones.reference
         )
-        np.testing.assert_allclose(
-            moved, (here[0] - there[0]) / (2 * step), atol=1e-8, err_msg=name
-        )
+        assert_allclose(moved, (here[0] - there[0]) / (2 * step), atol=1e-8, err_msg=name)
         stretched = on @ shape + shape @ on.swapaxes(1, 2)
-        np.testing.assert_allclose(stretched, (here[1] - there[1]) / (2 * step), atol=1e-9, err_msg=name)  # fmt: skip
+        assert_allclose(stretched, (here[1] - there[1]) / (2 * step), atol=1e-9, err_msg=name)  # fmt: skip
 
 
 def test_an_ellipsoid_aslant_of_its_bone_is_stretched_as_its_surface_is(rng):
@@ -176,5 +173,5 @@ def test_an_ellipsoid_aslant_of_its_bone_is_stretched_as_its_surface_is(rng):
     way = rng.normal(size=(50, 3))
     surface = one.centre + (way / np.linalg.norm(way, axis=1, keepdims=True) * one.radii) @ turn.T
     there = (surface * factors + [0.0, 0.001, 0.0] - found.centre) @ found.rotation[0]
-    np.testing.assert_allclose(((there / found.radii) ** 2).sum(axis=1), 1.0, atol=1e-12)
+    assert_allclose(((there / found.radii) ** 2).sum(axis=1), 1.0, atol=1e-12)
     assert np.linalg.det(found.rotation[0]) == pytest.approx(1.0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import load_model
 from handtrack.geometry.rotation import rotation_matrix
@@ -57,8 +58,8 @@ def test_all_forms_are_exact_for_a_ball(rng, form):
     points = rng.normal(scale=0.03, size=(200, 3))
     near = surface.near(bones, points)
     size = np.linalg.norm(points, axis=1)
-    np.testing.assert_allclose(near.distance, size - 0.02, atol=1e-15)
-    np.testing.assert_allclose(near.gradient, points / size[:, None], atol=1e-12)
+    assert_allclose(near.distance, size - 0.02, atol=1e-15)
+    assert_allclose(near.gradient, points / size[:, None], atol=1e-12)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -67,12 +68,10 @@ def test_kernel_equals_the_plain_form(rng, model, form):
     points = around(rng, model, bones)
     d, closest, share, n = merged(surface, bones, points)
     near = surface.near(bones, points)
-    np.testing.assert_array_equal(near.ellipsoid, closest)
-    np.testing.assert_allclose(near.distance, d, atol=1e-14)
-    np.testing.assert_allclose(
-        near.gradient, np.einsum("ne,nei->ni", share, n), rtol=1e-9, atol=1e-12
-    )
-    np.testing.assert_array_equal(surface.distance(bones, points), near.distance)
+    assert_array_equal(near.ellipsoid, closest)
+    assert_allclose(near.distance, d, atol=1e-14)
+    assert_allclose(near.gradient, np.einsum("ne,nei->ni", share, n), rtol=1e-9, atol=1e-12)
+    assert_array_equal(surface.distance(bones, points), near.distance)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -94,7 +93,7 @@ def test_true_distance_against_a_dense_surface(rng):
         exact = true_distance(radii, point[None])[0]
         assert abs(exact) == pytest.approx(brute, abs=5e-4)
         assert abs(exact) <= brute + 1e-9
-    np.testing.assert_allclose(true_distance(radii, dense[:100]), 0.0, atol=1e-9)
+    assert_allclose(true_distance(radii, dense[:100]), 0.0, atol=1e-9)
     assert true_distance(radii, np.zeros((1, 3)))[0] == pytest.approx(-0.015, abs=1e-6)
 
 
@@ -132,7 +131,7 @@ def test_the_mesh_moves_with_the_hand(model, bones, mesh):
     moved = BonePoses(
         turn @ bones.reference + shift, turn @ bones.rotation, bones.position @ turn.T + shift
     )
-    np.testing.assert_allclose(mesh.carried(moved), mesh.vertices @ turn.T + shift, atol=1e-12)
+    assert_allclose(mesh.carried(moved), mesh.vertices @ turn.T + shift, atol=1e-12)
     again = surface_mesh(MetaballSurface.of(model), moved)
     areas = [closed(each.vertices, each.faces).area for each in (again, mesh)]
     assert areas[0] == pytest.approx(areas[1], rel=0.01)
@@ -141,7 +140,7 @@ def test_the_mesh_moves_with_the_hand(model, bones, mesh):
 def test_a_carried_mesh_is_the_surface_where_it_was_made_and_follows_the_bones(model, rng):
     surface, relaxed = MetaballSurface.of(model), model.rest_params()
     here = carried_mesh(model, model.bones(relaxed))
-    np.testing.assert_allclose(here.vertices, surface_mesh(surface, model.bones(relaxed)).vertices)
+    assert_allclose(here.vertices, surface_mesh(surface, model.bones(relaxed)).vertices)
     moved = relaxed.copy()
     moved[:6] += rng.normal(scale=0.5, size=6)  # the whole hand: rigid
     bones = model.bones(moved)
@@ -196,7 +195,7 @@ def test_corners_lie_just_outside_so_that_the_outline_is_right(flesh):
     part = np.repeat(np.arange(3), len(mesh.bone) // 3)
     own = np.einsum("vji,vj->vi", flesh.rotation[part], mesh.local - flesh.centre[part])
     height = np.linalg.norm(own / flesh.radii[part], axis=1)
-    np.testing.assert_allclose(height, height[0])
+    assert_allclose(height, height[0])
     assert 1.004 < height[0] < 1.012
     middle = own.reshape(3, -1, 3)[0][mesh.faces[:320]].mean(axis=1)  # of the first part's faces
     inside = np.linalg.norm(middle / flesh.radii[0], axis=1)
@@ -219,7 +218,7 @@ def superquadric(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):
 def test_with_both_exponents_1_it_is_an_ellipsoid():
     part = superquadric()
     points = part.undeformed(0, 40, 30)
-    np.testing.assert_allclose(((points / part.radii[0]) ** 2).sum(axis=1), 1.0, atol=1e-12)
+    assert_allclose(((points / part.radii[0]) ** 2).sum(axis=1), 1.0, atol=1e-12)
     mesh = part.mesh(64, 64)
     assert closed(mesh.local, mesh.faces).volume == pytest.approx(
         4 / 3 * np.pi * np.prod(part.radii[0]), rel=0.01
@@ -255,4 +254,4 @@ def test_a_bend_carries_whole_cross_sections_around_the_circles_centre():
         given = across * inwards + beside * aside + [0.0, 0.0, z]
         inner, along = radius - (radius - across) * np.cos(angle), (radius - across) * np.sin(angle)
         expected = inner * inwards + beside * aside + [0.0, 0.0, along]
-        np.testing.assert_allclose(part.deformed(0, given[None])[0], expected, atol=1e-12)
+        assert_allclose(part.deformed(0, given[None])[0], expected, atol=1e-12)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from handtrack import Camera, HandtrackError, Silhouette
@@ -12,6 +13,7 @@ from handtrack.observation.agreement import outline_errors_px, suspected
 from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
+from tests.cameras import pinhole
 
 HAND = np.zeros((120, 160), bool)
 HAND[30:90, 40:100] = True
@@ -29,24 +31,24 @@ def camera(distortions: list[float] | None = None) -> Camera:
 )  # fmt: skip
 def test_all_forms_of_one_mask_are_the_same(mask):
     silhouette = Silhouette(camera(), mask)
-    np.testing.assert_array_equal(silhouette.mask, HAND.astype(np.float32))
+    assert_array_equal(silhouette.mask, HAND.astype(np.float32))
     assert silhouette.mask.dtype == np.float32
-    np.testing.assert_array_equal(silhouette.valid, np.tile([0, 160], (120, 1)))
+    assert_array_equal(silhouette.valid, np.tile([0, 160], (120, 1)))
     assert silhouette.known.all()
 
 
 def test_grey_borders_are_shares_of_a_pixel():
     grey = np.uint8([[0, 51, 255]])
     small = Camera.from_opencv([[10, 0, 1], [0, 10, 0], [0, 0, 1]], name="c", size=(3, 1))
-    np.testing.assert_allclose(Silhouette(small, grey).mask, [[0, 0.2, 1]], atol=1e-7)
+    assert_allclose(Silhouette(small, grey).mask, [[0, 0.2, 1]], atol=1e-7)
 
 
 def test_a_lens_is_undistorted_as_a_session_does():
     bent = camera([-0.25, 0.05, 0.001, -0.001, 0.0])
     mask = 255 * HAND.astype(np.uint8)
     here, there = Silhouette(bent, mask), undistort_silhouette(bent, mask)
-    np.testing.assert_array_equal(here.mask, there.mask)
-    np.testing.assert_array_equal(here.valid, there.valid)
+    assert_array_equal(here.mask, there.mask)
+    assert_array_equal(here.valid, there.valid)
     assert here.camera is there.camera
     assert not here.camera.is_distorted
 
@@ -73,9 +75,9 @@ PINCUSHION = np.array([0.3, 0.0, 0.0, 0.0, 0.0])
 
 
 def make(distortions: Array | None = None) -> Camera:
-    matrix = np.array([[150.0, 0, 79.5], [0, 150, 59.5], [0, 0, 1]])
-    flat = np.zeros(5) if distortions is None else distortions
-    return Camera("cam0", (160, 120), matrix, flat, np.eye(3), np.zeros(3))
+    return pinhole(
+        "cam0", (160, 120), 150, lens=np.zeros(5) if distortions is None else distortions
+    )
 
 
 @pytest.mark.parametrize("distortions", [None, BARREL], ids=["flat", "barrel"])
@@ -89,8 +91,8 @@ def test_what_nobody_knows_stays_unknown(distortions):
     unknown = seen.mask < 0
     assert (seen.mask[unknown] == UNKNOWN).all()
     assert ring.sum() <= unknown.sum() < 1.6 * ring.sum()
-    np.testing.assert_array_equal(seen.mask[~unknown], known.mask[~unknown])
-    np.testing.assert_array_equal(seen.known, ~unknown & known.known)
+    assert_array_equal(seen.mask[~unknown], known.mask[~unknown])
+    assert_array_equal(seen.known, ~unknown & known.known)
 
 
 def test_a_region_of_interest_limits_what_is_valid():
@@ -119,7 +121,7 @@ def test_longest_runs_of_rows():
     rows = ["..###.##", "########", "........", "##.##...", ".......#"]
     inside = np.array([[sign == "#" for sign in row] for row in rows])
     expected = [[2, 5], [0, 8], [0, 0], [0, 2], [7, 8]]
-    np.testing.assert_array_equal(longest_runs(inside), expected)
+    assert_array_equal(longest_runs(inside), expected)
 
 
 def test_an_image_is_straightened_as_a_mask_is(rng):
@@ -128,7 +130,7 @@ def test_an_image_is_straightened_as_a_mask_is(rng):
     view = undistort_image(camera, np.repeat(grey[..., None], 3, axis=2))
     silhouette = undistort_silhouette(camera, grey)
     assert view.pixels.dtype == np.uint8
-    np.testing.assert_allclose(view.pixels[..., 1] / 255.0, silhouette.mask, atol=0.01)
+    assert_allclose(view.pixels[..., 1] / 255.0, silhouette.mask, atol=0.01)
     assert not view.camera.is_distorted
     # the same one for every frame
     assert view.camera is undistort_image(camera, view.pixels).camera
@@ -140,9 +142,8 @@ BALL_M = 0.04
 
 def ball_from(degrees: float) -> Silhouette:
     """Return a ball's silhouette by a camera around it, half a metre away."""
-    matrix = np.array([[300.0, 0, 100], [0, 300, 80], [0, 0, 1]])
     turn = Rotation.from_euler("y", degrees, degrees=True).as_matrix()
-    camera = Camera(f"cam{degrees}", SIZE, matrix, np.zeros(5), turn, np.array([0, 0, 0.5]))
+    camera = pinhole(f"cam{degrees}", SIZE, 300, turn, (0, 0, 0.5), at=(100, 80))
     u, v = np.meshgrid(np.arange(SIZE[0]), np.arange(SIZE[1]))
     away = np.hypot(u - 100, v - 80)
     mask = (away < 300 * BALL_M / 0.5).astype(np.float32)
@@ -157,7 +158,7 @@ def with_lobe(silhouette: Silhouette, value: float = 1.0) -> Silhouette:
 
 
 def test_one_body_agrees_with_itself():
-    np.testing.assert_allclose(outline_errors_px([ball_from(0), ball_from(50)]), 0, atol=0.3)
+    assert_allclose(outline_errors_px([ball_from(0), ball_from(50)]), 0, atol=0.3)
     assert outline_errors_px([ball_from(0)]).tolist() == [0]
 
 

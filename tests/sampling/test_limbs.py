@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from handtrack import Camera, load_model
+from handtrack import load_model
 from handtrack.sampling.chains import chain_along, chain_votes, chains_of, prepare
 from handtrack.sampling.interpretation_tree import extended, interpretation_tree, rooted
 from handtrack.sampling.limb_ik_kernels import pierce, two_hinges
+from tests.cameras import FACING, pinhole
 
 X, Y, Z = np.eye(3)
 
@@ -46,14 +48,14 @@ def within_limits(limits, joint_params, slack=1e-9):
 def test_two_hinges_by_hand():
     out = np.zeros((2, 2))
     assert two_hinges(Z, X, Y, -X, 0.0, 0.0, out) == 2
-    np.testing.assert_allclose(out, [[np.pi / 2, 0.0], [-np.pi / 2, np.pi]], atol=1e-12)
+    assert_allclose(out, [[np.pi / 2, 0.0], [-np.pi / 2, np.pi]], atol=1e-12)
     # the end on the first axis: that turn is free
     assert two_hinges(Z, X, Y, Z, 0.3, 0.0, out) == 1
-    np.testing.assert_allclose(out[0], [0.3, np.pi / 2], atol=1e-12)
+    assert_allclose(out[0], [0.3, np.pi / 2], atol=1e-12)
     assert two_hinges(Z, X, Y, np.array([0.0, 0.6, 0.8]), 0.0, 0.0, out) == 2
     bend = np.arctan2(0.8, 0.6)
     found = sorted(np.round(np.mod(out, 2 * np.pi), 9).tolist())
-    np.testing.assert_allclose(found, [[0.0, bend], [np.pi, np.pi - bend]], atol=1e-8)
+    assert_allclose(found, [[0.0, bend], [np.pi, np.pi - bend]], atol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,7 @@ def test_every_limb_finds_its_way_back(name, coupling, rng):
             assert off.min() < 1e-6, (chain.name, off)
             for joint in found:
                 reached = model.joint_positions(model.bones(model.transform.solver_params(joint)))
-                np.testing.assert_allclose(reached[joints], goal, atol=2e-6)
+                assert_allclose(reached[joints], goal, atol=2e-6)
 
 
 def test_a_ball_and_a_hinge_have_four_solutions_without_limits(rng):
@@ -95,9 +97,7 @@ def test_a_ball_and_a_hinge_have_four_solutions_without_limits(rng):
     flex = found[:, model.parameter_names.index("left_elbow_flex")]
     assert sorted(np.sign(flex)) == [-1, -1, 1, 1]
     for joint in found:
-        np.testing.assert_allclose(
-            model.joint_positions(model.bones(joint))[joints], goal, atol=1e-8
-        )
+        assert_allclose(model.joint_positions(model.bones(joint))[joints], goal, atol=1e-8)
 
 
 def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
@@ -111,14 +111,12 @@ def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
     joints = [model.joint_names.index(joint) for joint in chain.joints[1:]]
     goal = model.joint_positions(model.bones(params))[joints]
     kept = limb_angles(model, params, ready, goal)
-    np.testing.assert_allclose(kept[0], params, atol=1e-9)
+    assert_allclose(kept[0], params, atol=1e-9)
     spare = params.copy()
     spare[twist] = -0.7
     sampled = limb_angles(model, params, ready, goal, spare)
     assert sampled[0, twist] == pytest.approx(-0.7)
-    np.testing.assert_allclose(
-        model.joint_positions(model.bones(sampled[0]))[joints], goal, atol=1e-9
-    )
+    assert_allclose(model.joint_positions(model.bones(sampled[0]))[joints], goal, atol=1e-9)
 
 
 def test_positions_out_of_reach_have_no_solution():
@@ -138,16 +136,12 @@ def body():
 @pytest.fixture(scope="module")
 def camera():
     """Four metres before the body, with a lens."""
-    matrix = np.array([[1100.0, 0.0, 640.0], [0.0, 1100.0, 480.0], [0.0, 0.0, 1.0]])
-    lens = np.array([-0.1, 0.02, 0.001, -0.001, 0.0])
-    return Camera("front", (1280, 960), matrix, lens, np.diag([1.0, -1.0, -1.0]), [0.0, 0.0, 4.0])
+    lens = (-0.1, 0.02, 0.001, -0.001, 0)
+    return pinhole("front", (1280, 960), 1100, FACING, (0, 0, 4), lens)
 
 
 def _distant(metres):
-    focal = 275.0 * metres
-    matrix = np.array([[focal, 0.0, 640.0], [0.0, focal, 480.0], [0.0, 0.0, 1.0]])
-    pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, metres])
-    return Camera("far", (1280, 960), matrix, np.zeros(5), *pose)
+    return pinhole("far", (1280, 960), 275.0 * metres, FACING, (0, 0, metres))
 
 
 def _bent(body, rng):
@@ -163,10 +157,10 @@ def test_ray_and_sphere_by_hand():
     points, missed = np.zeros((3, 2, 3)), np.zeros((3, 2), dtype=np.int8)
     starts = np.array([[0.0, 0.0, 5.0], [0.0, 0.6, 5.0], [0.0, 3.0, 5.0]])
     pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, True)
-    np.testing.assert_allclose(points[0], [[0, 0, 4], [0, 0, 6]])
-    np.testing.assert_allclose(points[1], [[0, 0, 4.2], [0, 0, 5.8]])
+    assert_allclose(points[0], [[0, 0, 4], [0, 0, 6]])
+    assert_allclose(points[1], [[0, 0, 4.2], [0, 0, 5.8]])
     # missed: the sphere's point nearest to the ray
-    np.testing.assert_allclose(points[2, 0], [0, 2, 5])
+    assert_allclose(points[2, 0], [0, 2, 5])
     assert missed.tolist() == [[0, 0], [0, 0], [1, 2]]
     pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, False)
     assert missed[2].tolist() == [2, 2]
@@ -183,7 +177,7 @@ def test_one_flipped_link_by_hand(body):
     thigh = chain_along(body, "thigh", ("left_hip", "left_knee"))
     leaves = interpretation_tree(body, params, [thigh], far)
     assert len(leaves) == 2
-    np.testing.assert_allclose(np.rad2deg(leaves.params[:, flex]), [30.0, -30.0], atol=0.02)
+    assert_allclose(np.rad2deg(leaves.params[:, flex]), [30.0, -30.0], atol=0.02)
     assert leaves.far.tolist() == [[False], [True]]
 
 
@@ -197,7 +191,7 @@ def test_every_leaf_is_seen_where_the_pose_is(body, camera, rng):
         assert within_limits(body.limits, tree.params).all()
         seen = _pixels(body, camera, params, joints)
         for leaf in tree.params:
-            np.testing.assert_allclose(_pixels(body, camera, leaf, joints), seen, atol=1e-6)
+            assert_allclose(_pixels(body, camera, leaf, joints), seen, atol=1e-6)
         assert np.abs(tree.params - params).max(axis=1).min() < 1e-7  # the pose itself is a leaf
         assert len(np.unique(tree.far, axis=0)) == len(tree)
 
@@ -212,7 +206,7 @@ def test_leaves_meet_the_image_positions_given(body, camera, rng):
     tree = interpretation_tree(body, params, [arm], camera, targets)
     assert len(tree) > 0
     for leaf in tree.params:
-        np.testing.assert_allclose(_pixels(body, camera, leaf, arm.joints[1:]), shown, atol=1e-6)
+        assert_allclose(_pixels(body, camera, leaf, arm.joints[1:]), shown, atol=1e-6)
 
 
 def test_without_limits_the_tree_is_complete_and_a_product(body, rng):
@@ -260,13 +254,12 @@ def test_a_missed_ray_prunes_or_goes_on_with_the_nearest(body, camera):
 
 def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     model = load_model("hand26")
-    matrix = np.array([[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]])
-    camera = Camera("hand", (640, 480), matrix, np.zeros(5), np.eye(3), np.zeros(3))
+    camera = pinhole("hand", (640, 480), 600)
     params = model.rest_params()
     params[2] = 0.5
     index = chains_of(model)[1]
     strict = interpretation_tree(model, params, [index], camera)
-    np.testing.assert_allclose(strict.params, params[None], atol=1e-7)  # hinges alone cannot flip
+    assert_allclose(strict.params, params[None], atol=1e-7)  # hinges alone cannot flip
     near = interpretation_tree(model, params, [index], camera, take_nearest=True)
     assert len(near) > 2
     assert near.exact.sum() == 1
@@ -279,7 +272,7 @@ def test_what_a_coupling_takes_is_not_a_fingers_own():
     assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
     ready = prepare(load_model("hand26", coupling="18"), linked)
     assert ready.turns.leader.tolist() == [0, -1, 2, 2]
-    np.testing.assert_allclose(ready.turns.ratio[3], 2 / 3)
+    assert_allclose(ready.turns.ratio[3], 2 / 3)
 
 
 def _along(model, **direction):

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import Camera, ImageKeypoints, Keypoints, load_model
+from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
 from handtrack.model.root_turn_kernels import turn_root
 from handtrack.sampling.chains import chains_of
@@ -19,6 +20,7 @@ from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
 from handtrack.terms.priors.priors import GaussianPrior, LinearPrior, body_priors
+from tests.cameras import FACING, pinhole
 from tests.derivatives import check_gradient, check_jacobian
 
 FAR = SolverSettings(
@@ -27,9 +29,7 @@ FAR = SolverSettings(
 
 
 def front_camera(distance=0.9, focal=600.0):
-    turn = np.diag([1.0, -1.0, -1.0])
-    matrix = np.array([[focal, 0, 320], [0, focal, 240], [0, 0, 1]])
-    return Camera("front", (640, 480), matrix, np.zeros(5), turn, np.array([0.0, 0.1, distance]))
+    return pinhole("front", (640, 480), focal, FACING, (0, 0.1, distance), at=(320, 240))
 
 
 def rest_prior(model, sigma=0.8):
@@ -63,11 +63,11 @@ def test_ends_where_the_plain_solver_ends(rng, coupling, where):
         starts, ends.params, ends.cost, ends.normal, strict=True
     ):
         known = solve(plain, start, FAR)
-        np.testing.assert_allclose(cost, known.cost, rtol=1e-6)
-        np.testing.assert_allclose(params, known.params, atol=1e-3)
-        np.testing.assert_allclose(cost, plain.cost(params), rtol=1e-10)
+        assert_allclose(cost, known.cost, rtol=1e-6)
+        assert_allclose(params, known.params, atol=1e-3)
+        assert_allclose(cost, plain.cost(params), rtol=1e-10)
         known_normal = plain.linearize(params).hessian
-        np.testing.assert_allclose(normal, known_normal, atol=1e-8 * np.abs(known_normal).max())
+        assert_allclose(normal, known_normal, atol=1e-8 * np.abs(known_normal).max())
 
 
 def test_it_ends_at_limits_that_narrow_where_the_plain_solver_does(rng):
@@ -89,7 +89,7 @@ def test_it_ends_at_limits_that_narrow_where_the_plain_solver_does(rng):
         at_limit & (bends > 0.0) & (bends < model.limits.narrow_at)
     ).any()  # else it tests nothing
     known = [solve(plain, start, FAR).cost for start in starts]
-    np.testing.assert_allclose(ends.cost, known, rtol=1e-6)
+    assert_allclose(ends.cost, known, rtol=1e-6)
 
 
 def test_the_flips_of_an_arm_are_its_minima(rng):
@@ -147,11 +147,9 @@ def test_a_crest_between_two_flips_is_no_minimum(factor, stable):
 
 def cameras():
     turn = rotation_matrix(np.array([0.1, 0.9, -0.1]))
-    first = np.array([[500.0, 0, 310], [0, 510, 250], [0, 0, 1]])
-    second = np.array([[900.0, 0, 620], [0, 880, 350], [0, 0, 1]])
     return (
-        Camera("first", (640, 480), first, np.zeros(5), np.eye(3), np.array([0.1, 0.0, 3.0])),
-        Camera("second", (1280, 720), second, np.zeros(5), turn, np.array([0.0, 0.1, 4.0])),
+        pinhole("first", (640, 480), (500, 510), translation=(0.1, 0, 3), at=(310, 250)),
+        pinhole("second", (1280, 720), (900, 880), turn, (0, 0.1, 4), at=(620, 350)),
     )
 
 
@@ -196,12 +194,10 @@ def test_is_what_the_terms_say(rng, name, coupling, loss):
     plain, packed, params = problem_of(rng, load_model(name, coupling=coupling), loss)
     cost, gradient, normal, _ = system(packed, params)
     known = plain.linearize(params)
-    np.testing.assert_allclose(cost, known.cost, rtol=1e-11)
-    np.testing.assert_allclose(
-        keypoint_cost(packed, params, workspace(packed)), known.cost, rtol=1e-11
-    )
-    np.testing.assert_allclose(gradient, known.gradient, atol=1e-10 * np.abs(known.gradient).max())
-    np.testing.assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
+    assert_allclose(cost, known.cost, rtol=1e-11)
+    assert_allclose(keypoint_cost(packed, params, workspace(packed)), known.cost, rtol=1e-11)
+    assert_allclose(gradient, known.gradient, atol=1e-10 * np.abs(known.gradient).max())
+    assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
 
 
 @pytest.mark.parametrize(("name", "coupling", "loss"), KINDS)
@@ -230,12 +226,10 @@ def test_collisions_are_added(rng):
     for where in (through, params, through):
         cost = keypoint_system(packed, where, space, gradient, normal, rest)
         known = plain.linearize(where)
-        np.testing.assert_allclose(cost, known.cost, rtol=1e-11)
-        np.testing.assert_allclose(keypoint_cost(packed, where, space), known.cost, rtol=1e-11)
-        np.testing.assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
-        np.testing.assert_allclose(
-            gradient, known.gradient, atol=1e-9 * np.abs(known.gradient).max()
-        )
+        assert_allclose(cost, known.cost, rtol=1e-11)
+        assert_allclose(keypoint_cost(packed, where, space), known.cost, rtol=1e-11)
+        assert_allclose(normal, known.hessian, atol=1e-10 * np.abs(known.hessian).max())
+        assert_allclose(gradient, known.gradient, atol=1e-9 * np.abs(known.gradient).max())
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-5, 0.03, 0.0499999, 0.0500001, 0.4, 3.0, 5.0])
@@ -244,8 +238,8 @@ def test_turn_of_the_root(rng, angle):
     r = angle * axis / np.linalg.norm(axis)
     rotation, jacobian, slope = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3, 3))
     turn_root(r, rotation, jacobian, slope)
-    np.testing.assert_allclose(rotation, rotation_matrix(r), atol=1e-12)
-    np.testing.assert_allclose(jacobian, left_jacobian(r), atol=1e-12)
+    assert_allclose(rotation, rotation_matrix(r), atol=1e-12)
+    assert_allclose(jacobian, left_jacobian(r), atol=1e-12)
     by_differences = slope.reshape(3, 9).T
     # steps of 1e-4: the plain form changes to its series below that angle
     check_jacobian(
@@ -258,7 +252,7 @@ def test_distance_is_the_root_mean_square_of_angles(rng):
     moved = start.copy()
     moved[:3] += 5.0  # metres do not count
     moved[6:] += [0.3, -0.4, 0.0, 0.0]
-    np.testing.assert_allclose(angle_distance(start, moved[None]), [0.5 / np.sqrt(7)])
+    assert_allclose(angle_distance(start, moved[None]), [0.5 / np.sqrt(7)])
 
 
 def test_the_same_attitude_is_at_no_distance(rng):
@@ -267,11 +261,11 @@ def test_the_same_attitude_is_at_no_distance(rng):
     axis = start[3:6] / np.linalg.norm(start[3:6])
     again = start.copy()
     again[3:6] -= 2 * np.pi * axis
-    np.testing.assert_allclose(angle_distance(start, again[None]), [0.0], atol=1e-12)
+    assert_allclose(angle_distance(start, again[None]), [0.0], atol=1e-12)
     turned = start.copy()
     turn = rotation_matrix(np.array([0.0, 0.02, 0.0]))
     turned[3:6] = rotation_vector(turn @ rotation_matrix(start[3:6]))
-    np.testing.assert_allclose(angle_distance(start, turned[None]), [0.02 / np.sqrt(7)])
+    assert_allclose(angle_distance(start, turned[None]), [0.02 / np.sqrt(7)])
 
 
 @pytest.mark.parametrize("threshold", [0.05, 0.1, 0.3])
@@ -297,12 +291,10 @@ def spread(rng):
 def test_gaussian_samples_have_the_covariance(rng, spread, scale):
     mean = rng.normal(size=5)
     drawn = covariance_scaled(mean, spread, scale, 40_000, rng.standard_normal)
-    np.testing.assert_allclose(drawn.mean(axis=0), mean, atol=0.03 * scale)
+    assert_allclose(drawn.mean(axis=0), mean, atol=0.03 * scale)
     # in units of the wanted one, so that the narrow directions count as much as the wide
     root = np.linalg.inv(np.linalg.cholesky(spread))
-    np.testing.assert_allclose(
-        root @ np.cov(drawn.T) @ root.T, scale**2 * np.eye(5), atol=0.05 * scale**2
-    )
+    assert_allclose(root @ np.cov(drawn.T) @ root.T, scale**2 * np.eye(5), atol=0.05 * scale**2)
 
 
 @pytest.mark.parametrize("coupling", ["26", "18"])
@@ -314,9 +306,9 @@ def test_projection_onto_limits_that_narrow(rng, coupling):
     for row in inside:
         bounds = model.bounds(row)
         assert (row >= bounds[:, 0] - 1e-12).all() and (row <= bounds[:, 1] + 1e-12).all()
-        np.testing.assert_array_equal(model.clipped(row), row)
+        assert_array_equal(model.clipped(row), row)
     assert (inside != drawn).any(axis=1).all()
     free = model.bounds(model.rest_params())[:, 1] == np.inf
-    np.testing.assert_array_equal(inside[:, free], drawn[:, free])
-    np.testing.assert_array_equal(projected(model, inside), inside)
+    assert_array_equal(inside[:, free], drawn[:, free])
+    assert_array_equal(projected(model, inside), inside)
     assert projected(model, drawn[:0]).shape == (0, size)

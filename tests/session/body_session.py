@@ -13,6 +13,7 @@ from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.simulation.motion import motion as named_motion
+from tests.cameras import FACING, pinhole
 
 LAYOUT = LAYOUTS["body_25b"]
 FPS = 25.0
@@ -83,9 +84,5 @@ def film(
 
 
 def _camera(number: int) -> Camera:
-    matrix = np.array([[800.0, 0, 360], [0, 800.0, 480], [0, 0, 1]])
-    front = np.diag([1.0, -1.0, -1.0])
     turn = rotation_matrix(np.array([0.0, np.deg2rad(60.0) * number, 0.0]))
-    return Camera(
-        f"cam{number}", (720, 960), matrix, np.zeros(5), front @ turn.T, np.array([0.0, 0.0, 4.0])
-    )
+    return pinhole(f"cam{number}", (720, 960), 800, FACING @ turn.T, (0, 0, 4), at=(360, 480))

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.testing import assert_array_equal
 
 from handtrack import PointCloud, Session, TrackingRun
 from handtrack.capture.clouds.cloud_files import write_cloud
@@ -52,7 +53,7 @@ def test_the_crop_needs_the_hand_of_the_frame_before(folder, rng):
     assert np.abs(near.points[:, 0]).max() <= 0.02
     assert reports[0].name == "crop"
     seen = session.observation(0, hand_distance=lambda p: np.abs(p[:, 0])).cloud
-    np.testing.assert_array_equal(seen.points, near.points)
+    assert_array_equal(seen.points, near.points)
     assert np.abs(session.cloud(0)[0].points[:, 0]).max() > 0.04
     every, reports = session.cloud(
         0,
@@ -77,9 +78,9 @@ def test_the_seed_decides_which_points_stay(folder, rng):
         return run.session.observation(0).cloud.points
 
     first, again, other = points(1), points(1), points(2)
-    np.testing.assert_array_equal(first, again)
+    assert_array_equal(first, again)
     assert first.shape == other.shape
     assert not np.array_equal(first, other)
     run = TrackingRun.open(session, {"model.fit_size": False})
     by_change = run.with_values({"tracker.seed": 2}).session.observation(0).cloud.points
-    np.testing.assert_array_equal(by_change, other)
+    assert_array_equal(by_change, other)

@@ -24,6 +24,7 @@ from handtrack.session.formats.tables import write_result
 from handtrack.session.layout import POSES_FILE
 from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.simulate import Simulation, simulate
+from tests.cameras import pinhole
 from tests.conftest import REPOSITORY
 from tests.session.small_session import add_joints, edit, keypoints, write_init, write_truth
 
@@ -261,8 +262,7 @@ def camera(name: str, degrees: float, tilt: float = 15.0) -> Camera:
     turn = rotation_matrix(np.deg2rad([tilt, 0.0, 0.0])) @ rotation_matrix(
         np.deg2rad([0.0, degrees, 0.0])
     )
-    matrix = [[600.0, 0.0, 320.0], [0.0, 600.0, 240.0], [0.0, 0.0, 1.0]]
-    return Camera(name, SIZE, matrix, DISTORTION, turn, [0.0, 0.0, 0.5])
+    return pinhole(name, SIZE, 600, turn, (0, 0, 0.5), DISTORTION, (320, 240))
 
 
 def moving_hand(side: str = "right") -> Floats:

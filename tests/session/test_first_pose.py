@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandScale, Session, TrackerSettings, TrackingRun, bundled_session
 from handtrack.detector.hand_detector import DetectedHand
@@ -25,7 +26,7 @@ def test_keypoints_with_unknown_rows(tmp_path):
     assert pose.frame == 18
     assert pose.parameters == {}
     assert np.isnan(pose.xyz[:2]).all()
-    np.testing.assert_array_equal(pose.xyz[2:], keypoints()[2:])
+    assert_array_equal(pose.xyz[2:], keypoints()[2:])
 
 
 def test_what_is_written_reads_back(tmp_path):
@@ -44,7 +45,7 @@ def test_what_is_written_reads_back(tmp_path):
         assert again.scale == pose.scale
         if pose.xyz is not None:
             assert again.xyz is not None
-            np.testing.assert_array_equal(again.xyz, pose.xyz)
+            assert_array_equal(again.xyz, pose.xyz)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def test_a_childs_hand_is_found_as_a_childs(tmp_path):
     assert best.model.scale.overall == pytest.approx(0.77, rel=0.01)
     assert error_mm(best, points(session, 0)) < 2.0
     joints = best.first_pose.xyz
-    np.testing.assert_allclose(joints, best.model.keypoints21(best.model.bones(best.params)))
+    assert_allclose(joints, best.model.keypoints21(best.model.bones(best.params)))
     opened = TrackingRun.open(session, {"model.fit_size": False}, best.first_pose)
     frame, params = opened.initial()
     assert frame == 0
@@ -115,7 +116,7 @@ def test_joints_on_which_two_cameras_agree_are_a_first_pose(tmp_path, monkeypatc
     assert searched == []  # the frames with joints in two images come first
     assert best.frame == 2
     assert best.note == "2 cameras agree on 21 of 21 joints"
-    np.testing.assert_allclose(best.first_pose.xyz, keypoints(), atol=1e-5)
+    assert_allclose(best.first_pose.xyz, keypoints(), atol=1e-5)
     assert find_first_poses(run, 0) == []
     assert find_first_poses(run.with_values({"keypoints.weight": 0.0})) == []
     (best,) = find_first_poses(run.with_values({"silhouettes.weight": 0.0}), 0)  # no masks

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 from handtrack import (
@@ -42,7 +43,7 @@ from tests.session.small_session import edit
 
 def assert_same(one: TrackResult, other: TrackResult) -> None:
     for field in fields(TrackResult):
-        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+        assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
 def altered(path, **changes):
@@ -86,7 +87,7 @@ def test_nothing_of_a_frame_is_lost_on_the_way(rng, tmp_path):
             if field.name == "alternatives":
                 assert list(map(repr, read)) == list(map(repr, value))
             else:
-                np.testing.assert_array_equal(read, value)
+                assert_array_equal(read, value)
 
 
 def test_the_same_result_gives_the_same_bytes(rng, tmp_path):
@@ -176,12 +177,12 @@ def test_the_file_alone_tells_where_every_joint_is(kind, tmp_path):
                 turn[:3, :3] = Rotation.from_rotvec(axis).as_matrix()
                 local = local @ turn
             poses[bone] = poses[parents[bone]] @ local
-        np.testing.assert_allclose(poses, data["T_world_bone"][row], atol=1e-9)
+        assert_allclose(poses, data["T_world_bone"][row], atol=1e-9)
         carried = poses[data["joint_bone"]]
         joints = (
             np.einsum("jab,jb->ja", carried[:, :3, :3], data["joint_point"]) + carried[:, :3, 3]
         )
-        np.testing.assert_allclose(joints, data["joint_positions"][row], atol=1e-9)
+        assert_allclose(joints, data["joint_positions"][row], atol=1e-9)
     low, high = data["parameter_limits"].T
     assert ((data["parameters"] >= low) & (data["parameters"] <= high)).all()
 
@@ -195,11 +196,11 @@ def test_the_model_is_built_again_from_the_file(kind, tmp_path):
     again = model_of(back)
     assert (again.side, again.kind, again.scale) == (model.side, model.kind, model.scale)
     bones = again.bones(again.transform.solver_params(back.parameters[-1]))
-    np.testing.assert_allclose(bones.T_world_bone, back.T_world_bone[-1], atol=1e-12)
-    np.testing.assert_array_equal(again.flesh["fine"].radii, model.flesh["fine"].radii)
+    assert_allclose(bones.T_world_bone, back.T_world_bone[-1], atol=1e-12)
+    assert_array_equal(again.flesh["fine"].radii, model.flesh["fine"].radii)
     rig = rig_from_json(back.cameras, "cameras")
     assert rig.names == ("front", "side")
-    np.testing.assert_allclose(rig["side"].rotation, sample_rig()["side"].rotation, atol=1e-12)
+    assert_allclose(rig["side"].rotation, sample_rig()["side"].rotation, atol=1e-12)
 
 
 @pytest.fixture

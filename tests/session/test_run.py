@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import (
     HandScale,
@@ -55,14 +56,14 @@ def opening(folder, of, frames, forearm=False):
 
 def test_a_result_says_where_it_comes_from(session, run):
     track = run.result(reversed(list(run.track(range(2), *run.initial()))))
-    np.testing.assert_array_equal(track.frame, [0, 1])
+    assert_array_equal(track.frame, [0, 1])
     assert (track.model, track.side, track.session) == ("hand26", "right", session.name)
     assert json.loads(track.scale) == {"overall": 1.0, "parts": {}}
     settings = json.loads(track.settings)
     assert settings == json.loads(json.dumps(run.settings.flat()))
     assert settings["silhouettes.term"] == "coverage"
     assert track.version
-    np.testing.assert_allclose(track.time_s, [0.0, 1 / session.fps])
+    assert_allclose(track.time_s, [0.0, 1 / session.fps])
 
 
 @pytest.mark.parametrize("arm", [False, True])
@@ -95,10 +96,10 @@ def test_a_cuff_is_modelled_as_long_as_masks_show_it_and_found_again(run):
     assert length == pytest.approx({1.0: 0.04, 1.1: 0.044})
     result = next(iter(cuffed.track(range(1), *cuffed.initial())))
     again = model_of(cuffed.result([result]))
-    np.testing.assert_allclose(again.flesh["fine"].radii, cuffed.model.flesh["fine"].radii)
+    assert_allclose(again.flesh["fine"].radii, cuffed.model.flesh["fine"].radii)
     arm = run.with_forearm(True).model
     asked = cuffed.with_values({"model.forearm": "true"}).model
-    np.testing.assert_array_equal(asked.flesh["fine"].radii, arm.flesh["fine"].radii)
+    assert_array_equal(asked.flesh["fine"].radii, arm.flesh["fine"].radii)
 
 
 MEAN = load_model("hand26")
@@ -159,7 +160,7 @@ def test_what_is_stated_of_joints_includes_a_size_that_is_held():
     more = np.sqrt(stated(held) - stated(HandScale()))
     joints = MEAN.joint_positions(MEAN.bones(MEAN.rest_params()))
     away = np.linalg.norm(joints - joints.mean(axis=0), axis=1)
-    np.testing.assert_allclose(more, POPULATION_SIGMA * away, rtol=1e-6, atol=1e-9)
+    assert_allclose(more, POPULATION_SIGMA * away, rtol=1e-6, atol=1e-9)
 
 
 def test_the_first_frames_do_not_decide_where_they_are_bad():

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from handtrack import Camera, CameraRig, HandtrackError, Session
+from handtrack import CameraRig, HandtrackError, Session
 from handtrack.observation.pins import Pin
 from handtrack.session.sources.session_pins import SessionPins
+from tests.cameras import pinhole
 from tests.session.small_session import make_session
 
 LENS = np.array([-0.2, 0.05, 0.001, -0.001, 0.0])
-MATRIX = np.array([[500.0, 0.0, 160.0], [0.0, 500.0, 120.0], [0.0, 0.0, 1.0]])
-RIG = CameraRig((Camera("left", (320, 240), MATRIX, LENS, np.eye(3), np.zeros(3)),))
+RIG = CameraRig((pinhole("left", (320, 240), 500, lens=LENS, at=(160, 120)),))
 TIP = Pin("left", (20.25, 30.5), "index_tip")
 ON_BONE = Pin("left", (100.0, 40.0), "", "index_distal", (0.001, 0.01, 0.0))
 

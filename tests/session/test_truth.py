@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError
 from handtrack.arrays import D3, D21, F, Floats
@@ -91,11 +92,11 @@ def test_every_form_gives_the_same_joints(form, tmp_path):
     truth, note = import_truth(*sample(form, tmp_path), "right")
     write_given(tmp_path / "truth.npz", truth)
     read = read_truth(tmp_path / "truth.npz")
-    np.testing.assert_allclose(read.keypoints21, moving(), rtol=0, atol=1e-7)
+    assert_allclose(read.keypoints21, moving(), rtol=0, atol=1e-7)
     assert read.frame.tolist() == [0, 1, 2]
     assert (note == "") == (form != "truth/trc")
     if form in ("truth/trc", "truth/c3d"):
-        np.testing.assert_allclose(read.time_s, [0, 0.01, 0.02], atol=1e-9)
+        assert_allclose(read.time_s, [0, 0.01, 0.02], atol=1e-9)
 
 
 GAPS = [(1, "wrist"), (2, "wrist"), (1, "ring_pip")]
@@ -124,10 +125,10 @@ def test_a_gap_is_one_points_and_not_the_frames(form, tmp_path):
     for frame, name in GAPS:
         expected[frame, JOINTS.index(name)] = np.nan
     assert truth.frame.tolist() == [0, 1, 2]
-    np.testing.assert_allclose(truth.keypoints21, expected, rtol=0, atol=1e-7)
+    assert_allclose(truth.keypoints21, expected, rtol=0, atol=1e-7)
     assert "3 of 63" in note
     write_given(tmp_path / "truth.npz", truth)
-    np.testing.assert_array_equal(read_truth(tmp_path / "truth.npz").keypoints21, truth.keypoints21)
+    assert_array_equal(read_truth(tmp_path / "truth.npz").keypoints21, truth.keypoints21)
 
 
 def test_what_is_made_to_do_harm_is_refused(tmp_path):

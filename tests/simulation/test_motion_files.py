@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import HandtrackError, load_model
 from handtrack.simulation.motion_files.asf_amc import INCH_M, read_asf_amc
@@ -85,11 +86,11 @@ def test_turns_are_about_the_bones_own_axes(tmp_path):
     clip = read(tmp_path)
     assert clip.names == ("root", "thigh", "shin")
     at = clip.positions / (INCH_M / 0.5)
-    np.testing.assert_allclose(at[0], [[1, 2, 3], [1, -2, 3], [1, -5, 3]], atol=1e-12)
+    assert_allclose(at[0], [[1, 2, 3], [1, -2, 3], [1, -5, 3]], atol=1e-12)
     # the shin bends by Rx(90°): −y to −z; the root's Ry(90°) turns that to −x
-    np.testing.assert_allclose(at[1], [[0, 0, 0], [0, -4, 0], [-3, -4, 0]], atol=1e-12)
+    assert_allclose(at[1], [[0, 0, 0], [0, -4, 0], [-3, -4, 0]], atol=1e-12)
     # the thigh's axes are turned by 90° about z: its rx is a turn about y, which leaves −y alone
-    np.testing.assert_allclose(at[2], [[0, 0, 0], [0, -4, 0], [0, -7, 0]], atol=1e-12)
+    assert_allclose(at[2], [[0, 0, 0], [0, -4, 0], [0, -7, 0]], atol=1e-12)
     assert clip.fps == 120.0
 
 
@@ -141,13 +142,9 @@ def test_turns_carry_the_joints_after_them(tmp_path):
     clip = read_bvh(written(tmp_path, HEADER + FRAMES))
     assert clip.names == ("Hips", "Knee", "Knee_end")
     assert clip.fps == pytest.approx(20.0)
-    np.testing.assert_allclose(
-        clip.positions[0], [[0, 0.9, 0], [0, 0.5, 0], [0, 0.2, 0]], atol=1e-12
-    )
+    assert_allclose(clip.positions[0], [[0, 0.9, 0], [0, 0.5, 0], [0, 0.2, 0]], atol=1e-12)
     # Rz(90°) turns −y to +x; then Rx(90°) about the carried axis turns the end to −z.
-    np.testing.assert_allclose(
-        clip.positions[1], [[0.1, 0.9, 0], [0.5, 0.9, 0], [0.5, 0.9, -0.3]], atol=1e-12
-    )
+    assert_allclose(clip.positions[1], [[0.1, 0.9, 0], [0.5, 0.9, 0], [0.5, 0.9, -0.3]], atol=1e-12)
 
 
 def test_the_order_of_rotations_is_that_of_the_channels(tmp_path):
@@ -157,8 +154,8 @@ def test_the_order_of_rotations_is_that_of_the_channels(tmp_path):
     one = "MOTION\nFrames: 1\nFrame Time: 0.05\n0 0 0 0 0 0 90 90 0\n"
     first = read_bvh(written(tmp_path, HEADER + one)).positions[0, 2]
     second = read_bvh(written(tmp_path, swapped + one)).positions[0, 2]
-    np.testing.assert_allclose(first, [0, -0.4, -0.3], atol=1e-12)
-    np.testing.assert_allclose(second, [0.3, -0.4, 0], atol=1e-12)
+    assert_allclose(first, [0, -0.4, -0.3], atol=1e-12)
+    assert_allclose(second, [0.3, -0.4, 0], atol=1e-12)
 
 
 def test_positions_of_a_joint_add_to_its_offset_or_replace_it(tmp_path):
@@ -169,8 +166,8 @@ def test_positions_of_a_joint_add_to_its_offset_or_replace_it(tmp_path):
     )
     text += "MOTION\nFrames: 1\nFrame Time: 0.05\n0 0 0 0 0 0 1 -38 2 0 0 0\n"
     path = written(tmp_path, text)
-    np.testing.assert_allclose(read_bvh(path, "add").positions[0, 1], [0.01, -0.78, 0.02])
-    np.testing.assert_allclose(read_bvh(path, "replace").positions[0, 1], [0.01, -0.38, 0.02])
+    assert_allclose(read_bvh(path, "add").positions[0, 1], [0.01, -0.78, 0.02])
+    assert_allclose(read_bvh(path, "replace").positions[0, 1], [0.01, -0.38, 0.02])
 
 
 @pytest.mark.parametrize(
@@ -232,7 +229,7 @@ def test_what_positions_mean_is_seen(case, tmp_path):
     expected, moves = MEANT[case]
     path = bvh(tmp_path, moves)
     found = read_bvh(path).positions
-    np.testing.assert_allclose(found, read_bvh(path, expected).positions)
+    assert_allclose(found, read_bvh(path, expected).positions)
     assert (
         np.abs(
             found - read_bvh(path, {"add": "replace", "replace": "add"}[expected]).positions
@@ -258,7 +255,7 @@ def test_the_unit_is_told_by_a_person_s_size(unit):
         clip, found, (said,) = in_metres(raw, same, "body", None, "it")
         assert found == unit_m
         assert said.startswith(f"unit: {unit};")
-        np.testing.assert_allclose(clip.positions, scale * places())
+        assert_allclose(clip.positions, scale * places())
 
 
 @pytest.mark.parametrize(
@@ -273,4 +270,4 @@ def test_up_is_where_the_shoulders_are(axis, sign, words):
     rise = back[:, names().index("left_shoulder"), 1] - back[:, names().index("left_hip"), 1]
     assert (rise > 0.2).all()
     size = np.linalg.norm(places()[:, 3] - places()[:, 12], axis=1)
-    np.testing.assert_allclose(np.linalg.norm(back[:, 3] - back[:, 12], axis=1), size)
+    assert_allclose(np.linalg.norm(back[:, 3] - back[:, 12], axis=1), size)

@@ -3,14 +3,16 @@
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import Camera, Session, load_model
+from handtrack import Session, load_model
 from handtrack.model.flesh import PosedEllipsoids, model_mask
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.motion import MOTIONS, motion
 from handtrack.simulation.render import render_mask
 from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
+from tests.cameras import pinhole
 from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 from tests.terms.silhouette_scene import BONES, bones_of, camera_of, ellipsoids_of
 
@@ -27,12 +29,12 @@ def test_a_session_opens_and_its_truth_is_the_motion(tmp_path, side):
     assert session.fps == what.fps
     for frame, params in enumerate(joint):
         bones = model.bones(params)
-        np.testing.assert_allclose(session.truth.keypoints21[frame], model.keypoints21(bones))
+        assert_allclose(session.truth.keypoints21[frame], model.keypoints21(bones))
         flesh = model.flesh["fine"].posed(bones)
         for seen in session.observation(frame).silhouettes:
             assert np.abs(seen.mask - model_mask(seen.camera, flesh)).sum() <= 2
     first = model.params_from(dict(session.init.parameters))
-    np.testing.assert_allclose(first, joint[0], atol=1e-12)
+    assert_allclose(first, joint[0], atol=1e-12)
 
 
 def test_a_distorted_camera_shows_the_same_hand_once_undistorted(tmp_path):
@@ -71,7 +73,7 @@ def test_it_passes_through_its_poses_within_limits(name):
     for pose, frame in zip(poses, np.linspace(0, 60, len(poses)), strict=True):
         if frame == int(frame):
             angles = named_pose(MODEL, pose)[6:]
-            np.testing.assert_allclose(joint[int(frame), 6:], angles, atol=1e-12)
+            assert_allclose(joint[int(frame), 6:], angles, atol=1e-12)
     for params in joint:
         limits = MODEL.limits.bounds(params)
         assert (params >= limits[:, 0]).all()
@@ -82,8 +84,7 @@ FOCAL, SIZE = 200.0, (101, 81)
 
 
 def camera(lens=(0.0,) * 5):
-    matrix = np.array([[FOCAL, 0, 50], [0, FOCAL, 40], [0, 0, 1.0]])
-    return Camera("cam0", SIZE, matrix, np.array(lens), np.eye(3), np.zeros(3))
+    return pinhole("cam0", SIZE, FOCAL, lens=lens)
 
 
 def balls(*centres_radii):
@@ -100,7 +101,7 @@ def test_a_ball_on_the_axis_is_a_disc_of_its_tangent_cone():
     v, u = np.mgrid[: SIZE[1], : SIZE[0]]
     reach = FOCAL * 0.1 / np.sqrt(1.0 - 0.01)
     disc = (u - 50) ** 2 + (v - 40) ** 2 < reach**2
-    np.testing.assert_array_equal(mask > 0, disc)
+    assert_array_equal(mask > 0, disc)
 
 
 @pytest.mark.parametrize("count", [1, 6])
@@ -123,7 +124,7 @@ def test_a_lens_bends_the_picture_as_it_bends_points():
     centre = np.array([0.17, 0.12, 1.0])
     mask = render_mask(lens, balls((centre, 0.02)))
     v, u = np.nonzero(mask)
-    np.testing.assert_allclose([u.mean(), v.mean()], lens.project(centre), atol=0.3)
+    assert_allclose([u.mean(), v.mean()], lens.project(centre), atol=0.3)
     plain = camera().project(centre)
     assert np.hypot(*(lens.project(centre) - plain)) > 2.0
 

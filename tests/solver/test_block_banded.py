@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack.solver import block_banded
 from handtrack.solver.block_banded import REACH, BlockBanded, Bordered
@@ -29,7 +30,7 @@ def test_it_solves_as_the_dense_system_does(frames):
     banded, dense = _system(frames, 4)
     right = np.random.default_rng(1).normal(size=(frames, 4, 3))
     found = banded.factor().solve(right)
-    np.testing.assert_allclose(
+    assert_allclose(
         found.reshape(frames * 4, 3), np.linalg.solve(dense, right.reshape(frames * 4, 3)), rtol=1e-8, atol=1e-10
     )  # fmt: skip
 
@@ -49,7 +50,7 @@ def test_the_inverse_has_the_dense_one_s_blocks(frames, at_once, monkeypatch):
     found = _inverse(banded)
     for t in range(frames):
         for k in range(min(REACH + 1, frames - t)):
-            np.testing.assert_allclose(found[t, k], inverse[t + k, :, t], rtol=1e-7, atol=1e-10)
+            assert_allclose(found[t, k], inverse[t + k, :, t], rtol=1e-7, atol=1e-10)
 
 
 def test_rounding_does_not_grow_along_a_long_recording():
@@ -70,7 +71,7 @@ def test_rounding_does_not_grow_along_a_long_recording():
         unit = np.zeros((frames, size, size))
         unit[t] = np.eye(size)
         exact = banded.factor().solve(unit)[t]
-        np.testing.assert_allclose(found[t, 0], exact, atol=1e-6 * np.abs(exact).max())
+        assert_allclose(found[t, 0], exact, atol=1e-6 * np.abs(exact).max())
 
 
 FRAMES, SIZE = 7, 4
@@ -99,17 +100,17 @@ def test_with_what_is_shared_it_solves_as_the_dense_system_does(shared):
     split = FRAMES * SIZE
     frames, found = system.solve(right[:split].reshape(FRAMES, SIZE), right[split:])
     expected = np.linalg.solve(dense, right)
-    np.testing.assert_allclose(frames.ravel(), expected[:split], rtol=1e-8, atol=1e-10)
-    np.testing.assert_allclose(found, expected[split:], rtol=1e-8, atol=1e-10)
+    assert_allclose(frames.ravel(), expected[:split], rtol=1e-8, atol=1e-10)
+    assert_allclose(found, expected[split:], rtol=1e-8, atol=1e-10)
 
 
 def test_its_covariances_with_what_is_shared_are_the_dense_one_s():
     system, dense = _bordered(5)
     exact, split = np.linalg.inv(dense), FRAMES * SIZE
-    np.testing.assert_allclose(system.covariance, exact[split:, split:], rtol=1e-8, atol=1e-12)
+    assert_allclose(system.covariance, exact[split:, split:], rtol=1e-8, atol=1e-12)
     blocks = exact[:split, :split].reshape(FRAMES, SIZE, FRAMES, SIZE)
     _, inverse = next(system.frames.inverse_parts())
     for t in range(FRAMES):
         for k in range(min(3, FRAMES - t)):
             found = inverse[t, k] + system.spread(t, k)
-            np.testing.assert_allclose(found, blocks[t + k, :, t], rtol=1e-7, atol=1e-10)
+            assert_allclose(found, blocks[t + k, :, t], rtol=1e-7, atol=1e-10)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import Keypoints, load_model
 from handtrack.solver.covariance import (
@@ -40,15 +41,15 @@ def bent(model):
 
 def test_a_diagonal_matrix_by_hand():
     cov, blind = covariance(np.diag([4.0, 0.0, 100.0]))
-    np.testing.assert_allclose(np.diag(cov), [0.25, UNOBSERVABLE_STD**2, 0.01])
-    np.testing.assert_allclose(np.abs(blind.ravel()), [0.0, 1.0, 0.0])
+    assert_allclose(np.diag(cov), [0.25, UNOBSERVABLE_STD**2, 0.01])
+    assert_allclose(np.abs(blind.ravel()), [0.0, 1.0, 0.0])
 
 
 def test_a_prediction_inherits_what_was_not_known_before():
     motion = np.diag([4.0, 0.0, 100.0])  # standard deviations of a half, any, a tenth
     before = np.diag([0.75, 5.0, 0.0])
     told = inherited_information(motion, before)
-    np.testing.assert_allclose(told, np.diag([1.0, 0.0, 100.0]), atol=1e-12)  # 1 / (1/4 + 3/4)
+    assert_allclose(told, np.diag([1.0, 0.0, 100.0]), atol=1e-12)  # 1 / (1/4 + 3/4)
     assert inherited_information(motion, None) is motion
     assert inherited_information(motion, np.eye(2)) is motion
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import lsq_linear
 
 from handtrack.model.moving_limits import MovingLimits
@@ -84,13 +85,11 @@ def test_stops_after_the_iteration_in_which_it_is_asked_to():
     )
     assert stopped.why == "stopped"
     assert [k for k, _, _ in path] == [1, 2, 3]
-    np.testing.assert_array_equal(stopped.params, path[-1][1])
+    assert_array_equal(stopped.params, path[-1][1])
     assert stopped.cost == path[-1][2] == stopped.cost_history[-1]
-    np.testing.assert_allclose(
-        stopped.system.gradient, Rosenbrock().linearize(stopped.params).gradient
-    )
+    assert_allclose(stopped.system.gradient, Rosenbrock().linearize(stopped.params).gradient)
     before = solve(Rosenbrock(), start, FAR, lambda: True)
-    np.testing.assert_array_equal(before.params, start)
+    assert_array_equal(before.params, start)
     assert before.iterations == 0
 
 
@@ -98,7 +97,7 @@ def test_limits_of_the_callers_own_hold_some_parameters_where_they_are():
     problem = Linear(np.eye(3), np.ones(3), np.full(3, -9.0), np.full(3, 9.0))
     free, start = np.array([True, False, True]), np.array([0.2, 0.3, 0.4])
     found = solve(problem, start, FAR, limits=problem.limits.frozen(~free, start)).params
-    np.testing.assert_allclose(found, [1.0, 0.3, 1.0], atol=1e-9)
+    assert_allclose(found, [1.0, 0.3, 1.0], atol=1e-9)
 
 
 def test_a_wrong_gradient_is_no_descent_not_convergence():
@@ -120,7 +119,7 @@ def test_the_bounded_step_is_the_exact_minimum(seed):
     step = bounded_step(system.hessian, system.gradient, np.zeros(8), limits, 0.0)[1]
     target = -np.linalg.lstsq(a.T, system.gradient, rcond=None)[0]
     exact = lsq_linear(a, target, (low, high), tol=1e-14, method="bvls").x
-    np.testing.assert_allclose(step, exact, atol=1e-6)
+    assert_allclose(step, exact, atol=1e-6)
 
 
 def test_projection_holds_the_limits_and_never_beats_the_bounds():
@@ -150,5 +149,5 @@ def test_no_step_is_longer_than_allowed_whatever_the_limits(limits):
     steps = np.diff(path, axis=0)
     assert np.abs(steps[:, :3]).max() == pytest.approx(0.05)
     assert np.abs(steps[:, 3:]).max() < 0.5
-    np.testing.assert_allclose(steps[0] / steps[0, 0], goal, atol=1e-6)
-    np.testing.assert_allclose(path[-1], goal, atol=1e-3)
+    assert_allclose(steps[0] / steps[0, 0], goal, atol=1e-6)
+    assert_allclose(path[-1], goal, atol=1e-3)

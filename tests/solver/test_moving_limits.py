@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import LinearConstraint, minimize
 
 from handtrack import Keypoints, load_model
@@ -85,9 +86,9 @@ def test_they_are_the_models_limits_everywhere(rng, coupling, held):
         params = 1.5 * rng.normal(size=size)
         fill_box(model.moving_limits, params, box)
         found = box.end
-        np.testing.assert_allclose(found, model.bounds(params), atol=1e-12)
+        assert_allclose(found, model.bounds(params), atol=1e-12)
         clip(model.moving_limits, params, box)
-        np.testing.assert_allclose(model.clipped(params), params, atol=1e-12)
+        assert_allclose(model.clipped(params), params, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -111,7 +112,7 @@ def test_a_step_along_moving_limits_is_the_exact_minimum(seed):
         model, np.zeros(6), jac=lambda x: system.gradient + system.hessian @ x, method="SLSQP",
         constraints=rows(moving, np.zeros(6)), options={"ftol": 1e-14, "maxiter": 500},
     )  # fmt: skip
-    np.testing.assert_allclose(step, exact.x, atol=1e-5)
+    assert_allclose(step, exact.x, atol=1e-5)
     assert model(step) <= exact.fun + 1e-10
 
 
@@ -141,7 +142,7 @@ def test_parameters_that_are_held_have_no_room(rng):
     inside = problem.model.clipped(start)
     box = new_box(len(start))
     fill_box(problem.limits.frozen(where, inside), inside, box)
-    np.testing.assert_array_equal(box.end[where, 0], inside[where])
-    np.testing.assert_array_equal(box.end[where, 1], inside[where])
+    assert_array_equal(box.end[where, 0], inside[where])
+    assert_array_equal(box.end[where, 1], inside[where])
     bounds = problem.model.bounds(inside)[~where]
-    np.testing.assert_allclose(box.end[~where], bounds, atol=1e-12)
+    assert_allclose(box.end[~where], bounds, atol=1e-12)

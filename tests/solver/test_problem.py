@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import Keypoints, load_model
 from handtrack.simulation.scenes.simulated_views import mask_views
@@ -69,8 +70,8 @@ def test_a_coupled_system_is_the_free_one_seen_through_the_coupling(rng):
     full = Problem(free, [KeypointTerm(free, seen)]).linearize(joint)
     part = Problem(coupled, [KeypointTerm(coupled, seen)]).linearize(params)
     matrix = coupled.transform.matrix
-    np.testing.assert_allclose(part.gradient, matrix.T @ full.gradient, rtol=1e-9)
-    np.testing.assert_allclose(part.hessian, matrix.T @ full.hessian @ matrix, rtol=1e-7, atol=1e-3)
+    assert_allclose(part.gradient, matrix.T @ full.gradient, rtol=1e-9)
+    assert_allclose(part.hessian, matrix.T @ full.hessian @ matrix, rtol=1e-7, atol=1e-3)
 
 
 def test_moving_hand_and_points_together_changes_nothing(rng):
@@ -85,4 +86,4 @@ def test_moving_hand_and_points_together_changes_nothing(rng):
     )
     a, b = here.linearize(params), there.linearize(moved)
     assert a.cost == pytest.approx(b.cost)
-    np.testing.assert_allclose(a.gradient, b.gradient, rtol=1e-8, atol=1e-6)
+    assert_allclose(a.gradient, b.gradient, rtol=1e-8, atol=1e-6)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial import cKDTree
 
 from handtrack import load_model
@@ -69,8 +70,8 @@ def test_one_ball_by_hand():
     system = term.linearize(bones)
     assert system.cost == pytest.approx(0.5 * 0.5**2)
     row = -np.array([1, 0, 0, 0, 0, -0.1]) / 0.002
-    np.testing.assert_allclose(system.gradient, 0.5 * row, atol=1e-12)
-    np.testing.assert_allclose(system.hessian, np.outer(row, row), atol=1e-9)
+    assert_allclose(system.gradient, 0.5 * row, atol=1e-12)
+    assert_allclose(system.hessian, np.outer(row, row), atol=1e-9)
 
 
 def test_an_empty_cloud_asks_for_nothing(rng, model):
@@ -88,7 +89,7 @@ def test_an_empty_cloud_asks_for_nothing(rng, model):
 def test_a_losses_weight_is_the_slope_of_its_value(loss):
     squared = np.array([0.01, 0.5, 1.7, 9.0, 50.0])
     slope = (loss.value(squared + 1e-6) - loss.value(squared - 1e-6)) / 2e-6
-    np.testing.assert_allclose(loss.weight(squared), slope, rtol=1e-6, atol=1e-9)
+    assert_allclose(loss.weight(squared), slope, rtol=1e-6, atol=1e-9)
     assert loss.value(np.zeros(1))[0] == pytest.approx(0.0, abs=1e-15)
 
 
@@ -118,7 +119,7 @@ def test_distances_near_the_surface_are_exact_to_a_tenth_of_a_millimetre(model, 
     off = np.abs(field.at(places)[0] - exact)
     assert off[exact < 0.006].max() < 1e-4
     assert off.mean() < 0.0005
-    np.testing.assert_allclose(field.values.ravel(), field.at(nodes.reshape(-1, 3))[0], atol=1e-7)
+    assert_allclose(field.values.ravel(), field.at(nodes.reshape(-1, 3))[0], atol=1e-7)
     found, true = (
         float((d[: len(mesh)] ** 2).sum())
         for d in (field.at(mesh)[0], cKDTree(cloud).query(mesh)[0])
@@ -176,8 +177,8 @@ def test_only_what_a_view_can_have_measured_is_asked_for(model):
     both = seen_from(mesh.vertices, mesh.normals, [np.concatenate([front, side])])
     either = seen_from(mesh.vertices, mesh.normals, [front, side])
     by_side = seen_from(mesh.vertices, mesh.normals, [side])
-    np.testing.assert_array_equal(both, seen & by_side)
-    np.testing.assert_array_equal(either, seen | by_side)
+    assert_array_equal(both, seen & by_side)
+    assert_array_equal(either, seen | by_side)
     assert seen_from(mesh.vertices, mesh.normals, []).all()
     # the thumb's side towards x is hidden from the other side by the palm: little of it may be asked for
     thumb = np.isin(mesh.bone, [model.skeleton.bone(f"thumb_{b}") for b in ("proximal", "distal")])
@@ -222,7 +223,7 @@ def test_a_wrong_depth_costs_the_same_wherever_and_pulls_nothing(model, bones):
     palm = bones.position[model.skeleton.bone("middle_proximal")]
     sight = palm - CENTRE
     costs = [one(model, CENTRE + share * sight).cost(bones) for share in (0.85, 0.93, 1.03, 1.2)]
-    np.testing.assert_allclose(costs, costs[0], rtol=1e-3)
+    assert_allclose(costs, costs[0], rtol=1e-3)
     pull = one(model, CENTRE + 0.85 * sight).linearize(bones).gradient
     assert np.abs(pull).max() < 1e-6
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import Camera
 from handtrack.diagnostics.residual_points import image_residuals
 from handtrack.geometry.quadric import dual_conic, ellipse, shape_matrix
 from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
@@ -22,6 +22,7 @@ from handtrack.terms.images.model_outline import outline_points
 from handtrack.terms.images.outline_edges import OutlineEdgesTerm, edges_near
 from handtrack.terms.images.smooth_image import smooth_image
 from handtrack.terms.loss import geman_mcclure, huber, quadratic
+from tests.cameras import pinhole
 from tests.experiments.scenes.textured_mesh import Pattern, textured_picture
 from tests.terms.appearance_reference import bilinear, edges_system, texture_system
 from tests.terms.image_scene import STEP_M, edges_seen, scene, texture_seen
@@ -72,12 +73,12 @@ def test_images_are_looked_up_between_and_beyond_their_pixels(rng):
     for ours, theirs in zip(
         (values, slopes), bilinear(image.values, at - image.corner), strict=True
     ):
-        np.testing.assert_allclose(ours, theirs, atol=1e-9)
-    np.testing.assert_array_equal(image.values, pixels[3:11, 2:8])
+        assert_allclose(ours, theirs, atol=1e-9)
+    assert_array_equal(image.values, pixels[3:11, 2:8])
     whole = smooth_image(pixels, 1.5, np.array([[0.0, 0.0], [8.0, 11.0]]))
     part = smooth_image(pixels, 1.5, corners)
     # a window changes nothing
-    np.testing.assert_allclose(part.values, whole.values[3:11, 2:8], atol=1e-3)
+    assert_allclose(part.values, whole.values[3:11, 2:8], atol=1e-3)
 
 
 def test_hidden_points_do_not_count(rng, patterned):
@@ -138,7 +139,7 @@ def test_pieces_without_an_edge_tell_nothing_of_how_far_edges_are(edges):
     (told,) = image_residuals(OutlineEdgesTerm([seen], sigma_px=2.0), bones)
     there = seen.strength.max(axis=1) > 0.0
     assert 0 < len(told.pixels) == there.sum() < len(there)
-    np.testing.assert_allclose(told.pixels, seen.outline.pixel[there], atol=1e-6)
+    assert_allclose(told.pixels, seen.outline.pixel[there], atol=1e-6)
     assert np.percentile(np.abs(told.sigmas), 80) < 0.5
 
 
@@ -162,8 +163,7 @@ OUTLINE_STEP_M = 0.005
 
 @pytest.fixture
 def camera():
-    matrix = np.array([[600.0, 0, 159.5], [0, 600, 119.5], [0, 0, 1]])
-    return Camera("cam", (320, 240), matrix, np.zeros(5), np.eye(3), np.zeros(3))
+    return pinhole("cam", (320, 240), 600)
 
 
 def balls(*places):
@@ -184,13 +184,13 @@ def test_a_balls_outline_is_its_ellipse(camera):
     middle, spread = ellipse(dual_conic(camera.projection, bones.position, shape))
     off = found.pixel - middle[0]
     level = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread[0]), off)
-    np.testing.assert_allclose(level, 1.0, atol=0.02)  # ± 0.25 px of 24
+    assert_allclose(level, 1.0, atol=0.02)  # ± 0.25 px of 24
     across = off @ np.linalg.inv(spread[0])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     assert ((across * found.normal).sum(axis=1) > 0.99).all()
     around = 2 * np.pi * np.sqrt(np.linalg.eigvalsh(spread[0]).mean())
     assert found.length_px.sum() == pytest.approx(around, rel=0.02)
-    np.testing.assert_allclose(camera.project(bones.to_world(found.bone, found.local)), found.pixel)
+    assert_allclose(camera.project(bones.to_world(found.bone, found.local)), found.pixel)
 
 
 def test_what_is_hidden_has_no_outline_and_what_hides_has(camera):
@@ -238,8 +238,8 @@ def test_the_depth_is_that_of_exact_rays_and_a_window_holds_the_model(rng):
     v, u = np.mgrid[:160, :200]
     every = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
     faces, depths = picture.at(every)
-    np.testing.assert_array_equal(faces, face.ravel())
-    np.testing.assert_array_equal(depths, depth.ravel())
+    assert_array_equal(faces, face.ravel())
+    assert_array_equal(depths, depth.ravel())
     outside = picture.at(np.array([[-5.0, 3.0], [3.0, 1e9], [np.nan, 2.0]]))
     assert (outside[0] == -1).all()
     assert np.isinf(outside[1]).all()
@@ -260,7 +260,7 @@ def test_only_other_colours_on_known_places_contradict(rng, known):
     slipped = np.arange(len(color)) % 7 == 0
     color[slipped] = 120.0
     texture = Texture(known.camera, known.bone, moved, color)
-    np.testing.assert_array_equal(contradicts(texture, known, 0.004, 60.0), slipped)
+    assert_array_equal(contradicts(texture, known, 0.004, 60.0), slipped)
     assert not contradicts(texture, known, 0.004, 500.0).any()
 
 

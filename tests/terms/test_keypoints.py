@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.model.size import SizeParameters
@@ -35,7 +36,7 @@ def test_points_in_space_one_sigma_off_cost_a_half_each():
     term = KeypointTerm(HAND, in_space(BONES, (0.0, SIGMA_M, 0.0)))
     assert term.cost(BONES) == pytest.approx(0.5 * len(HAND.joint_names))
     gradient = term.linearize(BONES).gradient.reshape(-1, 6).sum(axis=0)
-    np.testing.assert_allclose(gradient[:3], [0, -len(HAND.joint_names) / SIGMA_M, 0], atol=1e-6)
+    assert_allclose(gradient[:3], [0, -len(HAND.joint_names) / SIGMA_M, 0], atol=1e-6)
 
 
 def test_points_in_an_image_one_sigma_off_cost_a_half_each():
@@ -70,8 +71,8 @@ def test_the_compiled_sums_are_those_of_the_rows(rng):
             assert term.add_to(BONES, ours) == pytest.approx(plain.cost)
             assert term.cost(BONES) == pytest.approx(plain.cost)
             scale = 1e-10 * np.abs(plain.hessian).max()
-            np.testing.assert_allclose(ours.gradient, plain.gradient, rtol=1e-8)
-            np.testing.assert_allclose(ours.hessian, plain.hessian, atol=scale)
+            assert_allclose(ours.gradient, plain.gradient, rtol=1e-8)
+            assert_allclose(ours.hessian, plain.hessian, atol=scale)
 
 
 def test_the_compiled_motion_of_points_is_that_of_their_bones_fields(rng):
@@ -88,7 +89,7 @@ def test_the_compiled_motion_of_points_is_that_of_their_bones_fields(rng):
         "kijn,kj->kin", gradient.reshape(-1, 3, 3, len(size.names)), arms
     )
     expected += turns @ (bones.scale_change[HAND.joint_bone][:, :, None] * fields.landmarks)
-    np.testing.assert_allclose(term.motion(bones, fields), expected, atol=1e-15)
+    assert_allclose(term.motion(bones, fields), expected, atol=1e-15)
 
 
 def test_a_far_point_no_longer_pulls():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import (
     Camera,
@@ -93,7 +94,7 @@ def test_spans_are_cut_where_the_line_says(rng, line):
     seen = (u >= valid[:, :1]) & (u < valid[:, 1:]) & (line[0] * u + line[1] * v + line[2] >= 0)
     cut = clip_spans(valid, line)
     assert cut.dtype == np.int32
-    np.testing.assert_array_equal((u >= cut[:, :1]) & (u < cut[:, 1:]), seen)
+    assert_array_equal((u >= cut[:, :1]) & (u < cut[:, 1:]), seen)
 
 
 @pytest.mark.parametrize("unknown", [True, False])
@@ -109,8 +110,8 @@ def test_overlap_counts_pixels(rng, unknown):
         assert overlap.both[i] == (model & mask).sum()
         assert overlap.iou[i] == pytest.approx((model & mask).sum() / (model | mask).sum())
     every_other = outline_overlap(seen, flesh, bones, row_step=2)
-    np.testing.assert_allclose(every_other.model, overlap.model, rtol=0.2)
-    np.testing.assert_allclose(every_other.iou, overlap.iou, atol=0.1)
+    assert_allclose(every_other.model, overlap.model, rtol=0.2)
+    assert_allclose(every_other.iou, overlap.iou, atol=0.1)
 
 
 def test_one_circle_by_hand():
@@ -129,7 +130,7 @@ def test_one_circle_by_hand():
     flesh, bones = parts_at([[0.1] * 3], [[0, 0, 1.0]])
     system = ConicFieldTerm([silhouette], flesh).linearize(bones)
     assert system.cost == pytest.approx(0.5)
-    np.testing.assert_allclose(system.gradient, 0, atol=1e-12)
+    assert_allclose(system.gradient, 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("antisymmetric", [True, False])
@@ -196,8 +197,8 @@ def test_coverage_by_pose_shape_and_outline(rng, side):
     moves = (twists @ model.transform.matrix).reshape(-1, len(pose))
     by_pose = term.linearize(placed).pull_back(moves)
     count, largest = len(pose), np.abs(by_pose.hessian).max()
-    np.testing.assert_allclose(system.hessian[:count, :count], by_pose.hessian, atol=1e-9 * largest)
-    np.testing.assert_allclose(system.gradient[:count], by_pose.gradient, rtol=1e-7)
+    assert_allclose(system.hessian[:count, :count], by_pose.hessian, atol=1e-9 * largest)
+    assert_allclose(system.gradient[:count], by_pose.gradient, rtol=1e-7)
 
 
 MODEL = load_model("hand26")

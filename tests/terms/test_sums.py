@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import load_model
 from handtrack.terms.bone_kernels import pull_back
@@ -19,7 +20,7 @@ def test_a_point_row_times_a_twist_is_the_points_speed(rng):
     reference, v, w = rng.normal(size=(3, 3))
     speed = ((v + np.cross(w, points - reference)) * normals).sum(axis=1)
     row = motion_row(points, normals, reference)
-    np.testing.assert_allclose(row @ np.concatenate([v, w]), speed)
+    assert_allclose(row @ np.concatenate([v, w]), speed)
 
 
 def test_the_system_is_that_of_the_dense_jacobian(rng):
@@ -32,8 +33,8 @@ def test_the_system_is_that_of_the_dense_jacobian(rng):
         dense[r, 6 * b : 6 * b + 6] += t
     system = system_of(Rows(residual, row, bone, twist, 1.25, weight), 3)
     assert system.cost == 1.25
-    np.testing.assert_allclose(system.gradient, dense.T @ (weight * residual))
-    np.testing.assert_allclose(system.hessian, dense.T @ (weight[:, None] * dense), atol=1e-12)
+    assert_allclose(system.gradient, dense.T @ (weight * residual))
+    assert_allclose(system.hessian, dense.T @ (weight[:, None] * dense), atol=1e-12)
 
 
 def random_sums(rng, width, bones=4):
@@ -53,8 +54,8 @@ def test_pull_back_is_the_system_of_the_chained_jacobian(rng):
         system = JointSystem(2.0, *pull_back(sums, motion)).pull_back(matrix)
         jacobian = rows @ motion.reshape(-1, 7) @ matrix
         assert system.cost == 2.0
-        np.testing.assert_allclose(system.gradient, jacobian.T @ residual, atol=1e-10)
-        np.testing.assert_allclose(system.hessian, jacobian.T @ jacobian, atol=1e-10)
+        assert_allclose(system.gradient, jacobian.T @ residual, atol=1e-10)
+        assert_allclose(system.hessian, jacobian.T @ jacobian, atol=1e-10)
 
 
 def test_geman_mcclure_saturates():
@@ -66,8 +67,8 @@ def test_geman_mcclure_saturates():
 
 def test_huber_goes_on_straight():
     loss = huber(1.0)
-    np.testing.assert_allclose(loss.value(np.array([1.0, 4.0, 9.0])), [1.0, 3.0, 5.0])
-    np.testing.assert_allclose(loss.weight(np.array([0.0, 4.0])), [1.0, 0.5])
+    assert_allclose(loss.value(np.array([1.0, 4.0, 9.0])), [1.0, 3.0, 5.0])
+    assert_allclose(loss.weight(np.array([0.0, 4.0])), [1.0, 0.5])
 
 
 def test_a_standard_deviation_costs_a_half():
@@ -75,8 +76,8 @@ def test_a_standard_deviation_costs_a_half():
     assert prior.cost(np.array([0.5, 99.0, 0.0])) == pytest.approx(0.5)
     system = prior.linearize(np.array([0.5, 99.0, 4.0]))
     assert system.cost == pytest.approx(2.5)
-    np.testing.assert_allclose(system.gradient, [2.0, 0.0, 1.0])
-    np.testing.assert_allclose(system.hessian, np.diag([4.0, 0.0, 0.25]))
+    assert_allclose(system.gradient, [2.0, 0.0, 1.0])
+    assert_allclose(system.hessian, np.diag([4.0, 0.0, 0.25]))
 
 
 def test_a_bell_without_correlations_is_the_plain_prior(rng):
@@ -86,8 +87,8 @@ def test_a_bell_without_correlations_is_the_plain_prior(rng):
         GaussianPrior(np.ones(3), sigma),
     )
     assert correlated.cost(x) == pytest.approx(plain.cost(x))
-    np.testing.assert_allclose(correlated.linearize(x).gradient, plain.linearize(x).gradient)
-    np.testing.assert_allclose(correlated.linearize(x).hessian, plain.linearize(x).hessian)
+    assert_allclose(correlated.linearize(x).gradient, plain.linearize(x).gradient)
+    assert_allclose(correlated.linearize(x).hessian, plain.linearize(x).hessian)
 
 
 @pytest.mark.parametrize("strength", [0.25, 1.0])

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from handtrack import Camera, load_model
+from handtrack import load_model
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.pose_changes import changes, moved
 from handtrack.tracking.frame.settings import PriorSettings
@@ -13,16 +14,17 @@ from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.shared import Shared
 from handtrack.tracking.whole.refinement import CameraError, Refinement
+from tests.cameras import pinhole
 from tests.derivatives import check_jacobian
 
 HAND = load_model("hand26")
-MATRIX = np.array([[500.0, 0.0, 160.0], [0.0, 510.0, 120.0], [0.0, 0.0, 1.0]])
 
 
 def _camera(name, around, turn=(0.0, 0.0, 0.0)):
     """Return a camera at 0.5 m from the origin, looking at it from an angle `around` the vertical [rad]."""
     away = rotation_matrix(np.array([0.0, around, 0.0]))
-    return Camera(name, (320, 240), MATRIX, np.zeros(5), rotation_matrix(np.array(turn)) @ away, np.array([0.0, 0.0, 0.5]))  # fmt: skip
+    rotation = rotation_matrix(np.array(turn)) @ away
+    return pinhole(name, (320, 240), (500, 510), rotation, (0, 0, 0.5), at=(160, 120))
 
 
 def _changed(rng):
@@ -64,9 +66,9 @@ def test_a_camera_is_corrected_from_what_is_told_of_it(rng):
     told = Refinement.read(Refinement.of(found).text)
     for camera, corrected in zip(changes.cameras, changes.corrected(), strict=True):
         again = told.corrected(camera)
-        np.testing.assert_allclose(again.matrix, corrected.matrix, atol=1e-4)
-        np.testing.assert_allclose(again.rotation, corrected.rotation, atol=1e-5)
-        np.testing.assert_allclose(again.centre, corrected.centre, atol=1e-6)
+        assert_allclose(again.matrix, corrected.matrix, atol=1e-4)
+        assert_allclose(again.rotation, corrected.rotation, atol=1e-5)
+        assert_allclose(again.centre, corrected.centre, atol=1e-6)
     assert told.corrected(_camera("another", 0.1)).name == "another"
 
 
@@ -75,9 +77,9 @@ def test_an_error_found_after_a_correction_adds_to_it():
     first = CameraError("left", (1.0, -2.0, 0.5), (3.0, 0.0, -1.0), 0.8, 0.5, std)
     second = CameraError("left", (0.3, 0.4, -1.5), (-1.0, 2.0, 0.5), -0.3, -0.2, std)
     once, twice = second.after(first).corrected(camera), second.corrected(first.corrected(camera))
-    np.testing.assert_allclose(once.matrix, twice.matrix, rtol=1e-5)
-    np.testing.assert_allclose(once.rotation, twice.rotation, atol=1e-5)
-    np.testing.assert_allclose(once.centre, twice.centre, atol=1e-6)
+    assert_allclose(once.matrix, twice.matrix, rtol=1e-5)
+    assert_allclose(once.rotation, twice.rotation, atol=1e-5)
+    assert_allclose(once.centre, twice.centre, atol=1e-6)
     assert second.after(first).late_frames == pytest.approx(0.3)
 
 
@@ -94,7 +96,7 @@ def test_a_corrected_camera_sees_the_hand_as_the_changes_say(rng):
         assert np.abs(off - off.mean(axis=0)).max() < 0.01 * size
         cameras.values[k, 6] = 0.0
         seen = HAND.bones(cameras.seen_poses(k, pose, np.zeros_like(pose)).poses[0])
-        np.testing.assert_allclose(
+        assert_allclose(
             camera.project(seen.position), cameras.corrected()[k].project(bones.position), atol=1e-9
         )
 
@@ -103,5 +105,5 @@ def test_a_camera_that_is_late_by_frames_is_looked_at_in_other_images():
     late = CameraChanges.none((_camera("left", -0.6), _camera("right", 0.5)))
     late = late.stepped(np.array([0.0] * 7 + [0.3] + [0.0] * 8 + [-1.8, 0.0])).whole_frames()
     assert late.ahead == (0, 2)
-    np.testing.assert_allclose(late.values[:, LATE], [0.3, 0.2])
-    np.testing.assert_allclose(late.late, [0.3, -1.8])
+    assert_allclose(late.values[:, LATE], [0.3, 0.2])
+    assert_allclose(late.late, [0.3, -1.8])

@@ -22,12 +22,10 @@ from handtrack.tracking.frame.confidence import frame_confidence
 from handtrack.tracking.frame.depth_flips import mirrored_covariance
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.sequence import track_recording
+from tests.cameras import FACING, pinhole
 
 BODY = load_model("body34")
-FRONT = Camera(
-    "front", (1080, 1920), np.array([[1200.0, 0, 540], [0, 1200.0, 960], [0, 0, 1]]), np.zeros(5),
-    np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0]),
-)  # fmt: skip
+FRONT = pinhole("front", (1080, 1920), 1200, FACING, (0, 0, 4), at=(540, 960))
 SIDE = replace(FRONT, name="side", rotation=FRONT.rotation @ rotation_matrix(np.r_[0, 1.4, 0]).T)
 WRIST, ANKLE = (BODY.joint_names.index(name) for name in ("left_wrist", "right_ankle"))
 

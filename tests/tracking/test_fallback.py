@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandScale, Status, Tracker, TrackerSettings, TrackerState, load_model
 from handtrack.simulation.motion import motion
@@ -52,7 +53,7 @@ def test_a_good_cloud_is_left_to_all_joints(good):
     assert not any(r.poor_cloud for r in results)
     without = tracked(seen, **{"model.fallback": "none"})
     for one, other in zip(results, without, strict=True):
-        np.testing.assert_array_equal(one.parameters, other.parameters)
+        assert_array_equal(one.parameters, other.parameters)
 
 
 @pytest.mark.parametrize("kind", ["auto", "glove9", "ball6"])
@@ -85,7 +86,7 @@ def test_a_simpler_hand_takes_the_place_of_a_measured_person_s(poor, kind):
     for result, joint in zip(results, TRUTH, strict=False):
         assert result.is_simplified
         assert palm_mm(result, joint) < 40.0
-        np.testing.assert_array_equal(
+        assert_array_equal(
             result.parameters[6:], fitted.joint_params(fitted.transform.solver_params(TRUTH[0]))[6:]
         )
 
@@ -128,7 +129,7 @@ def test_what_no_line_of_sight_meets_may_be_a_hole(poor, good):
     beside = [cost(place(np.array([aside, 0.0, 0.0]))) for aside in (0.0, 0.015, 0.3, 0.5)]
     assert 20.0 < patches < 60.0
     assert beside[0] < 0.05 * patches < beside[1]
-    np.testing.assert_allclose(beside[2:], patches * np.log(2.0), rtol=1e-6)
+    assert_allclose(beside[2:], patches * np.log(2.0), rtol=1e-6)
     for along in (-0.02, 0.02):
         assert cost(place(along * sight)) < 0.1 * patches
 

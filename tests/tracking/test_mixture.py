@@ -1,10 +1,11 @@
 """The mixture tracker: alternatives that look alike are carried, weighed, repeatable, and survive unseen frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from handtrack import (
-    Camera,
     ImageKeypoints,
     Observation,
     Status,
@@ -14,6 +15,7 @@ from handtrack import (
     load_model,
 )
 from handtrack.tracking.frame.control import Control
+from tests.cameras import FACING, pinhole
 
 FRAMES, FEW = 6, {"tracker.hypotheses": 3, "mixture.draws": 8, "mixture.carried": 5}
 
@@ -25,9 +27,7 @@ def body():
 
 @pytest.fixture(scope="module")
 def camera():
-    matrix = np.array([[1200.0, 0.0, 640.0], [0.0, 1200.0, 480.0], [0.0, 0.0, 1.0]])
-    pose = np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, 4.0])
-    return Camera("front", (1280, 960), matrix, np.zeros(5), *pose)
+    return pinhole("front", (1280, 960), 1200, FACING, (0, 0, 4), at=(640, 480))
 
 
 @pytest.fixture(scope="module")
@@ -107,9 +107,7 @@ def test_hypotheses_survive_frames_without_anything_seen(body, observations, tru
 def test_two_cameras_leave_one_pose(body, camera, truth):
     """What a second camera sees decides between flips: nearly all the weight is on the truth."""
     turn = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    side = Camera(
-        "side", camera.size, camera.matrix, np.zeros(5), camera.rotation @ turn, camera.translation
-    )
+    side = replace(camera, name="side", rotation=camera.rotation @ turn)
     rng = np.random.default_rng(2)
     seen = []
     for frame, pose in enumerate(truth[:3]):

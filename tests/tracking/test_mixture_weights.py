@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.integrate import dblquad, quad
 from scipy.stats import multivariate_normal, norm
 
@@ -140,14 +141,14 @@ def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monke
     ]
     found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
     assert found.parents == (0, 1, 2)
-    np.testing.assert_allclose([h.weight for h in found.hypotheses], [0.5, 0.3, 0.2], rtol=1e-6)
+    assert_allclose([h.weight for h in found.hypotheses], [0.5, 0.3, 0.2], rtol=1e-6)
     apart = settings(**{"tracker.hypotheses": 2})
     monkeypatch.setattr(mixture, "APART_MM", 20.0)
     found = MixtureStep(BALL, apart, STIFF).next(NOTHING, components)
     assert found.parents == (0, 2)
-    np.testing.assert_allclose([h.weight for h in found.hypotheses], [5 / 7, 2 / 7], rtol=1e-6)
+    assert_allclose([h.weight for h in found.hypotheses], [5 / 7, 2 / 7], rtol=1e-6)
     # nothing was seen: the belief neither moved nor became surer
-    np.testing.assert_allclose(found.hypotheses[1].params, turned(1.5), atol=1e-6)
+    assert_allclose(found.hypotheses[1].params, turned(1.5), atol=1e-6)
 
 
 @dataclass(frozen=True)
@@ -177,13 +178,9 @@ def test_of_a_first_frame_costs_alone_decide():
     told = []
     control = Control(on_search=told.append)
     found = MixtureStep(BALL, settings(), STIFF).first(NOTHING, terms, np.zeros(6), control)
-    np.testing.assert_allclose(
-        [h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3
-    )
+    assert_allclose([h.params[FACING] for h in found.hypotheses], [0.2, 1.4, -1.5], atol=1e-3)
     weights = np.exp([-1.0, -2.0, -2.5])
-    np.testing.assert_allclose(
-        [h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3
-    )
+    assert_allclose([h.weight for h in found.hypotheses], weights / weights.sum(), rtol=1e-3)
     assert found.parents == (-1, -1, -1)
     (report,) = told
     assert [count for count, _ in report.rounds] == [4, 5, 0]  # nothing to be seen: no trees
@@ -195,7 +192,7 @@ def test_ten_frames_count_static_priors_once_and_what_was_seen_ten_times():
     rest, linked = GaussianPrior(np.zeros(6), np.full(6, 0.3), "rest"), LinearPrior(np.eye(6) / 0.2)
     sharing = without_memory(frame(BALL, rest, linked, CorrelatedPrior(np.zeros(6), np.eye(6))))
     shares = [prior.cost(x) for prior in sharing.priors]
-    np.testing.assert_allclose(shares, [0.1 * rest.cost(x), 0.1 * linked.cost(x), 0.5 * x @ x])
+    assert_allclose(shares, [0.1 * rest.cost(x), 0.1 * linked.cost(x), 0.5 * x @ x])
 
 
 def test_joints_in_images_count_by_what_is_new_in_them_and_seen_coarsely_by_a_hundredth():
@@ -224,7 +221,7 @@ def test_depth_is_flipped_in_the_camera_that_sees_most_joints_sure_or_not():
     )
     eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=joints))
     assert eye.camera is first
-    np.testing.assert_allclose(eye.joints, pixels)
+    assert_allclose(eye.joints, pixels)
 
 
 def test_the_pull_is_the_belief_of_what_is_not_free():

@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import Observation, Status, TrackerSettings, load_model
 from handtrack.model.pose_changes import changes
@@ -69,7 +70,7 @@ def test_probabilities_are_those_of_all_ways_together(rng):
     assert tuple(trellis.best) == ways[int(mass.argmax())]
     for n, found in enumerate(trellis.probabilities):
         there = [mass[[way[n] == k for way in ways]].sum() for k in range(counts[n])]
-        np.testing.assert_allclose(found, np.array(there) / mass.sum(), rtol=1e-6)
+        assert_allclose(found, np.array(there) / mass.sum(), rtol=1e-6)
 
 
 def _bent(params, finger, degrees):
@@ -163,9 +164,9 @@ def test_other_ways_stay_with_the_frame_and_are_a_doubt_where_they_are_elsewhere
     tip, wrist = HAND.joint_names.index("index_tip"), HAND.joint_names.index("wrist")
     off = HAND.joint_positions(HAND.bones(far))[tip] - apart.joint_positions[tip]
     added = other.weight * np.outer(off, off)
-    np.testing.assert_allclose(apart.joint_covariance[tip], known[tip] + added, rtol=0.02)
-    np.testing.assert_array_equal(apart.joint_covariance[wrist], known[wrist])
-    np.testing.assert_array_equal(two.joint_covariance, known)
+    assert_allclose(apart.joint_covariance[tip], known[tip] + added, rtol=0.02)
+    assert_array_equal(apart.joint_covariance[wrist], known[wrist])
+    assert_array_equal(two.joint_covariance, known)
 
 
 def test_hypotheses_that_were_carried_are_candidates(turning):

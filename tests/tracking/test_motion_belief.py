@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 
@@ -16,7 +17,7 @@ def test_motion_goes_on_and_grows_less_certain():
     moved = MotionBelief(belief.mean, np.array([2.0]), belief.covariance).ahead(np.array([0.1]), 1)
     assert moved.mean[0] == 3.0
     assert moved.velocity[0] == 2.0
-    np.testing.assert_allclose(
+    assert_allclose(
         moved.covariance, [[0.04 + 0.09 + 0.0025, 0.09 + 0.005], [0.09 + 0.005, 0.09 + 0.01]]
     )
     held = MotionBelief(belief.mean, np.array([2.0]), belief.covariance).ahead(
@@ -38,8 +39,8 @@ def test_an_update_is_conditioning_the_joint_normal(rng):
         np.linalg.inv(belief.covariance) @ before + look.T @ np.linalg.inv(noise) @ seen
     )
     found = belief.updated(after[:3], whole[:3, :3])
-    np.testing.assert_allclose(found.velocity, after[3:], atol=1e-9)
-    np.testing.assert_allclose(found.covariance, whole, atol=1e-9)
+    assert_allclose(found.velocity, after[3:], atol=1e-9)
+    assert_allclose(found.covariance, whole, atol=1e-9)
 
 
 def test_released_parameters_forget_and_the_others_do_not(rng):
@@ -51,6 +52,6 @@ def test_released_parameters_forget_and_the_others_do_not(rng):
     assert freed.covariance[4, 4] == pytest.approx(0.2**2)
     assert not freed.covariance[1, [0, 2, 3, 4, 5]].any()
     others = [0, 2, 3, 5]
-    np.testing.assert_array_equal(
+    assert_array_equal(
         freed.covariance[np.ix_(others, others)], belief.covariance[np.ix_(others, others)]
     )

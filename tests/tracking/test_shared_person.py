@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import (
     HandScale,
@@ -102,7 +103,7 @@ def test_a_size_that_was_wrong_is_found_with_the_poses():
     assert found.scale.parts["thumb"] == pytest.approx(0.95, abs=0.02)
     # the frames are this person's
     pose = model.transform.solver_params(frames[3].parameters)
-    np.testing.assert_allclose(model.keypoints21(model.bones(pose)), frames[3].keypoints21)
+    assert_allclose(model.keypoints21(model.bones(pose)), frames[3].keypoints21)
     assert _off_mm(frames, truth) < 1.0
 
 
@@ -166,10 +167,8 @@ def test_information_of_recordings_adds(rng, tmp_path):
         known = read_scale(tmp_path / f"{number}.toml")
         model = load_model(scale=known)
         stated.append(shape_covariance(size, known))
-    np.testing.assert_allclose(
-        size.deviations(known), np.linalg.solve(together, right), rtol=1e-6, atol=1e-7
-    )
-    np.testing.assert_allclose(stated[1], np.linalg.inv(together), rtol=1e-5, atol=1e-9)
+    assert_allclose(size.deviations(known), np.linalg.solve(together, right), rtol=1e-6, atol=1e-7)
+    assert_allclose(stated[1], np.linalg.inv(together), rtol=1e-5, atol=1e-9)
     assert np.linalg.eigvalsh(stated[0] - stated[1]).min() > -1e-9
 
 
@@ -195,7 +194,7 @@ def test_a_file_with_fewer_numbers_or_others_is_read():
     )
     stated = shape_covariance(size, old)
     assert stated[0, 0] == pytest.approx((0.02 / size.units[0]) ** 2)
-    np.testing.assert_array_equal(stated[1:, 1:], np.eye(len(stated) - 1))
+    assert_array_equal(stated[1:, 1:], np.eye(len(stated) - 1))
 
 
 def test_a_persons_file_holds_where_little_is_seen():

@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import Observation, Status, Tracker, TrackerState, load_model
 from handtrack.tracking.frame.control import Control
@@ -53,7 +54,7 @@ def test_no_frame_is_surer_than_an_unsure_start_until_five_have_confirmed_it(for
     assert doubtful == [True] * (CONFIRMED_BY - 1) + [False] * (COUNT - CONFIRMED_BY + 1)
     assert all(r.reason.number == 0.3 and r.fits for r in results[: CONFIRMED_BY - 1])
     for one, other in zip(results, forward, strict=True):
-        np.testing.assert_array_equal(one.parameters, other.parameters)
+        assert_array_equal(one.parameters, other.parameters)
     (single,) = followed(frames=range(1), tracker=unsure)
     assert single.status == Status.DOUBTFUL
     again = refine_recording(unsure, lambda f, _=None: SCENE.observations[f], results[:3])
@@ -79,9 +80,9 @@ def test_any_frame_can_be_redone(forward):
     _, once_more = TRACKER.step(state, SCENE.observations[6])
     for one in (again, once_more):
         for field in fields(one):
-            np.testing.assert_array_equal(getattr(one, field.name), getattr(forward[6], field.name))
+            assert_array_equal(getattr(one, field.name), getattr(forward[6], field.name))
     _, read_back = TRACKER.step(TrackerState.resumed(forward[:6]), SCENE.observations[6])
-    np.testing.assert_array_equal(read_back.parameters, forward[6].parameters)
+    assert_array_equal(read_back.parameters, forward[6].parameters)
 
 
 def test_one_camera_alone_is_followed_and_says_that_it_knows_less(forward):
@@ -105,7 +106,7 @@ def test_nothing_seen_is_lost_holds_the_last_estimate_and_goes_on():
         assert np.isnan(lost.energy)
         assert lost.iterations == 0
         assert np.isfinite(lost.joint_covariance).all()
-        np.testing.assert_allclose(lost.parameters, results[4].parameters, atol=1e-12)
+        assert_allclose(lost.parameters, results[4].parameters, atol=1e-12)
         assert lost.note == "no camera has an observation of this frame"
     assert [r.status for r in results[8:]] == [Status.TRACKED] * (COUNT - 8)
     assert errors_mm(results[8:]).max() < 0.4  # measured 0.26 mm

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.model.articulated import keypoint_names
@@ -46,14 +47,14 @@ def test_the_motion_s_system_is_that_of_its_residuals(rng):
     jacobian = np.stack([(residual(u) - residual(-u)) / 2e-6 for u in units], axis=1)
     assert motion.cost(poses) == pytest.approx(0.5 * off @ off)
     slope = jacobian.T @ off
-    np.testing.assert_allclose(gradient.ravel(), slope, atol=1e-6 * np.abs(slope).max())
+    assert_allclose(gradient.ravel(), slope, atol=1e-6 * np.abs(slope).max())
     dense = np.zeros((size, size))
     for t in range(len(poses)):
         for k in range(min(3, len(poses) - t)):
             rows, columns = slice((t + k) * 9, (t + k + 1) * 9), slice(t * 9, (t + 1) * 9)
             dense[rows, columns] = system.blocks[t, k]
             dense[columns, rows] = system.blocks[t, k].T
-    np.testing.assert_allclose(dense, jacobian.T @ jacobian, rtol=1e-4, atol=1e-3)
+    assert_allclose(dense, jacobian.T @ jacobian, rtol=1e-4, atol=1e-3)
 
 
 def test_the_pushes_are_found_from_poses_that_are_known(rng):
@@ -69,7 +70,7 @@ def test_the_pushes_are_found_from_poses_that_are_known(rng):
         poses.append(moved(poses[-1][None], speed[None])[0])
     usual = Motion(kept, 1e-3 * np.eye(size))
     found = usual.estimated(np.array(poses), (), usual).process_noise
-    np.testing.assert_allclose(np.sqrt(np.diag(found)), spread, rtol=0.1)
+    assert_allclose(np.sqrt(np.diag(found)), spread, rtol=0.1)
     assert found[7, 8] / np.sqrt(found[7, 7] * found[8, 8]) == pytest.approx(0.9, abs=0.03)
     assert abs(found[6, 7]) < 0.1 * np.sqrt(found[6, 6] * found[7, 7])
 
@@ -171,7 +172,7 @@ def test_a_gap_is_bridged_by_the_shorter_turn():
     poses = np.zeros((3, 26))
     poses[0, 3:6], poses[2, 3:6] = [3.1, 0.0, 0.0], [-3.1, 0.0, 0.0]
     middle = _bridged(poses, np.array([True, False, True]))[1, 3:6]
-    np.testing.assert_allclose(middle, [np.pi, 0.0, 0.0], atol=1e-9)
+    assert_allclose(middle, [np.pi, 0.0, 0.0], atol=1e-9)
 
 
 def test_beside_a_keyframe_frames_follow_from_both_sides():

@@ -1,0 +1,16 @@
+"""A camera by its numbers."""
+
+import numpy as np
+
+from handtrack import Camera
+
+FACING = np.diag([1.0, -1.0, -1.0])
+"""the rotation of a camera on the z axis that looks back at the origin, upright"""
+
+
+def pinhole(name, size, focal, rotation=np.eye(3), translation=(0, 0, 0), lens=(0,) * 5, at=None):
+    """Return a camera of one focal length [px], or one along each axis; at: its principal point, else the middle pixel."""
+    matrix = np.diag([*np.broadcast_to(focal, 2), 1.0])
+    matrix[:2, 2] = 0.5 * (np.array(size) - 1) if at is None else at
+    place = np.asarray(translation, float)
+    return Camera(name, size, matrix, np.array(lens, float), rotation, place)
