@@ -32,25 +32,26 @@ class Listener:
             self.seen.append(copy)
             self._came.notify_all()
 
-    def wait(
-        self, kind: type, test: Callable[[Any], bool] = lambda _: True, timeout: float = 60.0
-    ) -> Any:
-        """Return the first snapshot of a kind that passes the test, waiting for it."""
+    def wait(self, kind: type, test: Callable[[Any], bool] = lambda _: True, after: int = 0) -> Any:
+        """Return the first snapshot of a kind that passes the test, waiting for it. after: so many that came before."""
 
         def find() -> Any:
-            return next((s for s in list(self.seen) if isinstance(s, kind) and test(s)), None)
+            found = self.seen[after:]
+            return next((s for s in found if isinstance(s, kind) and test(s)), None)
 
         with self._came:
-            assert self._came.wait_for(lambda: find() is not None, timeout), (
-                f"no {kind.__name__} came"
-            )
+            assert self._came.wait_for(lambda: find() is not None, 90.0), f"no {kind.__name__} came"
             return find()
+
+    @property
+    def notices(self) -> list[snapshots.Notice]:
+        return [s for s in self.seen if isinstance(s, snapshots.Notice)]
 
     def pose(self, version: int) -> snapshots.PoseSnapshot:
         return self.wait(snapshots.PoseSnapshot, lambda p: p.version == version)
 
-    def told(self, words: str) -> snapshots.Notice:
-        return self.wait(snapshots.Notice, lambda n: words in f"{n.title}: {n.text}")
+    def told(self, words: str, after: int = 0) -> snapshots.Notice:
+        return self.wait(snapshots.Notice, lambda n: words in f"{n.title}: {n.text}", after)
 
     def refused(self) -> snapshots.Notice:
         return self.wait(snapshots.Notice, lambda n: n.level == "error")

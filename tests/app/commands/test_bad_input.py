@@ -1,7 +1,13 @@
-"""Bad input, end to end: one readable paragraph, exit code 2, and nothing written; or what is usable of it is used."""
+"""Bad input, end to end: one readable paragraph that names what was given, exit code 2, and nothing written; or what is usable of it is used."""
 
+import ctypes
 import json
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -9,13 +15,14 @@ import numpy as np
 import pytest
 
 from handtrack import bundled_session, read_npz
-from tests.app.command_line import FRAMES, refused
+from tests.app.command_line import FRAMES, PROGRAM, listing, refused
 from tests.session.small_session import edit
+from tests.session.test_hostile_sessions import contains
 
 VIDEO = bundled_session("open_fist_open") / "cam0.mp4"
 
 
-def init(folder, **changes):
+def first_pose(folder, **changes):
     data = json.loads((folder / "init.json").read_text())
     (folder / "init.json").write_text(json.dumps(data | changes))
 
@@ -31,9 +38,9 @@ SESSIONS: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "one camera's masks of another size": (small_mask, "320 x 240"),
     "no calibration": (lambda f: (f / "calibration.toml").unlink(), "calibration.toml"),
-    "NaN in the first pose": (lambda f: init(f, xyz=[[float("nan")] * 3] * 21), "null"),
+    "NaN in the first pose": (lambda f: first_pose(f, xyz=[[float("nan")] * 3] * 21), "null"),
     "first pose in millimetres": (
-        lambda f: init(f, xyz=[[0.0, 0.0, 10.0 * k] for k in range(21)]),
+        lambda f: first_pose(f, xyz=[[0.0, 0.0, 10.0 * k] for k in range(21)]),
         "init.json",
     ),
 }
@@ -94,3 +101,198 @@ def test_a_recording_that_is_shorter_than_its_video_says_is_tracked_to_its_end(
     assert f"{FRAMES - 1} of {FRAMES - 1} frames" in ended.out
     assert "cam0.avi: announces 5 frames" in ended.err
     assert read_npz(session / "tracks/poses.npz").frame.tolist() == list(range(FRAMES - 1))
+
+
+LINES = {
+    "track {t}/none": "none does not exist",
+    "doctor {s}/masks": "no session.toml",
+    "doctor {s}/init.json": "session folder",
+    "open {t}/none --no-browser": "none does not exist",
+    "track {s} --set solver.speed=3": "solver.speed",
+    "track {s} --set solver": "--set solver",
+    "track {s} --set solver.iterations=many": "solver.iterations",
+    "track {s} --set silhouettes.term=edges": "silhouettes.term",
+    "track {s} --set model.coupling=17": "model.coupling",
+    "track {s} --set silhouettes.weight=0 --set keypoints.weight=0": "--set",
+    "track {s} --frames 0:6": "--frames 0:6",
+    "track {s} --frames 3:3": "--frames 3:3",
+    "track {s} --frames all": "--frames all",
+    "track {s} --frames=-2:3": "expected A:B",
+    "track {s} --use silhouettes,edges": "--use silhouettes,edges",
+    "track {s} --use intensity": "no intensity",
+    "track {s} --use shadows": "--use shadows",
+    "track {s} --use cloud": "--use cloud",
+    "track {s} --use ,": ",",
+    "track {s} --init {t}/i.json": '"parameters"',
+    "track {s} --init {s}/session.toml": "session.toml: not valid JSON",
+    "track {s} --init auto --set model.name=body34": "workbench",
+    "track {s} --out {t}/poses.csv": "poses.csv",
+    "track {s} --out {s}/x.npz": "x.npz",
+    "track {s} --out {s}/init.json/deep/p.npz": "init.json",
+    "track {s} --rerun-save {s}/init.json/r.rrd": "init.json/r.rrd",
+    "track {s} --rerun-frame 2": "--rerun-frame 2",
+    "track {s} --frames 0:2 --rerun-frame 3 --rerun-save {t}/r.rrd": "--rerun-frame 3",
+    "export {t}/p.npz --to csv": "p.npz: no such file",
+    "export {s} --to csv": "is a folder",
+    "export {p} --to xlsx": "xlsx",
+    "export {p} --to mp4 --session {t}": "no session.toml",
+    "export {p} --to npz --out {p}": "that is the file that is read",
+    "export {p} --to csv --out {t}/no/p.csv": "p.csv",
+    "evaluate {s}/truth.npz --truth {s}/truth.npz": "truth.npz: no array `format`",
+    "evaluate {p} --truth {s}/init.json": "init.json: no points in space that are known here",
+    "evaluate {p} --truth {t}/none.npz": "none.npz: no such file",
+    "export {p} --to csv --out {s}/session.toml": "session.toml",
+    "export {p} --to npz --out {s}/x.npz": "x.npz",
+    "track {s} --out {s}/truth.npz": "truth.npz",
+    "track {s} --use clouds": "--use clouds",
+    "track {s} --set solver.iteration=3": "Did you mean 'solver.iterations'?",
+    "calibrate --out {t}/c.toml --board chessboard:9x6:25mm --most-views 0": "--most-views 0",
+    "calibrate --out {s}/init.json --board chessboard:9x6:25mm": "init.json",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --video cam1={v}": "--video cam1=",
+    "simulate --out {s}": "--out",
+    "simulate --out {p}": "new folder",
+    "simulate --out {s}/init.json/x --frames 1 --size 64 48": "init.json",
+    "simulate --out {t}/x --frames 0": "0",
+    "simulate --out {t}/x --cameras 99": "99",
+    "simulate --out {t}/x --size 8 8": "(8, 8)",
+    "simulate --out {t}/x --size 100000 9": "--size 100000 9",
+    "simulate --out {t}/x --distance nan": "nan",
+    "simulate --out {t}/x --scale 190": "--scale 190",
+    "simulate --out {t}/x --fps 0": "0–1000 frames a second",
+    "simulate --out {t}/x --init-noise-mm inf": "--init-noise-mm",
+    "simulate --out {t}/x --seed -1": "--seed -1",
+    "simulate --out {t}/x --motion wave": "wave",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={t}/no.mp4": "--video cam0=",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={s}/init.json": "re-encode",
+    "new --out {t}/x --calibration {s}/calibration.toml --video {v}": "cam0.mp4: expected CAMERA=FILE",
+    "new --out {t}/x --calibration {s}/calibration.toml --video left={v}": "left",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --video cam0={v}": "cam0",
+    "new --out {t}/x --calibration {t}/c.toml --video cam0={v}": "c.toml: no such file",
+    "new --out {t}/x --calibration {s}/session.toml --video cam0={v}": "write JSON",
+    "new --out {s} --calibration {s}/calibration.toml --video cam0={v}": "is not empty",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --fps -3": "--fps -3",
+    "new --out {t}/x --calibration {s}/calibration.toml --video cam0={v} --world-unit-m 0": "--world-unit-m 0",
+    "bench speed": "speed",
+    "open {s} --port 70000 --no-browser": "--port 70000",
+    "open {s} --camera cam0=0": "--live",
+    "open {s} --record new": "--live",
+    "open {s} --live --camera cam0": "cam0",
+    "open {s} --live --camera a=0 --camera a=1": "a=1",
+    "open {s} --live --tolerance-ms 0": "tolerance-ms 0",
+    "open {s} --live --record {s}": "not empty",
+    "open --live": "--live",
+    "batch {t}/nothing": "nothing",
+    "batch {s} --jobs 0": "--jobs 0",
+    "batch {s} --most-lost 7": "--most-lost 7",
+    "takes {s} --frames 0:2": "--restore",
+    "track {s} --seed -1": "-1",
+    "skin {s} --segmented {s}/init.json {t}/m.png": "[clouds]",
+}
+"""what the paragraph names; {s} is a session, {p} its poses, {t} an empty folder, {v} a video"""
+
+
+@pytest.fixture(scope="module")
+def places_of(tracked, tmp_path_factory):
+    places_of = tmp_path_factory.mktemp("refused")
+    shutil.copytree(tracked, places_of / "session")
+    (places_of / "session" / "x.npz").mkdir()
+    (places_of / "empty").mkdir()
+    return places_of
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_words_that_cannot_be_meant(line, handtrack, places_of):
+    session = places_of / "session"
+    places = {"s": session, "p": session / "tracks/poses.npz", "t": places_of / "empty", "v": VIDEO}
+    refused(handtrack, places_of, [word.format(**places) for word in line.split()], [LINES[line]])
+
+
+resource = pytest.importorskip("resource", reason="this system has no such limits")
+_PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE = 24, 1
+
+
+@contextmanager
+def no_more_files():
+    """Let this process open no file any more."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    free = os.dup(0)
+    os.close(free)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, before)
+
+
+def test_c61_track_says_so_and_goes_on_later(handtrack, tracked, tmp_path):
+    session = Path(
+        shutil.copytree(tracked, tmp_path / "s", ignore=shutil.ignore_patterns("tracks"))
+    )
+    with no_more_files():
+        ended = handtrack("track", session)
+    assert ended.code == 2
+    contains(ended.err, "Too many open files", "ulimit -n")
+    assert ended.err.count("\n") == 1
+    handtrack.does("track", session)
+    assert (session / "tracks/poses.npz").read_bytes() == (
+        tracked / "tracks/poses.npz"
+    ).read_bytes()
+
+
+DRIVER = """
+import contextlib, io, json, sys
+from handtrack_app.cli import main
+ended = []
+for words in json.loads(sys.argv[1]):
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(words)
+    ended.append((code, out.getvalue(), err.getvalue()))
+print(json.dumps(ended))
+"""
+"""runs commands, and prints how each ended"""
+
+
+def obey():
+    """Keep to the rights of files and folders, as who is no administrator must."""
+    if os.geteuid() == 0:
+        ctypes.CDLL(None).prctl(_PR_CAPBSET_DROP, _CAP_DAC_OVERRIDE, 0, 0, 0)
+
+
+@pytest.fixture
+def read_only(tracked, tmp_path):
+    """A tracked session that cannot be written."""
+    session = Path(shutil.copytree(tracked, tmp_path / "session"))
+    everything = [session, *session.rglob("*")]
+    for path in everything:
+        path.chmod(0o555 if path.is_dir() else 0o444)
+    trial = [sys.executable, "-c", f"open({str(session / 'x')!r}, 'w')"]
+    if not subprocess.run(trial, check=False, capture_output=True, preexec_fn=obey).returncode:
+        pytest.skip("here rights of a folder keep nobody from writing")
+    yield session
+    for path in everything:
+        path.chmod(0o755)
+
+
+def test_c55_a_read_only_folder_is_told_in_one_sentence(read_only, tmp_path):
+    poses, out, before = read_only / "tracks/poses.npz", tmp_path / "poses.npz", listing(read_only)
+    refused = (
+        ["track", read_only],
+        ["export", poses, "--to", "csv"],
+        ["takes", read_only, "--restore", "1"],
+    )
+    lines = [*refused, ["doctor", read_only], ["track", read_only, "--out", out]]
+    words = json.dumps([[str(word) for word in line] for line in lines])
+    program = [sys.executable, "-c", DRIVER, words]
+    child = subprocess.run(
+        program, check=True, capture_output=True, text=True, env=PROGRAM, preexec_fn=obey
+    )
+    ended = json.loads(child.stdout)
+    for code, _, told in ended[: len(refused)]:
+        assert code == 2
+        contains(told, "cannot be written", "Permission denied")
+        assert told.count("\n") == 1
+    assert ended[3][1].endswith("nothing odd was found.\n")
+    assert ended[4][0] == 0
+    assert out.read_bytes() == poses.read_bytes()
+    assert listing(read_only) == before

@@ -1,18 +1,25 @@
-"""The commands of `handtrack`, run as a user would."""
+"""The commands of `handtrack`, run as a user would; `--json` and `--landmarks`."""
 
 import csv
 import json
+import os
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from handtrack import Session, bundled_session, read_npz
+from handtrack import Session, bundled_session, read_npz, write_npz
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.export.registry import export_format
+from handtrack.model.model_file import scale_table
 from handtrack.session.bundled import demo_session
 from handtrack_app.commands import track as track_command
+from tests.app.command_line import CommandLine, small_recording
+from tests.conftest import REPOSITORY
+from tests.export.sequences import sample_sequence
+from tests.sample_track import hand_track
 from tests.session.small_session import edit
 
 
@@ -112,32 +119,24 @@ def test_frames_out_settings_and_init(handtrack, session, tmp_path):
     assert not (session / "tracks").exists()
 
 
-def test_the_seed_is_a_setting_and_the_name_that_scripts_rely_on_is_read(
-    handtrack, session, tmp_path
+def test_track_tells_how_it_went_as_json_and_reads_the_names_that_scripts_rely_on(
+    handtrack, session
 ):
-    out, file = tmp_path / "poses.npz", session / "session.toml"
-    edit(file, "tracker.recovery", "tracker.jumps")
-    words = ["track", session, "--frames", "0:1", "--out", out]
-    ended = handtrack.does(*words, "--seed", 3, "--set", "cloud.crop_mm=99")
-    settings = json.loads(read_npz(out).settings)
-    assert settings["tracker.seed"] == 3
-    assert settings["tracker.recovery"] is False
-    notes = [line for line in ended.err.splitlines() if line.startswith("note: ")]
-    assert sum("cloud.crop_mm has no effect" in note for note in notes) == 1
-
-
-def test_track_tells_how_it_went_as_json(handtrack, session):
+    edit(session / "session.toml", "tracker.recovery", "tracker.jumps")
+    idle = "cloud.crop_mm has no effect"
     ended = handtrack.does(
-        "track", session, "--frames", "0:2", "--set", "cloud.crop_mm=99", "--explain", "1", "--json"
+        "track", session, "--frames", "0:2", "--seed", 3, "--set", "cloud.crop_mm=99", "--explain", "1", "--json"
     )  # fmt: skip
     told = json.loads(ended.out)
     assert list(told) == ["frames", "seconds", "warnings", "output"]
-    assert told["frames"] == {
-        "tracked": 2, "doubtful": 0, "lost": 0, "keyframe": 0,
-    }  # fmt: skip
+    assert told["frames"] == {"tracked": 2, "doubtful": 0, "lost": 0, "keyframe": 0}
     assert told["seconds"] > 0
-    assert any("cloud.crop_mm has no effect" in text for text in told["warnings"])
+    assert any(idle in text for text in told["warnings"])
+    notes = [line for line in ended.err.splitlines() if line.startswith("note: ")]
+    assert sum(idle in note for note in notes) == 1
     assert Path(told["output"]) == session / "tracks/poses.npz"
+    settings = json.loads(read_npz(told["output"]).settings)
+    assert (settings["tracker.seed"], settings["tracker.recovery"]) == (3, False)
 
 
 def test_a_disk_that_fills_up_does_not_cost_the_result(handtrack, session, monkeypatch):
@@ -174,3 +173,62 @@ def test_new_makes_a_session_that_opens(handtrack, tmp_path):
     assert (session.name, session.fps, session.file.hand.side) == ("made", 25.0, "left")
     assert session.mask("cam0", 0) is not None
     assert list(tmp_path.iterdir()) == [out]
+
+
+SLURM = REPOSITORY / "docs" / "cluster" / "slurm_array.sh"
+
+
+def test_what_is_printed_is_one_object(tmp_path, capsys):
+    handtrack = CommandLine(capsys)
+    write_npz(tmp_path / "poses.npz", hand_track())
+    small_recording(tmp_path / "take")
+    for words, key in (
+        (["doctor", tmp_path / "take"], "findings"),
+        (["board", "--board", "chessboard:9x6:25mm", "--out", tmp_path / "b.svg"], "page_mm"),
+        (["simulate", "--out", tmp_path / "s", "--frames", 1, "--cameras", 1, "--size", 64, 48], "session"),
+    ):  # fmt: skip
+        ended = handtrack.does(*words, "--json")
+        assert key in json.loads(ended.out)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script")
+def test_the_slurm_script_tracks_the_recording_of_its_number(tmp_path):
+    (tmp_path / "list.txt").write_text("/data/take a\n/data/take b\n")
+    program = tmp_path / "handtrack"
+    program.write_text('#!/bin/bash\nprintf "%s|" "$@" "$HANDTRACK_THREADS"\n')
+    program.chmod(0o755)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_ARRAY_TASK_ID": "2", "SLURM_CPUS_PER_TASK": "3", "HOME": str(tmp_path)}  # fmt: skip
+    done = subprocess.run(["bash", SLURM, tmp_path / "list.txt", "/out"], env=environment, capture_output=True, text=True, check=True)  # fmt: skip
+    assert done.stdout == "batch|/data/take b|--resume|--out|/out|3|"
+
+
+OFFSETS = {"thumb_mcp": (0.0, 8.0, 0.0)}
+
+
+@pytest.fixture
+def offset_poses(tmp_path):
+    """Tracked frames of a hand whose thumb a detector sees elsewhere."""
+    model, track = sample_sequence("left")
+    seen = replace(model.scale, offsets_mm=OFFSETS, landmark_definition="mediapipe21")
+    write_npz(tmp_path / "poses.npz", replace(track, scale=json.dumps(scale_table(seen))))
+    return tmp_path / "poses.npz"
+
+
+def errors(handtrack, offset_poses, truth, *more):
+    ended = handtrack.does("evaluate", offset_poses, "--truth", truth, "--json", *more)
+    found = json.loads(ended.out)
+    return found["mpjpe_mm"], found["keypoint_definition"]
+
+
+def test_what_is_compared_is_what_the_truth_says_or_what_is_asked_for(
+    handtrack, offset_poses, tmp_path
+):
+    theirs, ours = tmp_path / "theirs.npz", tmp_path / "ours.npz"
+    for out, definition in ((theirs, "mediapipe21"), (ours, "joints")):
+        handtrack.does(
+            "export", offset_poses, "--to", "keypoints", "--out", out, "--landmarks", definition
+        )
+    assert errors(handtrack, offset_poses, theirs) == (pytest.approx(0.0, abs=1e-6), "mediapipe21")
+    assert errors(handtrack, offset_poses, ours) == (pytest.approx(0.0, abs=1e-6), "joints")
+    off, definition = errors(handtrack, offset_poses, theirs, "--landmarks", "joints")
+    assert (off, definition) == (pytest.approx(8.0 * 0.94 * 1.04 / 21, rel=1e-3), "joints")

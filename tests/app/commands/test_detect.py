@@ -10,32 +10,32 @@ import pytest
 
 from handtrack import Session
 from handtrack.capture.masks.seeded import Seeded
-from handtrack.detector.hand_detector import DetectedHand, HandDetector, region_of_hand
+from handtrack.detector.hand_detector import DetectedHand, HandDetector
 from handtrack.detector.weights import read_weights
 from tests.app.command_line import refused
+from tests.detector.fake_detector import FakeDetector
 from tests.session.small_session import FRAMES, edit, keypoints, make_session
 
 MINE, OTHER = np.zeros(3), np.array([0.09, 0.05, 0.02])
 STEP = 40  # between the grey values of small_session's frames
 
 
-class Scene:
+class Scene(FakeDetector):
     """Sees the hands of a session's images, which it knows by their first pixel: frame and camera."""
 
-    backend = "fake"
-
     def __init__(self, folder):
+        super().__init__()
         self.session = Session.open(folder)
         self.places = {"right": MINE}
         self.weights = type("Known", (), {"is_known": True})
 
     def find(self, image, most):
-        return [region_of_hand(hand.points) for hand in self._hands(image)][:most]
+        self.hands = self._hands(image)
+        return super().find(image, most)
 
     def hand(self, image, region):
-        hands = self._hands(image)
-        near = [np.linalg.norm(hand.region.centre - region.centre) for hand in hands]
-        return hands[int(np.argmin(near))] if near and min(near) < 0.5 * region.side else None
+        self.hands = self._hands(image)
+        return super().hand(image, region)
 
     def _hands(self, image):
         frame, number = divmod(int(image[0, 0, 0]), STEP)

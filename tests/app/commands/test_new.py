@@ -1,5 +1,6 @@
-"""`handtrack new` with videos that do not simply go together."""
+"""`handtrack new` with videos that do not simply go together, with images, depth, others' calibrations and fisheye lenses."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -12,7 +13,9 @@ from handtrack.detector.hand_detector import DetectedHand, HandDetector, whole_i
 from handtrack.session.formats.truth import read_truth
 from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
-from tests.capture.sample_files import sample
+from tests.capture.calibration_forms.hostile import HOSTILE
+from tests.capture.calibration_forms.test_calibration_forms import fisheyes
+from tests.capture.sample_files import rig_of_two, sample
 from tests.session.small_session import edit
 from tests.session.test_truth import moving
 
@@ -153,3 +156,89 @@ def test_new_takes_truth_along(handtrack, tmp_path):
     handtrack.does(*new(tmp_path / "made", *words, "--truth", truth))
     found = read_truth(tmp_path / "made/truth.npz").keypoints21
     np.testing.assert_allclose(found, moving(), atol=1e-7)
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory):
+    """Return options for two videos of three frames."""
+    folder = tmp_path_factory.mktemp("videos")
+    files = {name: video(folder / f"{name}.avi", 25, 3, (640, 480)) for name in ("cam0", "cam1")}
+    return [word for name, path in files.items() for word in ("--video", f"{name}={path}")]
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
+    kind, handtrack, videos, tmp_path
+):
+    write, expected = HOSTILE[kind]
+    folder = tmp_path / "given"
+    folder.mkdir()
+    path = write(folder)
+    (tmp_path / "out").mkdir()
+    words = ["new", "--out", tmp_path / "out", *videos, "--calibration", path]
+    refused(handtrack, tmp_path / "out", words, expected)
+
+
+def test_four_coefficients_are_taken_where_their_lens_is_said(handtrack, videos, tmp_path):
+    rig = rig_of_two()
+    (path,) = sample("calibration/json", tmp_path)
+    tables = json.loads(path.read_text())
+    for table in tables.values():
+        table["dist"] = table["dist"][:4]
+    path.write_text(json.dumps(tables))
+    words = ["new", *videos, "--calibration", path, "--out"]
+    for more in ([], ["--yes"]):
+        assert handtrack(*words, tmp_path / "no", *more).code == 2
+        assert not (tmp_path / "no").exists()
+    handtrack.does(*words, tmp_path / "out", "--lens", "plain")
+    kept = Session.open(tmp_path / "out").rig
+    for camera in rig:
+        assert np.allclose(kept[camera.name].distortions, [*camera.distortions[:4], 0.0])
+
+
+SPOTS = np.array([[0.0, 0.0, 0.5], [0.12, 0.05, 0.5], [-0.2, 0.1, 0.6], [0.05, -0.15, 0.45]])
+
+
+def taken(table, places):
+    """Return the pixels (N, 2) at which a fisheye shows points of the world."""
+    turned = places @ np.array(table["rotation"]).T + np.array(table["translation"])
+    lens = np.array(table["matrix"]), np.array(table["distortions"])
+    return cv2.fisheye.projectPoints(turned[:, None], np.zeros(3), np.zeros(3), *lens)[0][:, 0]
+
+
+def test_images_and_joints_of_fisheyes_are_where_the_session_s_cameras_show_them(
+    handtrack, tmp_path
+):
+    tables, (rig,) = fisheyes(), sample("calibration/fisheye_json", tmp_path)
+    options = []
+    for name, table in tables.items():
+        (tmp_path / name).mkdir()
+        pixels = taken(table, SPOTS)
+        rows, columns = np.mgrid[:480, :640]
+        image = np.sum(
+            [120 * np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / 18) for u, v in pixels], axis=0
+        )
+        cv2.imwrite(
+            str(tmp_path / name / "000.png"), np.repeat(image[..., None], 3, 2).astype(np.uint8)
+        )
+        options += ["--images", f"{name}={tmp_path / name}/*.png"]
+    handtrack.does(
+        "new", "--out", tmp_path / "s", *options, "--fps", 30, "--calibration", rig, "--masks", "none"
+    )  # fmt: skip
+    session = Session.open(tmp_path / "s")
+    shown = set()
+    for view in session.views:
+        image = view.image(0)
+        assert image.shape[:2] == view.camera.size[::-1]
+        for i, spot in enumerate(SPOTS):
+            u, v = view.camera.project(spot)
+            if not (12 < u < view.camera.size[0] - 12 and 12 < v < view.camera.size[1] - 12):
+                continue
+            patch = image[round(v) - 9 : round(v) + 10, round(u) - 9 : round(u) + 10, 0].astype(
+                float
+            )
+            rows, columns = np.mgrid[-9:10, -9:10]
+            middle = np.array([(patch * columns).sum(), (patch * rows).sum()]) / patch.sum()
+            assert np.abs(middle + [round(u) - u, round(v) - v]).max() < 0.4
+            shown.add(i)
+    assert len(shown) == len(SPOTS)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import CameraRig, Session, bundled_session
 from handtrack.capture.calibration.rig_file import write_rig
@@ -154,7 +155,7 @@ def test_own_markers_are_refused_with_a_table_that_then_names_them(handtrack, ne
     table.write_text(text)
     session, _ = new(*words, "--names", table, cam0=path)
     expected = session.rig["cam0"].undistort_points(np.array([50.0, 60.0]))
-    np.testing.assert_allclose(pixels_of(session, "cam0", 0, "index_tip"), expected)
+    assert_allclose(pixels_of(session, "cam0", 0, "index_tip"), expected)
 
 
 # ---- bodies
@@ -194,7 +195,7 @@ def test_a_codec_s_padding_is_no_other_size(handtrack, new, bodies, tmp_path):
     wide, narrow = (black(tmp_path / str(width), 1, (width, 480)) for width in (632, 624))
     session, _ = new(*words, "--images", f"cam0={wide}", **joints)
     assert session.rig["cam0"].size == (632, 480)
-    np.testing.assert_array_equal(session.rig["cam0"].matrix, people.rig()["cam0"].matrix)
+    assert_array_equal(session.rig["cam0"].matrix, people.rig()["cam0"].matrix)
     words += ["--images", f"cam0={narrow}", *given(joints)]
     assert handtrack("new", "--out", tmp_path / "no", *words).code == 2
 

@@ -2,8 +2,8 @@
 
 import json
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import Session, read_npz
 from tests.capture.joints.people import places
@@ -47,8 +47,8 @@ def test_our_own_bvh_gives_the_same_angles(handtrack, file, tmp_path):
         "retarget", first / "tracks/poses.bvh", "--out", second, "--scale", first / "person.json"
     )
     one, other = read_npz(first / "tracks/poses.npz"), read_npz(second)
-    np.testing.assert_allclose(other.parameters, one.parameters, atol=1e-5)
-    np.testing.assert_allclose(other.joint_positions, one.joint_positions, atol=1e-4)
+    assert_allclose(other.parameters, one.parameters, atol=1e-5)
+    assert_allclose(other.joint_positions, one.joint_positions, atol=1e-4)
 
 
 def test_a_hand_s_motion(handtrack, tmp_path):
@@ -75,7 +75,7 @@ def test_a_recording_is_rendered_of_a_motion_file(handtrack, file, tmp_path):
     assert (head - toe > 0.8).all()  # y is up
     seen = session.view("cam1").keypoints(2, 1.0)[0]
     pixels = session.rig["cam1"].project(truth.joint_positions[2])
-    np.testing.assert_allclose(
+    assert_allclose(
         seen.pixels, pixels[[truth.joint_names.index(n) for n in seen.names]], atol=1e-3
     )
     assert ((pixels > 0) & (pixels < (160, 120))).all()

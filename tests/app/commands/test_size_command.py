@@ -1,4 +1,4 @@
-"""`handtrack size`: a person's hand from a recording into a file, and the file back into a session."""
+"""`handtrack size`: a person's hand or body from a recording into a file, and the file back into a session."""
 
 import json
 import os
@@ -8,6 +8,7 @@ import signal
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from handtrack import load_model, read_npz
@@ -16,6 +17,7 @@ from handtrack.model.size import FOREARM_END, hand_length_mm, without_forearm_en
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands import track as track_command
 from tests.app.command_line import QUICK, refused
+from tests.session.body_session import film
 from tests.session.small_session import edit
 
 LARGER = 1.06
@@ -96,16 +98,10 @@ def test_a_person_of_a_recording_is_what_the_next_one_begins_with(handtrack, lar
     assert scale_table(person_of()) == scale_table(both)
 
     given = larger / "given.npz"
-    assert (
-        handtrack(
-            "track", larger, "--frames", "0:1", "--set", "model.fit_size=false", "--out", given
-        ).code
-        == 0
-    )
     edit(larger / "session.toml", 'scale = "fit"\n', "scale = 1.0\n")
     refused(handtrack, larger.parent, ["track", larger], ["person.toml"])
     edit(larger / "session.toml", '\nperson = "person.toml"', "")
-    handtrack.does("track", larger, "--frames", "0:1", "--out", given, "--restart")
+    handtrack.does("track", larger, "--frames", "0:1", "--out", given)
     refused(handtrack, larger.parent, ["person", given], ["given"])
     refused(handtrack, larger.parent, ["person", given, "--frames", "0:1"], ["--frames"])
 
@@ -134,3 +130,19 @@ def test_an_interrupted_second_tracking_keeps_the_first(handtrack, larger, monke
     ended = handtrack("track", larger, "--frames", "0:2", "--size-later")
     assert ended.code == 130
     assert read_npz(larger / "tracks/poses.npz").frame.tolist() == [0, 1]
+
+
+@pytest.fixture(scope="module")
+def person(tmp_path_factory):
+    return film(tmp_path_factory.mktemp("person") / "session", frames=8, hand={"scale": "fit"}).folder  # fmt: skip
+
+
+def test_a_persons_size_is_saved(handtrack, person):
+    ended = handtrack.does("size", person, "--init", "auto", "--count", "6")
+    saved = person / "body.json"
+    assert re.search(r"\+\d\.\d ± \d\.\d %, trunk", ended.out)
+    assert f"Saved to {saved}" in ended.out
+    scale = read_scale(saved)
+    assert scale.overall * np.mean(list(scale.parts.values())) == pytest.approx(1.05, abs=0.04)
+    again = handtrack("size", person, "--init", "auto")
+    assert again.code == 2

@@ -10,7 +10,6 @@ from handtrack import HandtrackError, Session
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse, chromaticity
 from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.session.sources.corrected_masks import encoded
-from handtrack_app.cli import main
 from handtrack_app.engine import opening
 from handtrack_app.engine.pictures.cloud_service import skin_in_force
 from tests.app.cloudy_session import BOX, SKIN, cloudy_session
@@ -31,12 +30,15 @@ def folder(tmp_path):
     return session
 
 
-def painted(folder, camera, frame, box):
+SEGMENTED = (("cam0", 0, BOX), ("cam1", 2, (60, 5, 20, 20)))
+"""camera, frame, and where its skin is"""
+
+
+def filled(box, outside):
     x, y, width, height = box
-    layer = np.full((72, 96), AS_IT_IS, np.uint8)
+    layer = np.full((72, 96), outside, np.uint8)
     layer[y : y + height, x : x + width] = 255
-    view = Session.open(folder).view(camera)
-    view.corrections.write(frame, encoded(layer), None)
+    return layer
 
 
 def ellipse(folder):
@@ -48,35 +50,29 @@ def holds(found, colour):
     return bool(found.distance(np.array([colour], np.uint8))[0] <= found.size)
 
 
-def test_masks_of_several_images_give_one_ellipse(folder, tmp_path, capsys):
+def test_masks_of_several_images_give_one_ellipse(handtrack, folder, tmp_path):
     pairs = []
-    for n, (camera, frame, box) in enumerate((("cam0", 0, BOX), ("cam1", 2, (60, 5, 20, 20)))):
-        mask = np.zeros((72, 96), np.uint8)
-        x, y, width, height = box
-        mask[y : y + height, x : x + width] = 255
-        path = tmp_path / f"mask{n}.png"
-        cv2.imwrite(str(path), mask)
-        pairs += ["--segmented", str(folder / camera / f"{frame:03d}.png"), str(path)]
-    assert main(["skin", str(folder), *pairs[:3]]) == 0
+    for camera, frame, box in SEGMENTED:
+        path = tmp_path / f"{camera}.png"
+        cv2.imwrite(str(path), filled(box, 0))
+        pairs += ["--segmented", folder / camera / f"{frame:03d}.png", path]
+    handtrack.does("skin", folder, *pairs[:3])
     one = ellipse(folder)
-    assert holds(one, SKIN)
-    assert not holds(one, OTHER_LIGHT)
-    assert main(["skin", str(folder), *pairs, "--size", "3"]) == 0
+    assert holds(one, SKIN) and not holds(one, OTHER_LIGHT)
+    ended = handtrack.does("skin", folder, *pairs, "--size", 3)
     both = ellipse(folder)
-    assert holds(both, SKIN)
-    assert holds(both, OTHER_LIGHT)
-    assert both.size == 3.0
+    assert holds(both, SKIN) and holds(both, OTHER_LIGHT) and both.size == 3.0
     assert not holds(both, (120, 120, 120))
-    assert "pixels of 2 images" in capsys.readouterr().out
+    assert "pixels of 2 images" in ended.out
     assert "# a comment that stays" in (folder / "session.toml").read_text()
 
 
-def test_what_was_painted_is_enough(folder, capsys):
-    assert main(["skin", str(folder)]) == 2
-    painted(folder, "cam0", 0, BOX)
-    painted(folder, "cam1", 2, (60, 5, 20, 20))
-    assert main(["skin", str(folder)]) == 0
-    assert "pixels of 2 images" in capsys.readouterr().out
+def test_what_was_painted_is_enough(handtrack, folder):
+    assert handtrack("skin", folder).code == 2
+    for camera, frame, box in SEGMENTED:
+        corrections = Session.open(folder).view(camera).corrections
+        corrections.write(frame, encoded(filled(box, AS_IT_IS)), None)
+    assert "pixels of 2 images" in handtrack.does("skin", folder).out
     assert holds(ellipse(folder), OTHER_LIGHT)
     document = opening.document(opening.opened(folder))
     settings, words = skin_in_force(document, 0, "cam0", None, 2.5)

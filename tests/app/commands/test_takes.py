@@ -1,8 +1,9 @@
-"""`handtrack takes`: list, compare, restore, prune."""
+"""`handtrack takes`: list, compare, restore, prune; and tracks that were made from other input are told as such wherever they are used."""
 
 import errno
 import io
 import json
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -14,7 +15,10 @@ import pytest
 from handtrack import read_npz
 from handtrack.store.store import Store, WritableStore
 from handtrack.tracking.state import Step
+from handtrack_app.engine import opening
+from handtrack_app.engine.store.persistence import Persistence
 from tests.app.command_line import FRAMES
+from tests.session.small_session import edit
 
 
 @pytest.fixture
@@ -103,3 +107,59 @@ def test_a_take_is_removed_by_its_user_alone(handtrack, session):
     assert re.fullmatch(r"take 3 is removed; 0\.\d MB are free\.\n", pruned)
     assert len(handtrack("takes", session).out.splitlines()) == 2
     assert handtrack("takes", session, "--restore", 3).code == 2
+
+
+@pytest.fixture
+def made_elsewhere(tracked, tmp_path):
+    """A tracked recording, copied without its times."""
+    folder = Path(shutil.copytree(tracked, tmp_path / "session", copy_function=shutil.copyfile))
+    for number, file in enumerate(sorted(folder.rglob("*.*"))):
+        os.utime(file, (number, number))
+    return folder
+
+
+def of_another_recording(made_elsewhere):
+    """`tracks/` stays; the lens, two cameras' masks and the rate are of another recording of the same hand."""
+    edit(made_elsewhere / "calibration.toml", "matrix = [[", "matrix = [[1")
+    for camera in ("cam0", "cam1"):
+        path = made_elsewhere / "masks" / camera / "000002.png"
+        path.write_bytes(path.read_bytes() + b"\0")
+    edit(made_elsewhere / "session.toml", "fps = 25.0", "fps = 50.0")
+
+
+CHANGED = {"calibration.toml", "session.toml", "masks of cam0", "masks of cam1"}
+
+
+def told(handtrack, made_elsewhere):
+    """What is said of them when the session is opened, by `takes`, `export` and `doctor`."""
+    store = Persistence.open(opening.document(opening.opened(made_elsewhere)))
+    store.restore()
+    store.close()
+    listed = handtrack("takes", made_elsewhere).err
+    poses = made_elsewhere / "tracks" / "poses.npz"
+    out = made_elsewhere.parent / "poses.csv"
+    exported = handtrack("export", poses, "--to", "csv", "--out", out).err
+    examined = handtrack("doctor", made_elsewhere).out
+    (examined,) = [line for line in examined.splitlines() if "current track" in line] or [""]
+    return [store.warning, listed, exported, examined]
+
+
+def test_what_was_made_from_other_input_is_told_with_what_changed(handtrack, made_elsewhere):
+    of_another_recording(made_elsewhere)
+    for said in told(handtrack, made_elsewhere):
+        assert {name for name in (*CHANGED, "masks of cam2") if name in said} == CHANGED, said
+
+
+def test_a_copied_folder_and_other_settings_are_no_other_input(handtrack, made_elsewhere):
+    edit(made_elsewhere / "session.toml", "[tracking]", "[tracking]\nsolver.iterations = 9")
+    edit(made_elsewhere / "session.toml", 'name = "', 'name = "copy of ')
+    assert told(handtrack, made_elsewhere) == ["", "", "", ""]
+
+
+def test_a_result_alone_that_was_copied_in_is_told(handtrack, made_elsewhere):
+    poses = (made_elsewhere / "tracks" / "poses.npz").read_bytes()
+    shutil.rmtree(made_elsewhere / "tracks")
+    (made_elsewhere / "tracks").mkdir()
+    (made_elsewhere / "tracks" / "poses.npz").write_bytes(poses)
+    of_another_recording(made_elsewhere)
+    assert all("calibration.toml" in said for said in told(handtrack, made_elsewhere))

@@ -1,49 +1,29 @@
 """A small server behind the door, with one widget of each kind."""
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 import pytest
-import viser
 
-from handtrack_app.door.access import Door, open_door
-
-
-@dataclass(frozen=True)
-class SmallPage:
-    """The door, and what stands behind it."""
-
-    door: Door
-    slider: viser.GuiSliderHandle
-    whole: viser.GuiSliderHandle
-    span: viser.GuiMultiSliderHandle
-    button: viser.GuiButtonHandle
-    row: viser.GuiButtonGroupHandle
-    choice: viser.GuiDropdownHandle
-    box: viser.GuiCheckboxHandle
-    control: viser.TransformControlsHandle
-    heard: list[object]
-    """values as callbacks got them"""
-
-    @property
-    def url(self) -> str:
-        return self.door.url
+from handtrack_app.door.access import open_door
 
 
 @pytest.fixture
 def small():
-    door = open_door()
-    gui, heard = door.server.gui, []
-    page = SmallPage(
-        door,
-        gui.add_slider("Slider", 0.0, 10.0, 0.5, 1.0),
-        gui.add_slider("Whole", 0, 10, 1, 1),
-        gui.add_multi_slider("Span", 0, 10, 1, (2, 8)),
-        gui.add_button("Button"),
-        gui.add_button_group("Row", ("Left", "Right")),
-        gui.add_dropdown("Choice", ("One", "Two")),
-        gui.add_checkbox("Box", False),
-        door.server.scene.add_transform_controls("/control"),
-        heard,
+    """The door, and what stands behind it; heard: values as callbacks got them."""
+    door, heard = open_door(), []
+    gui = door.server.gui
+    page = SimpleNamespace(
+        door=door,
+        url=door.url,
+        heard=heard,
+        slider=gui.add_slider("Slider", 0.0, 10.0, 0.5, 1.0),
+        whole=gui.add_slider("Whole", 0, 10, 1, 1),
+        span=gui.add_multi_slider("Span", 0, 10, 1, (2, 8)),
+        button=gui.add_button("Button"),
+        row=gui.add_button_group("Row", ("Left", "Right")),
+        choice=gui.add_dropdown("Choice", ("One", "Two")),
+        box=gui.add_checkbox("Box", False),
+        control=door.server.scene.add_transform_controls("/control"),
     )
     for widget in (page.slider, page.whole, page.span, page.choice, page.box):
         widget.on_update(lambda event: heard.append(event.target.value))

@@ -1,9 +1,12 @@
-"""What passes the gate: through a real socket to viser, and the rules alone."""
+"""What passes the gate: through a real socket to viser, and the rules alone; and a hostile client that knows the token against a whole
+workbench: what `handtrack bench hostile` does for five minutes, in seconds."""
 
 import contextlib
 import math
+import re
 import time
 from functools import partial
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -20,8 +23,10 @@ from handtrack_app.door.access import (
     Flow,
     Rejected,
 )
+from handtrack_app.log import logging_to
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
+from tests.experiments.workbench import attacks
 
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, -1.0], "fov": 0.7,
@@ -308,3 +313,41 @@ def test_a_node_of_one_page_alone_is_moved_by_that_page(small):
             gate.check(drag, second)
         assert one
         assert other
+
+
+FEWER = {
+    "_VALUES": 3000, "_UPLOAD_BYTES": 70_000_000, "_FLOOD_S": 1.0, "_SLOW_READERS": 4, "_SLOW_S": 0.5,
+    "_RECONNECTS": 100, "_PIECES": 600_000,
+}  # fmt: skip
+
+
+def resident_mb():
+    status = Path("/proc/self/status")
+    if not status.is_file():
+        return 0.0  # told by this system in no such way
+    return float(re.search(r"VmRSS:\s+(\d+)", status.read_text())[1]) / 1000
+
+
+def callbacks(bench):
+    known = bench.server.gui._gui_input_handle_from_uuid
+    return {uuid: len(handle._impl.update_cb) for uuid, handle in known.items()}
+
+
+@pytest.mark.parametrize("name", list(attacks.ATTACKS))
+def test_a11_c49_a_hostile_client_harms_nobody(bench, tmp_path, capfd, monkeypatch, name):
+    for constant, fewer in FEWER.items():
+        monkeypatch.setattr(attacks, constant, fewer)
+    slider, before = bench.layout.pose.sliders["index_mcp_flex"], callbacks(bench)
+    page = attacks.TargetPage(bench.url, list(before))
+    with logging_to(tmp_path / "log"), WireClient(bench.url) as honest:
+        memory = resident_mb()
+        attacks.ATTACKS[name](page)
+        time.sleep(0.3)
+        for k in range(9):
+            sent = honest.set_value(slider, 10.0 + k + np.random.default_rng(k).random())
+            came = honest.wait_for(sent, "/hand/flesh", "batched_positions")
+            assert came is not None, "the hand did not move"
+        assert resident_mb() - memory < 50
+    now = callbacks(bench)
+    assert {uuid: now.get(uuid) for uuid in before} == before
+    assert capfd.readouterr() == ("", "")

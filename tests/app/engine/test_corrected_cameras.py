@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError, Session, TrackingRun
 from handtrack.session.doctor.examine import examine
@@ -55,11 +55,11 @@ def test_a_corrected_camera_stays_corrected_for_whoever_opens_the_session(folder
     for session in (Session.open(folder), _opened(folder).document.run.session):
         view = session.view(NAME)
         expected = error.corrected(calibrated.camera)
-        np.testing.assert_allclose(view.camera.rotation, expected.rotation)
-        np.testing.assert_allclose(view.camera.centre, calibrated.camera.centre + [0.004, 0, 0])
-        np.testing.assert_array_equal(view.mask(1), calibrated.mask(1 + int(LATE)))
+        assert_allclose(view.camera.rotation, expected.rotation)
+        assert_allclose(view.camera.centre, calibrated.camera.centre + [0.004, 0, 0])
+        assert_array_equal(view.mask(1), calibrated.mask(1 + int(LATE)))
         seen = {s.camera.name: s for s in session.observation(1).silhouettes}
-        np.testing.assert_allclose(seen[NAME].camera.rotation, expected.rotation)
+        assert_allclose(seen[NAME].camera.rotation, expected.rotation)
         others = [one for one in session.views if one.name != NAME]
         assert all(one.times is None for one in others)
     session = Session.open(folder)

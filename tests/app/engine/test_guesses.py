@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import HandScale
 from handtrack.session.first_pose.first_pose_search import FirstPoseCandidate
@@ -129,10 +130,10 @@ def test_hypotheses_that_the_tracker_carries_are_ghosts(bench):
     ]  # fmt: skip
     count = len(model.skeleton.bone_names)
     bones = model.bones(other)
-    np.testing.assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)
+    assert_allclose(ghosts.bones.batched_positions[count:], bones.position, atol=1e-6)
     version = bench.state.version
     bench.stage.take_guess(int(panel.guesses.owner[count + 2]))
     eventually(lambda: bench.state.version > version and 4 in document.by_hand, "taken by a click")
-    np.testing.assert_allclose(document.by_hand[4], carried[1].parameters, atol=1e-9)
+    assert_allclose(document.by_hand[4], carried[1].parameters, atol=1e-9)
     bench.layout.page.draw("ghosts", False)
     assert not ghosts.bones.visible

@@ -32,7 +32,7 @@ class Studio:
             device.show(hand_image())
 
     def wait_for_pose(self, test):
-        return self.listener.wait(snapshots.PoseSnapshot, test, 60.0)
+        return self.listener.wait(snapshots.PoseSnapshot, test)
 
     def stop(self):
         for device in self.devices:
@@ -77,7 +77,7 @@ def test_tracked_live_recorded_and_opened_again(studio, tmp_path):
         eventually(lambda count=count: feed.counts["cam0"]["used"] >= count, "the images are used")
     eventually(lambda: len(studio.worker.document.results) >= 3, "they are tracked", 60.0)
     studio.worker.engine.cancel()
-    ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended", 60.0)
+    ended = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking ended")
     assert "cam0: " in ended.text
     results = studio.worker.document.results
     assert sorted(results) == list(range(min(results), max(results) + 1))
@@ -98,7 +98,7 @@ def test_a_camera_that_goes_is_told_once_and_all_of_them_end_tracking(studio):
     studio.listener.told("A camera is gone")
     studio.worker.engine.track_live()
     studio.devices[1].fail(3)
-    stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped", 60.0)
+    stopped = studio.listener.wait(snapshots.Notice, lambda n: n.title == "Tracking stopped")
     assert "camera 'cam0'" in stopped.text and "camera 'cam1'" in stopped.text
 
 

@@ -1,17 +1,30 @@
-"""Opening in two steps: what can be shown at once comes before anything is searched or fitted."""
+"""Opening: what can be shown comes before anything is fitted or counted; what is missing is said; a bundled recording is copied, the demo's
+is tracked already, and plays."""
 
+import re
 import threading
 
 import numpy as np
+import pytest
+from numpy.testing import assert_allclose
 
+import handtrack.session.sources.video_audits as video_audits
+from handtrack import Session, evaluate, read_npz
+from handtrack.session import bundled
+from handtrack.session.bundled import working_folder
+from handtrack.session.layout import POSES_FILE
 from handtrack.tracking.search import initialize
 from handtrack_app.engine import opening
+from handtrack_app.engine.opening import nothing_seen
 from handtrack_app.process.child import EnginePlan
 from handtrack_app.protocol import snapshots
-from tests.app.desk import EngineInThreads
-from tests.app.fake_run import fake_document
+from tests.app.cloudy_session import cloudy_session
+from tests.app.desk import EngineInThreads, Listener, in_threads, shown
+from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
-from tests.session.small_session import keypoints, make_session
+from tests.session.small_session import edit, keypoints, make_session
+from tests.session.test_times import FRAMES as ANNOUNCED
+from tests.session.test_times import cut, write_video
 
 
 def two_steps(monkeypatch, preview, document):
@@ -50,7 +63,7 @@ def test_pictures_are_shown_before_anything_is_fitted(tmp_path, monkeypatch):
     assert known.index(snapshots.PoseSnapshot) < known.index(snapshots.PictureSnapshot)
     assert snapshots.TimelineSnapshot not in known, "nothing is tracked before the session is open"
     assert worker.document.frame == 5
-    np.testing.assert_allclose(worker.document.by_hand[5], values, atol=1e-9)
+    assert_allclose(worker.document.by_hand[5], values, atol=1e-9)
 
 
 def test_a_failure_after_the_preview_is_told(tmp_path, monkeypatch):
@@ -78,3 +91,114 @@ def test_the_preview_lays_the_hand_on_the_first_pose_without_a_fit(tmp_path, mon
     model = document.model
     shown = model.keypoints21(model.bones(model.transform.solver_params(document.start)))
     assert np.linalg.norm(shown - keypoints(), axis=1).mean() < 0.03
+
+
+def counted_later(folder, monkeypatch):
+    """Return a worker that shows a session whose cut video is counted once the event is set."""
+    make_session(folder)
+    edit(folder / "session.toml", 'images = "cam0/*.png"', 'images = "cam0.avi"')
+    write_video(folder / "cam0.avi")
+    cut(folder / "cam0.avi")
+    may_count, audited = threading.Event(), video_audits.VideoFile.audited
+
+    def waiting(video):
+        may_count.wait(600.0)
+        return audited(video)
+
+    monkeypatch.setattr(video_audits.VideoFile, "audited", waiting)
+    return (
+        EngineInThreads(EnginePlan(folder, preview=False), (listener := Listener()).publish),
+        listener,
+        may_count,
+    )
+
+
+def test_the_true_frames_follow_and_damage_is_told(tmp_path, monkeypatch):
+    worker, listener, may_count = counted_later(tmp_path, monkeypatch)
+    worker.start()
+    assert listener.wait(snapshots.SessionSnapshot).stop == ANNOUNCED
+    may_count.set()
+    told = listener.told("can be decoded")
+    assert f"announces {ANNOUNCED} frames" in told.text
+    counted = listener.wait(snapshots.SessionSnapshot, lambda s: s.stop < ANNOUNCED)
+    strip = listener.wait(snapshots.TimelineSnapshot, lambda s: len(s.status) == counted.stop)
+    assert strip.start == 0
+    worker.stop()
+    assert (tmp_path / "tracks" / "videos.json").is_file()
+
+
+def _images_only(folder):
+    folder.mkdir(exist_ok=True)
+    cloudy_session(folder)
+    text = (folder / "session.toml").read_text()
+    (folder / "session.toml").write_text(re.sub(r"\[clouds\](.|\n)*", "", text))
+    return folder
+
+
+def test_clouds_masks_or_edges_are_something(tmp_path):
+    (tmp_path / "a").mkdir()
+    clouds = opening.document(opening.opened(cloudy_session(tmp_path / "a"))).run
+    assert nothing_seen(clouds) == ""
+    images = opening.document(opening.opened(_images_only(tmp_path / "b"))).run
+    assert nothing_seen(images)
+    assert nothing_seen(images.with_values({"edges.weight": 1.0})) == ""
+    text = (tmp_path / "b" / "session.toml").read_text()
+    masked = text.replace('images = "cam0/*.png"', 'images = "cam0/*.png"\nmasks = "cam0/*.png"')
+    (tmp_path / "b" / "session.toml").write_text(masked)
+    assert nothing_seen(opening.document(opening.opened(tmp_path / "b")).run) == ""
+
+
+@pytest.fixture
+def shelf(tmp_path, monkeypatch):
+    folder = tmp_path / "checkout"
+    (folder / "fist" / "tracks").mkdir(parents=True)
+    (folder / "fist" / "session.toml").write_text("[session]")
+    (folder / "fist" / "tracks" / "journal.jsonl").write_text("old")
+    monkeypatch.setattr(bundled, "_CHECKOUT", folder)
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    return folder
+
+
+def test_a_recording_of_a_checkout_is_copied_without_what_was_made_of_it(shelf, tmp_path):
+    copy = working_folder(shelf / "fist")
+    assert copy.parent == tmp_path / "home" / "sessions" and copy.name.startswith("fist-")
+    assert [p.name for p in copy.iterdir()] == ["session.toml"]
+    (copy / "init.json").write_text("mine")
+    assert working_folder(shelf / "fist") == copy and (copy / "init.json").read_text() == "mine"
+
+
+def test_the_demo_is_tracked_when_it_is_opened_and_stays_as_its_user_left_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
+    folder = bundled.demo_session()
+    assert tmp_path in folder.parents
+    track, session = read_npz(folder / POSES_FILE), Session.open(folder)
+    assert track.frame.tolist() == list(session.frame_range)
+    assert session.truth is not None
+    assert evaluate(track, session.truth)["mpjpe_median_mm"] < 6.0
+    first = opening.preview(session)  # before anything is fitted
+    first.show(20)
+    places = first.model.joint_positions(first.model.bones(first.seen))
+    assert_allclose(places, track.joint_positions[20], atol=1e-6)
+    (folder / POSES_FILE).unlink()
+    assert bundled.demo_session() == folder and not (folder / POSES_FILE).exists()
+
+
+def test_the_demo_plays_at_once_what_is_tracked(tmp_path):
+    with shown(tmp_path, opener=fake_document, demo=True) as bench:
+        eventually(lambda: bench.layout.timeline.strip, "it is shown")
+        assert not bench.state.playing, "nothing is tracked"
+        bench.engine.track(0, FRAMES, 0, anew=True)
+        eventually(
+            lambda: (bench.layout.timeline.strip.status >= 0).sum() == FRAMES, "it is tracked"
+        )
+    with shown(tmp_path, opener=fake_document, demo=True) as bench:
+        eventually(lambda: bench.state.playing, "it plays at once")
+        assert not bench.worker.busy
+    bench = in_threads(tmp_path, opener=fake_document, demo=True)
+    bench.state.begin_edit()
+    bench.start()
+    eventually(lambda: bench.layout.progress.state == "idle", "it is open")
+    bench.engine.show_frame(3)
+    eventually(lambda: bench.stage.pose and bench.stage.pose.frame == 3, "all before is shown")
+    assert not bench.state.playing, "whoever moved a finger meanwhile sees the finger"
+    bench.stop()

@@ -1,7 +1,7 @@
 """Another model is looked at: what was made with the one before comes back with it."""
 
-import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack.session.session_state import decide
 from handtrack_app.engine.posing_service import pose as pose_edit
@@ -28,12 +28,12 @@ def test_tracks_poses_and_limits_come_back_with_their_model(tmp_path):
     _use(store, "ball6")
     assert len(document.model.parameter_names) == 6
     assert not document.results and not document.limits
-    np.testing.assert_allclose(document.by_hand[5], kept[:6])
+    assert_allclose(document.by_hand[5], kept[:6])
 
     _use(store, "hand26")
     assert sorted(document.results) == list(range(FRAMES))
-    np.testing.assert_allclose(document.by_hand[5], kept)
-    np.testing.assert_allclose(document.shown, shown)
+    assert_allclose(document.by_hand[5], kept)
+    assert_allclose(document.shown, shown)
     assert document.limits == {"ring_pip_flex": (0.1, 0.9)}
 
 
@@ -48,7 +48,7 @@ def test_what_was_changed_with_the_other_model_stays_changed(tmp_path):
     did(store, decide(pose={6: None}))
     _use(store, "hand26")
     assert document.by_hand[5][0] == 0.5
-    np.testing.assert_allclose(document.by_hand[5][6:], fingers)
+    assert_allclose(document.by_hand[5][6:], fingers)
     assert 6 not in document.by_hand
 
 

@@ -1,4 +1,4 @@
-"""Crash safety: what was done is there again after the process ended in any way."""
+"""Crash safety: what was done is there again after the process ended in any way; and the pose before the last step."""
 
 import io
 import json
@@ -6,12 +6,14 @@ import zipfile
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.session_state import decide
 from handtrack.store.spans import Span
 from handtrack_app.engine.posing_service import pose as pose_edit
+from handtrack_app.engine.posing_service import pose_before
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.engine.store.persistence import export_beside
 from handtrack_app.protocol import snapshots
@@ -30,7 +32,7 @@ def test_poses_and_settings_come_back_after_a_crash(tmp_path):
     did(store, edits.limits(store.document, "index_mcp_flex", (0.0, 0.5)))
     # no close: the process is gone
     again = opened(tmp_path)
-    np.testing.assert_array_equal(again.document.by_hand[5], values)
+    assert_array_equal(again.document.by_hand[5], values)
     assert again.document.run.settings.silhouettes.weight == 2.5
     assert again.document.limits == {"index_mcp_flex": (0.0, 0.5)}
     assert again.document.state == store.document.state
@@ -43,8 +45,8 @@ def test_tracked_frames_come_back_to_the_bit(tmp_path):
     assert sorted(again.document.results) == list(range(FRAMES))
     for frame, result in store.document.results.items():
         back = again.document.results[frame]
-        np.testing.assert_array_equal(back.parameters, result.parameters)
-        np.testing.assert_array_equal(back.joint_positions, result.joint_positions)
+        assert_array_equal(back.parameters, result.parameters)
+        assert_array_equal(back.joint_positions, result.joint_positions)
         assert back.status == result.status
     assert again.restore() == f"Restored from last time: {FRAMES} tracked frames."
 
@@ -69,9 +71,10 @@ def test_tracking_again_overwrites_nothing(tmp_path):
     assert 6 not in store.document.by_hand, "tracked from there"
     again = opened(tmp_path)
     assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
+    assert 6 not in again.document.by_hand, "it does not come back over what was tracked"
     action = again.undo()
     assert action is not None and action.words == f"Tracking of frames 6 to {FRAMES - 1}"
-    np.testing.assert_array_equal(again.document.results[8].parameters, good)
+    assert_array_equal(again.document.results[8].parameters, good)
     assert 6 in again.document.by_hand, "as set by hand before"
     again.redo()
     assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
@@ -109,15 +112,8 @@ def test_a12_files_go_by_what_is_known_of_them_and_not_by_their_dates(tmp_path):
     newest = store.document.results[8].parameters
     (tmp_path / POSES_FILE).touch()  # copied, unzipped: newer than the take by its date
     again = opened(tmp_path)
-    np.testing.assert_array_equal(again.document.results[8].parameters, newest)
+    assert_array_equal(again.document.results[8].parameters, newest)
     assert again.warning == ""
-
-
-def test_a_pose_that_tracking_replaced_does_not_come_back_over_it(tmp_path):
-    store = opened(tmp_path)
-    posed(store, 3, 0.01)
-    tracked(store, range(3, 4))
-    assert not opened(tmp_path).document.by_hand
 
 
 def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path):
@@ -129,7 +125,7 @@ def test_a5b_a_keyframe_keeps_its_value_when_limits_are_narrowed_later(tmp_path)
     for interval in ((0.0, 0.5), None, (0.0, 0.6)):
         did(store, edits.limits(store.document, "index_pip_flex", interval))
     assert store.document.by_hand[5][at] == pytest.approx(1.2)
-    np.testing.assert_array_equal(opened(tmp_path).document.by_hand[5], store.document.by_hand[5])
+    assert_array_equal(opened(tmp_path).document.by_hand[5], store.document.by_hand[5])
 
 
 def test_what_cannot_be_any_more_is_passed_over_and_told(tmp_path):
@@ -183,3 +179,41 @@ def test_a_live_session_keeps_its_work_in_memory(tmp_path):
     assert other.undo() is not None
     assert not document.by_hand and other.is_saved
     assert 4 not in opened(tmp_path).document.state.pose
+
+
+def test_it_is_the_pose_before_the_last_step_that_changed_this_frame(tmp_path, left_open):
+    store = opened(tmp_path)
+    document = store.document
+    document.show(5)
+    assert pose_before(document, store.history) is None, "no step was taken"
+    posed(store, 5, by=0.05)
+    tracked(store, first=3)
+    posed(store, 5, by=0.1)
+    posed(store, 6, by=0.2)
+    store.do("A setting", decide(setting={"silhouettes.weight": 2.0}))
+    document.show(5)
+    was = pose_before(document, store.history)
+    assert_allclose(was[6:], document.start[6:] + 0.05, atol=1e-9)
+    store.undo()
+    store.undo()
+    store.undo()
+    document.show(5)
+    assert_allclose(document.shown[6:], document.start[6:] + 0.05, atol=1e-9)
+
+
+def test_of_two_trackings_it_is_the_frame_of_the_one_below(tmp_path, left_open):
+    store = tracked(opened(tmp_path), first=3)
+    document = store.document
+    first = document.results[8].parameters.copy()
+    posed(store, 6, by=0.1)
+    tracked(store, first=6)
+    document.show(8)
+    assert not np.allclose(document.shown, first)
+    was = pose_before(document, store.history)
+    assert was is not None
+    assert_array_equal(was, first)
+    again = opened(tmp_path)
+    again.document.show(8)
+    back = pose_before(again.document, again.history)
+    assert back is not None
+    assert_allclose(back, first, atol=1e-9)

@@ -1,16 +1,28 @@
-"""Refining: a take of its own over what was tracked, keyframes alone where nothing else has changed, told in the end."""
+"""Refining: a take of its own over what was tracked, only what has changed, told in the end. Neither it nor tracking changes accepted frames.
+Pins: a joint is pulled to a pixel, the hand follows; undone, dropped, copied, kept, tracked and refined by."""
 
 import json
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack import HandScale
+from handtrack.observation.pins import Pin
 from handtrack.store.store import Store
 from handtrack.tracking.whole.refinement import Refinement
+from handtrack_app.engine.open_session import OpenSession
+from handtrack_app.engine.posing_service import PosingService
+from handtrack_app.engine.store import edits
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.snapshots import Hold
+from tests.app.calls import call
 from tests.app.desk import a_desk, pose_with
 from tests.app.fake_run import FRAMES
+from tests.app.opened import opened, tracked
 from tests.app.waiting import eventually
 
 BY = 0.3
@@ -20,8 +32,7 @@ DESK = {"refined_by": BY}
 
 
 def _told(listener, title):
-    notices = [s for s in listener.seen if isinstance(s, snapshots.Notice)]
-    return [s.text for s in notices if s.title == title]
+    return [notice.text for notice in listener.notices if notice.title == title]
 
 
 def _bends(worker):
@@ -82,3 +93,219 @@ def test_only_what_a_new_keyframe_touches_is_refined_again(desk, worker, listene
     eventually(lambda: len(_told(listener, "Refined")) == 2, "refined again")
     last = _bends(worker)
     assert {f for f in before if last[f] != after[f]} == set(before) - {8}, "another setting"
+
+
+def _accept(worker, first, last, on=True):
+    worker.engine.accept(((first, last),), on)
+    wanted = set(range(first, last + 1))
+    eventually(lambda: wanted <= worker.document.accepted or not on, "accepted")
+
+
+def test_tracking_again_and_refining_leave_accepted_frames(desk, worker, listener):
+    _tracked(desk)
+    before = _bends(worker)
+    _accept(worker, 5, 6)
+    worker.engine.set_pose(9, pose_with(listener, index_mcp_flex=0.3), 1)
+    worker.engine.track(0, FRAMES, 9)
+    eventually(lambda: len(_told(listener, "Tracking finished")) == 2, "tracked again")
+    after = _bends(worker)
+    assert {f for f in before if after[f] == before[f]} == {5, 6, 9}, "9 is a keyframe"
+    worker.engine.refine()
+    eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
+    last = _bends(worker)
+    assert {f for f in before if last[f] == after[f]} == {5, 6, 9}
+    worker.engine.restore_take(1)
+    eventually(lambda: len(_told(listener, "Take 1 is the track again")) == 1, "restored")
+    restored = _bends(worker)
+    assert restored[5] == before[5] and restored[7] != last[7]
+
+
+def test_an_accepted_frame_is_not_fitted_until_it_is_let_go(desk, worker, listener):
+    _tracked(desk)
+    _accept(worker, 4, 4)
+    worker.engine.track(4, 5, 4)
+    listener.told("Frame 4 is accepted")
+    _accept(worker, 4, 4, on=False)
+    worker.engine.track(4, 5, 4)
+    eventually(lambda: bool(_told(listener, "Frame 4 is fitted")), "fitted")
+
+
+def test_what_is_accepted_is_undone_and_comes_back(tmp_path, left_open):
+    store = tracked(opened(tmp_path))
+    document = store.document
+    store.do("Accepted", edits.accepted(document, range(2, 5), on=True))
+    store.do("Accepted", edits.accepted(document, range(7, 8), on=True))
+    assert document.accepted == {2, 3, 4, 7}
+    store.undo()
+    assert document.accepted == {2, 3, 4}
+    store.do("Let go", edits.accepted(document, range(3, 4), on=False))
+    assert document.state.accepted == ((2, 3), (4, 5))
+    again = opened(tmp_path)
+    assert again.document.accepted == {2, 4}
+
+
+def test_frames_without_a_pose_cannot_be_accepted(tmp_path, left_open):
+    store = tracked(opened(tmp_path), range(3, 6))
+    edit = edits.accepted(store.document, range(FRAMES), on=True)
+    assert edit(store.document.state).accepted == ((3, 6),)
+
+
+def test_a_frame_accepted_while_tracking_runs_stays(tmp_path, left_open):
+    store = tracked(opened(tmp_path))
+    document, before = store.document, store.document.results[6]
+    params = document.start_params(3) + 0.01
+    store.begin_take(document.frames, 3, params)
+    store.do("Accepted", edits.accepted(document, range(6, 7), on=True))
+    for result in document.run.track(document.frames, 3, params):  # type: ignore[attr-defined]
+        store.add(result)
+    store.end_take(finished=True)
+    assert document.results[6] is before
+    assert document.results[7].parameters[0] != before.parameters[0]
+
+
+def _tip(pose, document):
+    return pose.joints[document.model.joint_names.index("index_tip")]
+
+
+def _pixel(document, place, camera="front"):
+    x, y = document.run.session.rig[camera].without_distortion().project(place)
+    return float(x), float(y)
+
+
+def _pull(worker, listener, version, by=(0.0, -0.02, 0.01), frame=3):
+    """Pull the index finger's tip by so much in both cameras; return where to."""
+    pose = listener.wait(snapshots.PoseSnapshot, lambda p: p.frame == frame)
+    target = _tip(pose, worker.document) + by
+    for n, camera in enumerate(("front", "side")):
+        pixel = _pixel(worker.document, target, camera)
+        worker.engine.set_pin(
+            frame, camera, pixel, version + n, Hold("index_tip"), tag=f"drag {version}"
+        )
+    return target
+
+
+def test_a_joint_that_is_pulled_in_two_pictures_comes_to_the_point(
+    worker,
+    listener,
+):
+    target = _pull(worker, listener, 1)
+    pose = listener.pose(2)
+    assert pose.origin == "pinned"
+    assert np.linalg.norm(_tip(pose, worker.document) - target) < 1e-3
+    assert [(pin.camera, pin.words) for pin in pose.pins] == [
+        ("front", "index tip"), ("side", "index tip"),
+    ]  # fmt: skip
+    assert max(pin.off_px for pin in pose.pins) < 0.3
+    worker.engine.undo(3)
+    pose = listener.pose(3)
+    assert not pose.pins, "one drag is one step"
+
+
+def test_a_pin_replaces_the_one_of_its_place_and_camera_and_is_dropped(
+    worker,
+    listener,
+):
+    _pull(worker, listener, 1)
+    listener.pose(2)
+    _pull(worker, listener, 3, by=(0.0, 0.0, 0.01))
+    pose = listener.pose(4)
+    assert len(pose.pins) == 2
+    worker.engine.drop_pins(3, 0, 5)
+    pose = listener.pose(5)
+    assert [pin.camera for pin in pose.pins] == ["side"]
+    worker.engine.drop_pins(3, None, 6)
+    pose = listener.pose(6)
+    assert (pose.pins, pose.origin) == ((), "carried")
+
+
+def test_what_is_no_pin_is_refused_in_words(worker, listener):
+    for version, pin in enumerate((
+        call("set_pin", 3, "front", (float("nan"), 1.0), 1, Hold("index_tip")),
+        call("set_pin", 3, "front", (1e9, 1.0), 2, Hold("index_tip")),
+        call("set_pin", 3, "nowhere", (1.0, 1.0), 3, Hold("index_tip")),
+        call("set_pin", 3, "front", (1.0, 1.0), 4, Hold("wing")),
+    )):  # fmt: skip
+        worker.send(pin)
+        eventually(lambda n=version: len(_errors(listener)) == n + 1, "told")
+    assert not any("internal" in text.lower() for text in _errors(listener))
+    assert worker.document.run.session.pins.frames == []
+
+
+def _errors(listener):
+    return [f"{n.title} {n.text}" for n in listener.notices if n.level == "error"]
+
+
+def test_a_frame_with_pins_is_tracked_and_refined_from_where_they_led(
+    worker,
+    listener,
+):
+    worker.engine.track(0, FRAMES, 3, anew=True)
+    eventually(lambda: len(_told(listener, "Tracking finished")) == 1, "tracked")
+    worker.engine.show_frame(8)
+    _pull(worker, listener, 1, frame=8)
+    listener.wait(snapshots.PoseSnapshot, lambda p: p.version == 2 and p.origin == "pinned")
+    pinned, before = worker.document.pose_at(8), _bends(worker)
+    assert not worker.document.keyframes(range(FRAMES))
+    worker.engine.refine()
+    eventually(lambda: len(_told(listener, "Refined")) == 1, "refined")
+    after = _bends(worker)
+    assert {f for f in before if after[f] != before[f]} == {7, 8, 9}, "only what pins touch"
+    assert worker.document.pose_at(8).tolist() != pinned.tolist(), "what was refined shows"
+    worker.engine.undo(3)
+    eventually(lambda: worker.document.pose_at(8).tolist() == pinned.tolist(), "where pins led")
+
+
+def _posing(store):
+    """Return the service of a session without jobs and pages, whose edits are written at once."""
+    edit = lambda _frame, edit, words, *_: store.do(words, edit)  # noqa: E731
+    opened_ = SimpleNamespace(
+        document=store.document, store=store, jobs=None, publish=None, edit=edit
+    )
+    return PosingService(cast("OpenSession", opened_))
+
+
+def _with_pin(store, frame):
+    document = store.document
+    model = document.model
+    bones = model.bones(model.params_within_limits(document.pose_at(frame)))
+    at = model.joint_positions(bones)[model.joint_names.index("ring_tip")]
+    pin = Pin("front", _pixel(document, at + (0.0, -0.01, 0.0)), "ring_tip")
+    _posing(store).set_pin(frame, pin.camera, pin.pixel, 1, Hold("ring_tip"), tag="drag")
+    return pin
+
+
+def test_pins_are_written_and_come_back_with_the_session(tmp_path, left_open):
+    store = tracked(opened(tmp_path))
+    pin = _with_pin(store, 5)
+    (row,) = json.loads((tmp_path / "pins.json").read_text())["pins"]
+    assert (row["frame"], row["joint"]) == (5, "ring_tip")
+    again = opened(tmp_path)
+    (back,) = again.document.run.session.pins.of(5)
+    assert_allclose(back.pixel, pin.pixel, atol=2e-3)
+    assert again.document.decided_pose(5).pinned
+    again.undo()
+    assert not (tmp_path / "pins.json").exists()
+
+
+def test_who_changed_the_file_elsewhere_is_right(tmp_path, left_open):
+    _with_pin(tracked(opened(tmp_path)), 5)
+    other = {"frame": 6, "camera": "side", "joint": "wrist", "pixel": [40.0, 30.0]}
+    (tmp_path / "pins.json").write_text(json.dumps({"format": 1, "pins": [other]}))
+    again = opened(tmp_path)
+    assert again.document.run.session.pins.frames == [6]
+    assert 5 not in again.document.state.pins
+
+
+def test_copied_pins_move_as_what_was_tracked_moves(tmp_path, left_open):
+    store = tracked(opened(tmp_path))
+    document = store.document
+    pin = _with_pin(store, 5)
+    _posing(store).copy_pins(5, 1, 2, 2)
+    assert document.run.session.pins.frames == [4, 5, 6, 7]
+    (copy,) = document.run.session.pins.of(7)
+    at = document.model.joint_names.index("ring_tip")
+    moves = [
+        _pixel(document, document.results[f].joint_positions[at]) for f in (5, 7)
+    ]  # fmt: skip
+    assert_allclose(np.subtract(copy.pixel, pin.pixel), np.subtract(moves[1], moves[0]), atol=2e-3)
+    assert np.linalg.norm(np.subtract(*moves)) > 0.1, "it moves"

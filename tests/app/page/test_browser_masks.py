@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack_app.page.scene.looking import _pixel
@@ -24,7 +25,7 @@ def test_a_ray_from_anywhere_meets_the_image_at_its_pixel(rng):
     on_image = card.centre + depth * turn @ np.linalg.solve(matrix, [*pixel, 1.0])
     for eye in (card.centre, card.centre + [0.05, 0.1, 0.02]):
         through = eye + 0.4 * (on_image - eye)
-        np.testing.assert_allclose(_pixel(card, depth, eye, through), pixel, atol=1e-9)
+        assert_allclose(_pixel(card, depth, eye, through), pixel, atol=1e-9)
     behind = card.centre - (on_image - card.centre)
     assert _pixel(card, depth, card.centre, behind) is None
 
@@ -106,7 +107,7 @@ def _marks_skin(bench, view):
     start, stop = (page.evaluate(PROJECT, ["/hand", _seen_at(*corner)]) for corner in corners)
     view.drag(tuple(start), tuple(stop))
     box = eventually(lambda: bench.state.display.skin_box, "the box is marked")
-    np.testing.assert_allclose(box[1], (x + 3, y + 3, width - 6, height - 6), atol=1)
+    assert_allclose(box[1], (x + 3, y + 3, width - 6, height - 6), atol=1)
 
 
 def _seen_at(x, y):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.session.clouds_settings import CLOUD_SETTINGS, CloudSettings
@@ -32,7 +33,7 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk):
     document = worker.document
     bones = document.model.bones(document.model.transform.solver_params(document.shown))
     seen = document.run.observation(0, bones)
-    np.testing.assert_allclose(cloud.points, seen.cloud.points, atol=1e-6)
+    assert_allclose(cloud.points, seen.cloud.points, atol=1e-6)
     assert np.abs(cloud.residual_mm).max() < 0.1  # the cloud was taken from this very surface
     assert cloud.measured == HAND + WALL
     dropped = {c.name: c.before - c.after for c in cloud.counts}
@@ -44,15 +45,15 @@ def test_a_cloud_is_what_the_tracker_gets_with_its_distance_to_the_hand(desk):
 def test_the_energys_parts_are_on_the_timeline_and_come_back(desk):
     worker, listener, folder = desk
     worker.engine.track(0, 2, 0)
-    listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished", 60.0)
+    listener.wait(snapshots.Notice, lambda n: n.title == "Tracking finished")
     strip = [s for s in listener.seen if isinstance(s, snapshots.TimelineSnapshot)][-1]
     assert {"cloud→model", "model→cloud", "priors"} <= set(strip.terms)
     total = np.sum([np.nan_to_num(part) for part in strip.terms.values()], axis=0)
-    np.testing.assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
+    assert_allclose(total[:2], strip.energy[:2], rtol=1e-6)
     worker.stop()
     second, again = working(folder)
     back = again.wait(snapshots.TimelineSnapshot, lambda s: bool(s.terms))
-    np.testing.assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
+    assert_allclose(back.terms["cloud→model"], strip.terms["cloud→model"])
     second.stop()
 
 

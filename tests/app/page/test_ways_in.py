@@ -9,7 +9,7 @@ from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.cli import main
 from handtrack_app.commands import track
 from tests.app.command_line import QUICK
-from tests.app.commands.test_cli_interrupts import Interrupter
+from tests.app.commands.test_interrupts import Interrupter
 from tests.app.desk import shown
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient

@@ -1,20 +1,28 @@
-"""The workbench on loopback: handles follow the worker, clients' values are checked, and the hand moves at once."""
+"""The workbench on loopback: handles follow the worker, clients' values are checked, the hand moves at once; two pages edit, and each looks
+through a camera of its own; the next step is offered; settings are undone; names of files are text."""
 
+import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import viser
+from numpy.testing import assert_allclose
 
 from handtrack.geometry.rotation import matrix_from_quaternion
 from handtrack_app.engine.document_snapshots import pose_snapshot
 from handtrack_app.page.page import Display
 from handtrack_app.page.scene.model_view import update_hand
 from handtrack_app.protocol import snapshots
-from tests.app.desk import shown
+from tests.app.desk import shown, value_of
+from tests.app.engine.test_saving_settings import TEXT
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
+from tests.session.small_session import edit
 
 
 def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench):
@@ -22,19 +30,19 @@ def test_ellipsoids_bones_and_cameras_are_turned_as_they_are_in_the_world(bench)
     bones = document.model.bones(document.model.transform.solver_params(document.start))
     posed = document.model.flesh["fine"].posed(bones)
     turned = matrix_from_quaternion(np.array(stage.hand.flesh.batched_wxyzs, float))
-    np.testing.assert_allclose(turned, posed.rotation, atol=1e-6)
+    assert_allclose(turned, posed.rotation, atol=1e-6)
     for camera in document.run.session.rig.cameras:
         drawn = stage.cameras.frusta[camera.name]
         turned = matrix_from_quaternion(np.array(drawn.wxyz))
-        np.testing.assert_allclose(turned, camera.rotation.T, atol=1e-6)
-        np.testing.assert_allclose(drawn.position, camera.centre, atol=1e-6)
+        assert_allclose(turned, camera.rotation.T, atol=1e-6)
+        assert_allclose(drawn.position, camera.centre, atol=1e-6)
     drawn = SimpleNamespace(visible=True)
     view = replace(stage.hand, bones=drawn, joints=drawn)
     update_hand(view, pose_snapshot(document), Display())
     names = document.model.skeleton.bone_names
     ends = drawn.batched_positions[len(names) :]  # of each bone, after where it begins
     knuckle, next_one = names.index("index_proximal"), names.index("index_intermediate")
-    np.testing.assert_allclose(ends[knuckle], bones.position[next_one], atol=1e-6)
+    assert_allclose(ends[knuckle], bones.position[next_one], atol=1e-6)
 
 
 def test_a_root_pose_beyond_reason_does_nothing_and_a_good_one_moves_the_hand(bench, wire):
@@ -84,3 +92,200 @@ def test_a_page_that_comes_late_is_told_what_was_said(bench):
     with WireClient(bench.url) as wire:
         came = lambda: any("Welcome back" in str(message) for _, message in wire.messages)  # noqa: E731
         eventually(came, "told")
+
+
+def told_value(client, handle):
+    told = [
+        m["updates"]
+        for _, m in list(client.messages)
+        if m.get("uuid") == handle._impl.uuid and "updates" in m
+    ]
+    return told[-1].get("value") if told else None
+
+
+def test_c42_two_pages_edit_and_the_last_edit_stands(bench):
+    slider = bench.layout.pose.sliders["index_mcp_flex"]
+    places = lambda: np.array(bench.stage.hand.flesh.batched_positions)  # noqa: E731
+    before, value = places(), slider.value
+    with WireClient(bench.url) as first, WireClient(bench.url) as second:
+        eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
+        for one, other, angle in ((first, second, 50.0), (second, first, 60.0)):
+            one.set_value(slider, angle)
+            eventually(lambda: told_value(other, slider) == angle, "the other sees it")  # noqa: B023
+        joint = bench.state.names.index("index_mcp_flex")
+        shown = lambda: round(np.rad2deg(bench.stage.pose.values[joint]))  # noqa: E731
+        eventually(lambda: shown() == 60 and not np.allclose(places(), before, atol=1e-3), "the hand follows")  # fmt: skip
+        for _ in range(2):
+            first.set_value(bench.layout.pose.edit_buttons, "Undo")
+        eventually(lambda: np.allclose(places(), before, atol=1e-4), "undone, whoever did it")
+        eventually(lambda: abs(slider.value - value) < 0.06, "the slider, too")
+    assert bench.door.messages.refused == 0
+
+
+def test_each_page_looks_through_a_camera_of_its_own(bench):
+    view = bench.layout.session
+    with WireClient(bench.url) as one, WireClient(bench.url) as other:
+        eventually(lambda: len(bench.server.get_clients()) == 2, "both are there")
+        other.set_value(view.through, "side")
+        eventually(lambda: _shown(other, "/screen"), "the camera's picture")
+        assert not _shown(other, "/cameras"), "its frustum would be in the way"
+        assert _shown(one, "/screen") is None and _shown(one, "/cameras") is not False
+        one.set_value(view.through, "front")
+        other.set_value(view.paint, "nothing")
+        eventually(lambda: _shown(one, "/screen"), "its own picture")
+        wanted = (("front", "outline"), ("side", "plain"))
+        eventually(lambda: bench.stage.looking.pictures(None) == wanted, "each its own")
+        assert bench.state.display.paint == "plain", "of the small pictures: the last choice"
+        other.set_value(view.view, "Everything")
+        eventually(lambda: _shown(other, "/cameras"), "free again")
+        eventually(lambda: _shown(other, "/screen") is False, "without the picture")
+        assert told_value(other, view.through) == "orbit view" and _shown(one, "/screen")
+        other.set_value(view.through, "side")
+        eventually(lambda: len(wished(bench)) == 2, "two pictures")
+    eventually(lambda: wished(bench) == (), "of pages that went none is painted")
+    assert bench.door.messages.refused == 0
+
+
+def wished(bench):
+    return bench.stage.looking.pictures(None)
+
+
+def _shown(client, node):
+    """Return whether a node was last shown or hidden; None if neither was said."""
+    said = [
+        m["visible"]
+        for _, m in list(client.messages)
+        if m.get("type") == "SetSceneNodeVisibilityMessage" and m["name"] == node
+    ]
+    return said[-1] if said else None
+
+
+def _status(bench):
+    strip = bench.layout.timeline.strip
+    return strip.status
+
+
+def test_it_leads_from_the_pose_over_tracking_to_the_review(bench, wire):
+    layout = bench.layout
+    eventually(lambda: layout.next.button.visible, "a step is offered")
+    wire.set_value(layout.next.button, True)
+    eventually(lambda: all(_status(bench) >= 0) and layout.next.button.visible, "tracked")
+    wire.set_value(layout.next.button, True)
+    eventually(lambda: bench.state.frame == 7, "the doubtful frame")
+    eventually(lambda: not layout.next.button.visible, "it has done its work")
+    wire.set_value(layout.review.accept_next, True)
+    eventually(lambda: layout.review.done == 1, "accepted")
+    eventually(lambda: layout.next.button.visible, "and what comes after")
+    wire.set_value(layout.pose.edit_buttons, "Undo")
+    eventually(lambda: layout.review.done == 0, "it is to be looked at again")
+
+
+def test_a_cancelled_tracking_is_gone_on_with(tmp_path):
+    opener = lambda f: fake_document(f, step_s=0.05)  # noqa: E731
+    with shown(tmp_path, opener=opener) as bench, WireClient(bench.url) as client:
+        button = bench.layout.next.button
+        bench.engine.track(3, FRAMES, 3)
+        eventually(lambda: (_status(bench) >= 0).sum() > 2, "some frames")
+        assert not button.visible, "it is under way"
+        bench.engine.cancel()
+        eventually(lambda: bench.layout.progress.state == "idle", "cancelled")
+        assert np.flatnonzero(_status(bench) >= 0)[-1] < FRAMES - 1
+        eventually(lambda: button.visible, "it can go on")
+        client.set_value(button, True)
+        eventually(lambda: all(_status(bench)[3:] >= 0), "to the end")
+        assert (_status(bench)[:3] < 0).all(), "only from where it ended"
+
+
+def test_a_step_of_the_list_is_gone_back_to_and_made_again(bench, wire):
+    state, history = bench.state, bench.layout.pose.history
+    for name, angle in (
+        ("index_mcp_flex", 20.0),
+        ("ring_mcp_flex", 30.0),
+        ("thumb_ip_flex", 15.0),
+    ):
+        wire.set_value(bench.layout.pose.sliders[name], angle)
+        eventually(lambda name=name: abs(np.rad2deg(value_of(state, name)) - angle) < 0.1, name)  # noqa: B023
+    eventually(lambda: len(history.options) == 4, "three steps, and now")
+    second = next(one for one in history.options if "Ring" in one)
+    wire.set_value(history, second)
+    eventually(lambda: abs(np.rad2deg(value_of(state, "ring_mcp_flex")) - 30.0) > 1, "before it")
+    assert abs(np.rad2deg(value_of(state, "index_mcp_flex")) - 20.0) < 0.1, "the first one holds"
+    eventually(lambda: len(history.options) == 4 and history.options[2] == "now", "two undone")
+    wire.set_value(history, history.options[0])
+    eventually(lambda: abs(np.rad2deg(value_of(state, "thumb_ip_flex")) - 15.0) < 0.1, "again")
+
+
+def test_a_setting_is_marked_undone_saved_and_brought_back_to_session_toml(bench, wire):
+    panel, undo, path = (
+        bench.layout.settings,
+        bench.layout.pose.edit_buttons,
+        bench.folder / "session.toml",
+    )
+    path.write_text(TEXT)
+    saved, control = panel.saved, panel.controls["cloud.weight"].widget
+    iterations = panel.controls["solver.iterations"].widget
+    usual = iterations.value
+    wire.set_value(control, 2.0)
+    eventually(lambda: "--set cloud.weight=2" in saved.words.content, "what is changed is told")
+    eventually(lambda: control.label == "Cloud •" and bool(saved.back.visible), "marked")
+    wire.set_value(iterations, 7)
+    eventually(lambda: iterations.label == "Iterations •", "marked")
+    wire.set_value(undo, "Undo")
+    eventually(lambda: iterations.value == usual, "the last change is taken back")
+    assert control.value == 2.0
+    wire.set_value(saved.back, True)
+    eventually(lambda: control.value == 1.0 and not saved.back.visible, "as session.toml")
+    eventually(lambda: control.label == "Cloud", "no longer marked")
+    wire.set_value(undo, "Undo")
+    eventually(lambda: control.value == 2.0 and bool(saved.save.visible), "that is undone, too")
+    wire.set_value(saved.save, True)
+    eventually(lambda: not saved.save.visible and not saved.back.visible, "nothing to save")
+    assert path.read_text() == TEXT + "\n[tracking]\ncloud.weight = 2.0\n"
+    assert (control.label, control.value) == ("Cloud", 2.0)
+    bench.engine.set_setting("cloud.weight", 1.0)
+    eventually(lambda: control.label == "Cloud •", "now the usual value is a change")
+
+
+def test_a_number_of_the_shape_is_set_shown_and_undone(bench, wire):
+    panel = bench.layout.settings.shape
+    before = panel.list.content
+    usual = panel.slider.max
+    wire.set_value(panel.chosen, "palm breadth")
+    eventually(lambda: panel.slider.max != usual, "its range")
+    wire.set_value(panel.slider, 6.0)
+    eventually(lambda: "+6.0 %" in panel.list.content, "shown")
+    wire.set_value(panel.chosen, "thumb base along")
+    eventually(lambda: panel.slider.label == "mm", "another number")
+    assert panel.slider.value == 0.0
+    wire.set_value(panel.slider, -3.0)
+    eventually(lambda: "−3.0 mm" in panel.list.content, "shown")
+    assert "+6.0 %" in panel.list.content
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: "−3.0 mm" not in panel.list.content and panel.slider.value == 0.0, "back")
+    wire.set_value(bench.layout.pose.edit_buttons, "Undo")
+    eventually(lambda: panel.list.content == before, "the first is undone, too")
+
+
+TAG = "<img src=x onerror=alert(1)>"
+
+
+def written_in(server):
+    """Yield all that the page takes as HTML or Markdown."""
+    for container in list(server.gui._container_handle_from_uuid.values()):
+        for handle in list(container._children.values()):
+            if isinstance(handle, viser.GuiHtmlHandle | viser.GuiMarkdownHandle):
+                yield handle.content
+
+
+def test_c53_names_in_a_sessions_files_are_text(recorded, tmp_path):
+    folder = Path(shutil.copytree(recorded, tmp_path / "session"))
+    old = next(x for x in (folder / "session.toml").read_text().splitlines() if "name = " in x)
+    edit(folder / "session.toml", old, f"name = {json.dumps(TAG)}")
+    for file in ("session.toml", "calibration.toml"):
+        edit(folder / file, 'name = "cam0"', f"name = {json.dumps('cam' + TAG)}")
+    (folder / "masks/cam0/000001.png").write_bytes(b"no image")  # a note names the file
+    with shown(folder) as bench:
+        eventually(
+            lambda: any("&lt;img" in text for text in written_in(bench.server)), "the name is shown"
+        )
+        assert [text for text in written_in(bench.server) if "<img" in text] == []

@@ -13,12 +13,13 @@ import pytest
 
 from handtrack.store.lease import holder_of
 from handtrack.store.store import Store
-from handtrack_app.process import engine_process
+from handtrack_app.process import child, engine_process
 from handtrack_app.process.child import GB, EnginePlan, LiveOptions
 from handtrack_app.process.engine_process import EngineProcess
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.command_line import PROGRAM
+from tests.app.desk import Listener
 from tests.app.fake_run import FRAMES, fake_document
 from tests.app.waiting import eventually
 from tests.live_cameras import clip
@@ -27,24 +28,13 @@ from tests.session.small_session import make_session
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 
 
-class Page:
+class Page(Listener):
     """An engine in a process, and all that it said."""
 
     def __init__(self, folder, opener=fake_document, **plan):
-        self.seen = []
-        self.engine = EngineProcess(EnginePlan(folder, opener=opener, **plan), self.seen.append)
-
-    def wait(self, kind, test=lambda _: True, after=0):
-        """Return the first snapshot of a kind that passes the test."""
-
-        def found():
-            return next((s for s in self.seen[after:] if isinstance(s, kind) and test(s)), None)
-
-        eventually(lambda: found() is not None, f"a {kind.__name__}", 90.0)
-        return found()
-
-    def told(self, words, after=0):
-        return self.wait(snapshots.Notice, lambda n: words in f"{n.title}: {n.text}", after)
+        super().__init__()
+        self.folder = folder
+        self.engine = EngineProcess(EnginePlan(folder, opener=opener, **plan), self.publish)
 
     def idle(self, after=0):
         self.wait(snapshots.ProgressSnapshot, lambda p: p.state == "idle", after)
@@ -61,10 +51,6 @@ class Page:
         """What the page's head says."""
         return ([""] + [s.saved for s in self.seen if isinstance(s, snapshots.WorkSnapshot)])[-1]
 
-    @property
-    def notices(self):
-        return [s for s in self.seen if isinstance(s, snapshots.Notice)]
-
 
 @pytest.fixture
 def start():
@@ -78,7 +64,11 @@ def start():
 
     yield started
     for page in pages:
+        pid = page.engine.pid
         page.engine.stop()
+        assert pid is None or not _works(pid)
+        assert not any((page.folder / "tracks").glob("lease-*.json")), "the session is given back"
+    assert not [t for t in threading.enumerate() if t.name in ("engine", "talk")]
 
 
 def values_with(bend):
@@ -170,8 +160,8 @@ def test_c40_what_a_busy_engine_had_not_done_is_done_by_the_next_and_not_called_
 
 
 def deadly_document(folder):
-    """A document that ends the engine where a setting is changed."""
-    document = fake_document(folder)
+    """A document that ends the engine where a setting is changed, and whose frames take 100 GB each to track."""
+    document = fake_document(folder, hungry=True)
     become = document.become
 
     def became(state):
@@ -183,11 +173,24 @@ def deadly_document(folder):
     return document
 
 
-def test_c40_an_edit_that_ends_every_engine_is_given_up_by_name_and_no_other(tmp_path, start):
-    page = start(tmp_path, deadly_document)
-    page.engine.engine.set_pose(3, values_with(0.3), 1)
-    page.engine.engine.set_setting("cloud.weight", 7.0)
-    page.engine.engine.set_pose(6, values_with(0.6), 2)
+def test_c40_what_takes_too_much_memory_or_ends_every_engine_is_given_up_by_name_and_no_other(
+    tmp_path, start
+):
+    page = start(tmp_path, deadly_document, memory=2 * GB)
+    engine, first = page.engine.engine, page.engine.pid
+    if sys.platform == "linux":  # elsewhere memory is not limited
+        engine.track(3, FRAMES, 3)
+        notice = page.told("Tracking stopped")
+        assert notice.text.startswith(
+            "Tracking needs more memory than the 2.0 GB that handtrack may use here (Unable to allocate "
+        )
+        said = len(page.seen)
+        engine.show_frame(8)
+        page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)
+        assert page.engine.pid == first, "it goes on"
+    engine.set_pose(3, values_with(0.3), 1)
+    engine.set_setting("cloud.weight", 7.0)
+    engine.set_pose(6, values_with(0.6), 2)
     page.told("Given up: the setting cloud.weight.")
     eventually(lambda: page.saved == "saved", "all else")
     assert {"pose/3", "pose/6"} <= state_on_disk(tmp_path).keys()
@@ -257,29 +260,6 @@ def test_running_cameras_are_opened_over_there(tmp_path, start):
     assert f"The recording in {folder} was cut off" in page.wait(snapshots.Notice, after=said).text
 
 
-# ---- memory
-
-
-def hungry_document(folder):
-    """A document whose frames take 100 GB each to track."""
-    return fake_document(folder, hungry=True)
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory is not limited")
-def test_c40_too_much_memory_is_told_in_words_and_the_engine_goes_on(tmp_path, start):
-    page = start(tmp_path, hungry_document, memory=2 * GB)
-    first = page.engine.pid
-    page.engine.engine.track(3, FRAMES, 3)
-    notice = page.told("Tracking stopped")
-    assert notice.text.startswith(
-        "Tracking needs more memory than the 2.0 GB that handtrack may use here (Unable to allocate "
-    )
-    said = len(page.seen)
-    page.engine.engine.show_frame(8)
-    page.wait(snapshots.PoseSnapshot, lambda p: p.frame == 8, said)
-    assert page.engine.pid == first
-
-
 # ---- ending
 
 slow_document = partial(fake_document, stuck=partial(operator.le, 5))
@@ -324,22 +304,20 @@ def _works(pid):
         return False
 
 
-def test_c40_stopping_gives_the_session_back(tmp_path):
-    page = Page(tmp_path, slow_document)
-    page.engine.start()
-    assert page.engine.wait_opened(60.0) is None
-    pid = page.engine.pid
-    page.engine.engine.set_pose(5, values_with(0.5), 1)
-    page.wait(snapshots.PoseSnapshot, lambda p: p.version == 1)
-    page.engine.engine.track(3, FRAMES, 3)
-    page.wait(snapshots.ProgressSnapshot, lambda p: p.state == "tracking")
-    page.engine.stop()
-    assert pid is not None and not _works(pid)
-    assert not any((tmp_path / "tracks").glob("lease-*.json"))
-    again = Page(tmp_path)
-    again.engine.start()
-    assert again.engine.wait_opened(60.0) is None
-    welcome = again.told("Welcome back")
-    assert "1 pose set by hand" in welcome.text
-    again.engine.stop()
-    assert not [t for t in threading.enumerate() if t.name in ("engine", "talk")]
+def test_c40_a_container_has_what_its_groups_allow(tmp_path, monkeypatch):
+    own, groups = tmp_path / "cgroup", tmp_path / "groups"
+    monkeypatch.setattr(child, "_OWN_GROUPS", own)
+    monkeypatch.setattr(child, "_CONTROL_GROUPS", groups)
+    physical = child.machine_memory()
+    (groups / "a/b").mkdir(parents=True)
+    (groups / "memory/c").mkdir(parents=True)
+    (groups / "a/b/memory.max").write_text("max\n")
+    (groups / "a/memory.max").write_text(f"{2 * GB}\n")
+    (groups / "memory/c/memory.limit_in_bytes").write_text(f"{GB}\n")
+    own.write_text("0::/a/b\n")
+    assert child.machine_memory() == min(physical, 2 * GB)
+    own.write_text("0::/a/b\n4:cpu,memory:/c\n3:pids:/d\n")
+    assert child.machine_memory() == min(physical, GB)
+    assert child.memory_limit() == GB, "less would be too little to begin with"
+    own.write_text("0::/elsewhere\n")
+    assert child.machine_memory() == physical

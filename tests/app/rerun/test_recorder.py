@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import Session, TrackingRun
 from handtrack.geometry.rotation import matrix_from_quaternion, rotation_matrix
@@ -41,7 +42,7 @@ def test_frames_and_the_iterations_of_one(run, results, tmp_path):
     again = run.track(FRAMES, *run.initial(), recorder.watching(Control()))
     for result, expected in zip(again, results, strict=True):
         recorder.show(result)
-        np.testing.assert_array_equal(result.parameters, expected.parameters)
+        assert_array_equal(result.parameters, expected.parameters)
     recorder.close()
     assert recorder.problem == ""
     energies = {r.frame: r.energy for r in results}
@@ -88,17 +89,17 @@ def test_what_stands_in_space_is_where_the_model_and_the_cameras_are(run):
     names = run.model.skeleton.bone_names
     at, after = names.index("index_proximal"), names.index("index_intermediate")
     rods = told["world/skeleton"].strips.as_arrow_array().to_pylist()
-    np.testing.assert_allclose(rods[at][1], bones.position[after], atol=1e-7)
+    assert_allclose(rods[at][1], bones.position[after], atol=1e-7)
     posed = run.model.flesh["fine"].posed(bones)
     turns = np.array(told["world/flesh"].quaternions.as_arrow_array().to_pylist())
     turned = matrix_from_quaternion(turns[:, [3, 0, 1, 2]])
-    np.testing.assert_allclose(turned, posed.rotation, atol=1e-6)
+    assert_allclose(turned, posed.rotation, atol=1e-6)
     rotation = rotation_matrix(np.array([0.3, -0.2, 0.5]))
     camera = replace(run.session.rig.cameras[0], rotation=rotation)
     log_cameras(recording, [camera])
     place = told[f"world/cameras/{camera.name}"]
     columns = np.array(place.mat3x3.as_arrow_array().to_pylist()).reshape(3, 3)
-    np.testing.assert_allclose(columns.T, rotation.T, atol=1e-6)
+    assert_allclose(columns.T, rotation.T, atol=1e-6)
 
 
 def test_the_residual_is_red_where_the_hand_is_missed(run, results, tmp_path):
@@ -209,7 +210,7 @@ def test_what_is_left_of_a_cloud_is_in_the_images_and_in_space(tmp_path):
     found = signed(np.stack([packed >> 24, packed >> 16 & 255, packed >> 8 & 255], axis=1))
     distance = fitted_surface(model, run.settings.cloud).distance(bones, points)
     full = 3e-3 * run.settings.cloud.sigma_mm
-    np.testing.assert_allclose(found, np.clip(distance / full, -1, 1), atol=0.01)
+    assert_allclose(found, np.clip(distance / full, -1, 1), atol=0.01)
     assert found.max() == 1.0 and np.median(np.abs(found)) < 0.3
 
     shown = signed(picture(tmp_path / "run.rrd", f"/cameras/{camera.name}/residual_cloud"))

@@ -1,24 +1,139 @@
-"""`handtrack track` killed, stopped and given again: nothing that was tracked is lost, and the result is the same to the byte."""
+"""`handtrack` interrupted, killed, stopped and given again: what is saved and told, exit codes; nothing that was tracked is lost, and the
+result is the same to the byte."""
 
 import os
 import random
+import shutil
 import signal
 import stat
+import subprocess
+import sys
+import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handtrack import read_npz
+from handtrack import bundled_session, read_npz
 from handtrack.store.lease import Lease
 from handtrack.store.spans import Span
 from handtrack.store.store import Store, WritableStore
 from handtrack.store.take import TakeWriter
 from handtrack_app.cli import main
 from handtrack_app.commands import track
-from tests.app.command_line import FRAMES
-from tests.app.commands.test_cli_interrupts import Interrupter
+from handtrack_app.commands import track as track_command
+from tests.app.command_line import FRAMES, PROGRAM
 from tests.killing import copy_of_a_fresh_process, forked
+from tests.session.small_session import edit
+
+
+def program(*words, **options):
+    """Start `handtrack` as a program of its own."""
+    command = [sys.executable, "-m", "handtrack_app.cli", *map(str, words)]
+    return subprocess.Popen(
+        command,
+        env=PROGRAM,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
+        **options,
+    )
+
+
+class Interrupter:
+    """A progress bar that sends this program a signal after some frames, Ctrl-C by default."""
+
+    def __init__(self, after, presses=1, number=signal.SIGINT):
+        self.left, self.presses, self.number = after, presses, number
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_): ...
+
+    def update(self, frames=1):
+        before, self.left = self.left, self.left - frames
+        if before > 0 >= self.left:  # frames that were solved ahead come at once
+            for _ in range(self.presses):
+                os.kill(os.getpid(), self.number)
+                time.sleep(0.01)  # handlers run between two instructions
+
+
+@pytest.mark.parametrize("presses", [1, 2])
+def test_interrupted_tracking_is_saved_and_named(handtrack, session, monkeypatch, presses):
+    """Fault C65."""
+    monkeypatch.setattr(track, "progress_bar", lambda *_: Interrupter(2, presses))
+    handler = signal.getsignal(signal.SIGINT)
+    ended = handtrack("track", session)
+    assert signal.getsignal(signal.SIGINT) is handler
+    poses = session / "tracks/poses.npz"
+    assert ended.code == 130
+    assert "2 of 5 frames" in ended.out
+    assert str(poses) in ended.err
+    assert read_npz(poses).frame.tolist() == [0, 1]
+
+
+def test_interrupted_size_fit_saves_nothing(handtrack, session, monkeypatch):
+    seen = track_command.TrackingRun.fit_size
+
+    def fit(run, should_stop, on_progress):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)
+        return seen(run, should_stop)
+
+    monkeypatch.setattr(track_command.TrackingRun, "fit_size", fit)
+    edit(session / "session.toml", "scale = 1.0", 'scale = "fit"')
+    ended = handtrack("track", session)
+    assert ended.code == 130
+    assert ended.out == ""
+    assert not (session / "tracks").exists()
+
+
+def test_ctrl_c_in_the_real_program(handtrack, tmp_path):
+    without = shutil.ignore_patterns("tracks")
+    source = bundled_session("open_fist_open")
+    session = Path(shutil.copytree(source, tmp_path / "bundled", ignore=without))
+    out = tmp_path / "warm.npz"
+    assert handtrack("track", session, "--frames", ":1", "--out", out).code == 0  # kernels compile
+    process = program("track", session)
+    begun = ""
+    while "tracking" not in begun:
+        begun += process.stderr.read(1)
+        assert process.poll() is None
+    time.sleep(1.0)
+    process.send_signal(signal.SIGINT)
+    shown, told = process.communicate(timeout=120)
+    assert process.returncode == 130, told
+    assert "Traceback" not in told
+    poses = session / "tracks/poses.npz"
+    if not poses.exists():  # a slow machine, still at its first frame
+        return
+    saved = read_npz(poses).frame
+    assert f"{len(saved)} of 100 frames" in shown
+    assert saved.tolist() == list(range(len(saved)))
+
+
+def test_an_interrupted_simulation_leaves_nothing(handtrack, tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("handtrack.simulation.simulate.render", stop)
+    ended = handtrack("simulate", "--out", tmp_path / "deep" / "new")
+    assert ended.code == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_reader_that_goes_away_is_no_error(tracked):
+    process = program("takes", tracked)
+    process.stdout.close()
+    process.wait(120)
+    assert process.stderr is not None
+    with process.stderr as told:
+        assert told.read() == ""
+    assert process.returncode == 0
+
 
 POSES = "tracks/poses.npz"
 
@@ -27,6 +142,12 @@ POSES = "tracks/poses.npz"
 def whole(tracked):
     """The poses.npz of an undisturbed run."""
     return (tracked / POSES).read_bytes()
+
+
+@pytest.fixture
+def done(tracked, tmp_path):
+    """The recording with its track."""
+    return Path(shutil.copytree(tracked, tmp_path / "done"))
 
 
 @contextmanager
@@ -101,37 +222,33 @@ def test_a1_signals_to_end_are_clean_stops(handtrack, session, whole, monkeypatc
 
 
 def test_an_interrupted_second_tracking_replaces_no_more_than_it_tracked(
-    handtrack, session, monkeypatch
+    handtrack, done, monkeypatch
 ):
-    handtrack.does("track", session)
-    before = read_npz(session / POSES)
+    before = read_npz(done / POSES)
     with interrupted(monkeypatch, 2):
-        ended = handtrack("track", session, "--set", "silhouettes.weight=1.3")
+        ended = handtrack("track", done, "--set", "silhouettes.weight=1.3")
     assert ended.code == 130
-    for kept in (read_npz(session / POSES), Store(session / "tracks").current_track()):
+    for kept in (read_npz(done / POSES), Store(done / "tracks").current_track()):
         assert kept.frame.tolist() == before.frame.tolist()
         assert not np.array_equal(kept.parameters[0], before.parameters[0]), "it lies above"
         np.testing.assert_array_equal(kept.parameters[-1], before.parameters[-1])
-    handtrack.does("track", session, "--set", "silhouettes.weight=1.3")
-    assert "resuming" not in handtrack("track", session, "--frames", "1:3").err
-    assert read_npz(session / POSES).frame.tolist() == [1, 2], (
-        "what is asked for and done is the track"
-    )
+    assert "resuming" not in handtrack("track", done, "--frames", "1:3").err
+    there = read_npz(done / POSES).frame.tolist()
+    assert there == [1, 2], "what is asked for and done is the track"
 
 
 def test_an_interrupted_tracking_of_another_model_leaves_the_track_as_it_was(
-    handtrack, session, monkeypatch
+    handtrack, done, monkeypatch
 ):
-    handtrack.does("track", session)
-    before = (session / POSES).read_bytes()
+    before = (done / POSES).read_bytes()
     with interrupted(monkeypatch, 2):
-        ended = handtrack("track", session, "--set", "model.forearm=true")
+        ended = handtrack("track", done, "--set", "model.forearm=true")
     assert ended.code == 130
-    assert (session / POSES).read_bytes() == before
-    assert [span.take for span in Store(session / "tracks").current()] == [2]
+    assert (done / POSES).read_bytes() == before
+    assert [span.take for span in Store(done / "tracks").current()] == [2]
     assert "--restore 3" in ended.err
-    handtrack.does("takes", session, "--restore", 3)
-    assert "wrist_flex" in read_npz(session / POSES).parameter_names
+    handtrack.does("takes", done, "--restore", 3)
+    assert "wrist_flex" in read_npz(done / POSES).parameter_names
 
 
 def test_what_is_finished_or_begun_anew_is_a_new_take(handtrack, session, monkeypatch):

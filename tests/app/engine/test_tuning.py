@@ -1,13 +1,85 @@
-"""Refit while tuning: a change of settings or limits moves the hand, one step of undo; the newest wins; what is old is passed over."""
+"""Tuning: the method as one change of the session's state; refit while tuning: a change moves the hand, one step of undo; the newest wins."""
 
 import threading
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
+from handtrack import TrackerSettings
+from handtrack.session.session_state import decide
+from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine import tuning_service
+from handtrack_app.engine.store import edits
+from handtrack_app.engine.store.persistence import Persistence
+from handtrack_app.page.panels.settings import to_be_said
 from handtrack_app.protocol import snapshots
+from tests.app.fake_run import fake_document
+from tests.app.opened import did, opened
 from tests.app.waiting import eventually
+
+PAPERS = [name for name in METHODS if name != "default"]
+
+
+@pytest.fixture
+def tuned(tmp_path):
+    """A user had changed two settings, of which the papers' methods set one to what it is then."""
+    tuned = opened(tmp_path)
+    did(tuned, decide(setting={"keypoints.weight": 0.0}))
+    did(tuned, decide(setting={"edges.sigma_px": 3.0}))
+    return tuned
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_a_method_sets_all_that_it_has_and_undo_takes_all_back(tuned, name):
+    document = tuned.document
+    before = document.run.settings
+    did(tuned, edits.method(document, name))
+    now = document.run.settings
+    assert (now.method, now.traits) == (name, METHODS[name].traits)
+    assert METHODS[name].values.items() <= now.flat().items()
+    assert now.edges.sigma_px == 3.0  # no method says it
+    tuned.undo()
+    assert document.run.settings == before
+
+
+def test_what_is_changed_beside_a_method_holds_when_the_session_opens_again(
+    tuned,
+):
+    did(tuned, edits.method(tuned.document, "paper2004"))
+    did(tuned, decide(setting={"cloud.crop_mm": 40.0}))
+    again = Persistence.open(fake_document(tuned.folder))
+    again.restore()
+    assert again.document.run.settings == tuned.document.run.settings
+    assert again.document.run.settings.cloud.crop_mm == 40.0
+
+
+def test_the_command_line_is_told_no_more_than_it_needs(tuned):
+    document = tuned.document
+    own = document.own_settings
+    did(tuned, edits.method(document, "paper2004"))
+    did(tuned, decide(setting={"solver.iterations": 20}))
+    said = to_be_said(document.run.settings.flat(), own)
+    assert said == {"method": "paper2004", "edges.sigma_px": 3.0, "solver.iterations": 20}
+    assert TrackerSettings().with_values(said) == document.run.settings
+
+
+def test_experts_choose_method_distance_and_sharpness_on_the_page(bench, wire):
+    panel, run = bench.layout.settings, lambda: bench.worker.document.run.settings
+    method, distance, sharpness = (
+        panel.controls[name].widget
+        for name in ("method", "cloud.distance", "cloud.sharpness_per_mm")
+    )
+    wire.set_value(distance, "d1, by the level")
+    wire.set_value(sharpness, 0.5)
+    eventually(lambda: run().cloud.sharpness_per_mm == 0.5, "β is in force")
+    assert run().cloud.distance == "d1"
+    eventually(lambda: "least radius" in panel.told["cloud.distance"].content, "it is told")
+    wire.set_value(method, "2007, conic fields")
+    eventually(lambda: run().silhouettes.term == "conic_field", "the method is in force")
+    eventually(lambda: METHODS["paper2007"].words in panel.told["method"].content, "told")
+    eventually(lambda: panel.controls["solver.iterations"].widget.value == 10, "what it set shows")
+    assert run().cloud.distance == "d1"  # no method says it
 
 
 @pytest.fixture
@@ -39,10 +111,10 @@ def test_a_change_and_its_fit_are_one_step(worker, listener, bends):
     assert worker.document.guides(range(12)).keys() == {3}
     worker.engine.look_before(True)
     looked = listener.wait(snapshots.PoseSnapshot, lambda p: p.origin == snapshots.BEFORE)
-    np.testing.assert_allclose(looked.values, before, atol=1e-9)
+    assert_allclose(looked.values, before, atol=1e-9)
     worker.engine.undo(pose.version + 1)
     back = listener.pose(pose.version + 1)
-    np.testing.assert_allclose(back.values, before, atol=1e-9)
+    assert_allclose(back.values, before, atol=1e-9)
     assert worker.document.run.settings.silhouettes.weight == 1.0
 
 
@@ -85,7 +157,7 @@ def test_who_poses_meanwhile_keeps_the_pose(worker, listener, monkeypatch):
     worker.engine.show_frame(4)
     worker.engine.show_frame(3)
     pose = listener.wait(snapshots.PoseSnapshot, lambda p: p is not fist and p.frame == 3 and p.version == 5)  # fmt: skip
-    np.testing.assert_array_equal(pose.values, fist.values)
+    assert_array_equal(pose.values, fist.values)
     assert pose.origin == "set"
 
 

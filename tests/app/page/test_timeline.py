@@ -1,0 +1,194 @@
+"""Lanes and plots: what stands where, zoom, the worst of frames in one place, speed and range; the score and its ink on the card."""
+
+import dataclasses
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from handtrack.store.spans import Span
+from handtrack_app.engine.document_snapshots import timeline_snapshot
+from handtrack_app.engine.posing_service import LiveScore
+from handtrack_app.engine.posing_service import pose as pose_edit
+from handtrack_app.page.panels.plots import plot_data, range_and_speed, speed_of
+from handtrack_app.page.panels.pose import ink_on
+from handtrack_app.page.panels.tracking import nearest_posed
+from handtrack_app.page.time.lanes import Window, extremes, lanes_of, lanes_picture, whole
+from handtrack_app.protocol import snapshots
+from handtrack_app.protocol.palette import STATUS
+from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, ScoreSnapshot, TimelineSnapshot
+from tests.app.fake_run import fake_document
+from tests.app.opened import opened, posed, tracked
+from tests.app.page.test_review_panel import _tracked
+from tests.app.waiting import eventually
+
+COUNT = 18_000
+
+
+def long_strip(count=COUNT, **changed):
+    rng = np.random.default_rng(0)
+    lanes = {
+        name: rng.random(count) * size
+        for name, size in ((snapshots.PROBABILITY, 1.0), (snapshots.VIEWS, 3.0), (snapshots.AT_LIMITS, 6.0), (snapshots.MOVED, 20.0), (snapshots.APART, 20.0))
+    }  # fmt: skip
+    terms = {name: rng.random(count) for name in ("silhouettes", "cloud→model", "keypoints")}
+    strip = TimelineSnapshot(
+        0, rng.integers(0, 3, count), rng.random(count), np.full(count, np.nan), (3, 700), terms, (), lanes,
+        frozenset(range(100, 300)), (), (Span(1, 0, 500), Span(2, 500, count)),
+    )  # fmt: skip
+    return replace(strip, **changed)
+
+
+def test_frames_stand_where_the_slider_has_them():
+    """viser's slider has its first and its last value at its ends."""
+    window = Window(100, 200)
+    assert (window.place(100), window.place(150), window.place(200)) == (0.0, 500.0, 1000.0)
+
+
+def test_zoomed_in_each_frame_is_told_apart():
+    status = np.zeros(COUNT, int)
+    status[9_000] = 2
+    strip = long_strip(status=status)
+    window = whole(range(COUNT)).zoomed(1 / 256, 9_000, range(COUNT))
+    assert window.count == 70 and window.first < 9_000 < window.last
+    lane = lanes_of(strip, window, every=False)[1]
+    lost = [re.findall(r"\bx='([\d.]+)'", part)[0] for part in lane.parts if "#d55e00" in part]
+    (x,) = lost
+    assert float(x) == pytest.approx(window.place(9_000) - window.half, abs=0.1)
+    assert lane.value(9_000) == "lost" and lane.value(8_999) == "tracked"
+
+
+def test_a_frame_stays_where_it_stands_while_zooming():
+    window, frames = Window(0, 999), range(1000)
+    for _ in range(4):
+        window = window.zoomed(0.5, 300, frames)
+        assert window.place(300) == pytest.approx(300, abs=15)
+    assert window.zoomed(100.0, 300, frames) == whole(frames)
+    assert window.zoomed(1e-9, 300, frames).count == 10
+
+
+def test_the_window_goes_along_with_the_frame_shown():
+    window, frames = Window(100, 199), range(1000)
+    assert window.around(150, frames) is window
+    assert window.around(200, frames) == Window(190, 289)
+    assert window.around(999, frames) == Window(900, 999)
+    assert window.around(0, frames) == Window(0, 99)
+
+
+def test_extremes_of_columns_and_of_frames_that_are_not_there():
+    values = np.arange(1000.0)
+    values[:500] = np.nan
+    place, low, high = extremes(values, 0, Window(0, 1999))
+    assert len(place) == 400 and np.isnan(low[:100]).all() and np.isnan(high[200:]).all()
+    assert (low[100], high[100], high[199]) == (500.0, 504.0, 999.0)
+
+
+def _strip(**changed):
+    none = np.full(4, np.nan)
+    return replace(snapshots.TimelineSnapshot(10, np.full(4, -1), none, none, ()), **changed)
+
+
+def timeline_picture(strip):
+    frames = whole(range(strip.start, strip.start + len(strip.status)))
+    return lanes_picture(lanes_of(strip, frames), strip, frames)
+
+
+def test_of_frames_drawn_in_one_place_the_worst_is_seen():
+    status = np.zeros(20_000, int)
+    status[1234] = 2
+    strip = _strip(start=0, status=status, energy=np.where(status == 2, 7.0, 1.0))
+    assert STATUS[2][1] in timeline_picture(strip).partition("<svg")[2]
+
+
+def test_the_error_of_a_given_pose_is_on_the_timeline(tmp_path):
+    document = fake_document(tmp_path)
+    moved = document.start + np.eye(26)[0] * 0.01
+    document.apply(pose_edit(document, 5, moved.tolist()))
+    error = timeline_snapshot(document).error_mm
+    assert error[5] == pytest.approx(10.0)
+    assert np.isnan(error[6])
+
+
+def test_a_range_is_tracked_from_the_nearest_pose_of_its_own():
+    strip = snapshots.TimelineSnapshot(
+        10, np.full(20, -1), np.full(20, np.nan), np.full(20, np.nan), (15,)
+    )
+    assert nearest_posed(strip, 12, 25, 24) == 15, "nothing is tracked at the frame shown"
+    assert nearest_posed(strip, 16, 25, 24) == 24
+    assert nearest_posed(snapshots.NO_TIMELINE, 12, 25, 3) == 12
+    tracked = replace(strip, status=np.where(np.arange(20) > 12, 0, -1))
+    assert nearest_posed(tracked, 12, 25, 24) == 24
+
+
+@pytest.mark.parametrize(
+    ("ground", "ink"),
+    [((240, 228, 66), "#000"), ((47, 75, 110), "#fff"), ((128, 128, 128), "#000"), ((200, 0, 0), "#fff")],
+)  # fmt: skip
+def test_words_on_a_colour_can_be_read(ground, ink):
+    """By a contrast of 4.5 and more: of the third white has 3.9, of the last black 3.5."""
+    assert ink_on(ground) == ink
+
+
+def test_range_of_motion_and_speed():
+    values = np.array([0.0, 10.0, np.nan, 5.0, 5.0, 8.0])
+    assert range_and_speed(values, 10.0) == (0.0, 10.0, 100.0, 30.0)
+    assert_allclose(speed_of(values, 10.0), [100, 100, np.nan, 0, 15, 30])
+    assert range_and_speed(np.array([1.0, np.nan, 2.0]), 10.0) is None
+
+
+def _snapshot(count=300):
+    values = np.linspace(0, 1, count)
+    curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values + 0.1, values - 0.1)  # fmt: skip
+    return CurvesSnapshot(0, 30.0, (curve,), 3)
+
+
+def test_a_plot_has_track_band_other_take_and_truth_in_the_window_alone():
+    data = plot_data(snapshot := _snapshot(), snapshot.curves[0], Window(100, 199), False)
+    assert (data["frame"][0], data["frame"][-1]) == (100, 199)
+    assert_allclose(data["track"], np.rad2deg(np.linspace(0, 1, 300)[100:200]))
+    assert_allclose(data["high"] - data["track"], np.rad2deg(0.1))
+    assert_allclose(data["track"] - data["low"], np.rad2deg(0.1))
+    assert_allclose(data["take 3"] - data["truth"], np.rad2deg(0.2))
+
+
+def test_the_tab_plots_the_angles_of_a_finger(bench, wire):
+    panel = bench.layout.plots
+    _tracked(bench)
+    wire.set_value(panel.group, "Index")
+    eventually(lambda: len(panel.plots) == 4, "plotted")
+    assert np.isfinite(panel.plots[0].data[1]).any()
+    before = panel.plots[0].data
+    bench.layout.timeline.look_closer("+")
+    eventually(lambda: len(panel.plots[0].data[0]) < len(before[0]), "the timeline's window")
+    wire.set_value(panel.group, "Thumb")
+    eventually(lambda: "humb" in (panel.plots[0].title or ""), "another finger")
+
+
+def score_of(pose, **changes):
+    known = ScoreSnapshot(pose.frame, tuple(pose.values), {"left": 0.912}, {"silhouettes": 7.0, "priors": 0.5}, {"left": 0.88}, 9.0)  # fmt: skip
+    return dataclasses.replace(known, **changes)
+
+
+def test_the_card_has_the_score_of_its_own_pose_alone(bench):
+    panel = bench.layout.pose
+    for changes in ({"frame": 7}, {"values": (0.0,)}, {}):
+        panel.show_score(score_of(panel.pose, **changes))
+        assert ("overlap" in panel.card.content) == (not changes)
+
+
+def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):
+    store, told = tracked(opened(tmp_path)), []
+    document = store.document
+    live = LiveScore(document, told.append)
+    assert not live.is_due, "nothing was shown yet"
+    posed(store, 5, by=0.05)
+    document.show(5)
+    live.since = 0.0
+    live.tell()
+    (found,) = told
+    assert (found.frame, found.values) == (5, tuple(document.shown.tolist()))
+    assert not live.is_due
+    live.since = float("inf")  # it has not rested
+    assert live.is_due, "what was seen of this frame is at hand"

@@ -1,0 +1,305 @@
+"""Views: a window onto a camera's image, in which every pixel is where OpenCV has it; the first views; all cameras side by side; looking
+through a camera on the wire: the wheel, a walk out of it and the way back; and the solids that are drawn."""
+
+import time
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from numpy.testing import assert_allclose
+
+from handtrack.geometry.rotation import rotation_matrix
+from handtrack_app.engine.document_snapshots import session_snapshot
+from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up
+from handtrack_app.page.scene import looking
+from handtrack_app.page.scene import viewpoint as vp
+from handtrack_app.page.scene.looking import CLOSE, cells, plane_of
+from handtrack_app.page.scene.model_view import ball, capsule, rod
+from handtrack_app.page.scene.zoom import (
+    MOST,
+    Zoom,
+    around,
+    box_of,
+    eye,
+    pixel_ray,
+    ray_pixel,
+    towards,
+    whole,
+    with_pixel_at,
+)
+from handtrack_app.protocol.snapshots import CameraCard
+from tests.app.fake_run import fake_document
+from tests.app.waiting import eventually
+
+WINDOWS = [(1280, 700), (620, 800), (944, 640), (300, 900)]
+MATRIX = np.array([[610.0, 0, 300.5], [0, 645.0, 260.25], [0, 0, 1.0]])  # off-centre, fx ≠ fy
+CARD = CameraCard(
+    "cam0", (640, 480), MATRIX, rotation_matrix(np.array([0.4, -1.3, 0.8])), np.array([0.3, -1.2, 2.0])
+)  # fmt: skip
+
+
+def by_opencv(points):
+    world_to_camera = CARD.rotation.T
+    turn, _ = cv2.Rodrigues(world_to_camera)
+    pixels, _ = cv2.projectPoints(points, turn, -world_to_camera @ CARD.centre, MATRIX, np.zeros(5))
+    return pixels[:, 0]
+
+
+def in_window(zoom, window, point):
+    """Return where a point of the world is drawn [px of the window], by the page's own kind of camera."""
+    looks = eye(CARD, zoom, window[0] / window[1])
+    focal = window[1] / 2 / np.tan(looks.fov / 2)
+    x, y, z = looks.rotation.T @ (point - CARD.centre)
+    return np.array([focal * x / z + window[0] / 2, focal * y / z + window[1] / 2])
+
+
+def on_picture(pixel, depth):
+    """Return where a pixel of the picture stands in the world, as the plane with the picture is placed."""
+    width, height, middle = plane_of(CARD, depth)
+    share = (pixel + 0.5) / CARD.size - 0.5
+    return middle + CARD.rotation @ np.array([share[0] * width, share[1] * height, 0.0])
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("times", [1.0, 3.0, 12.0])
+def test_model_and_picture_meet_at_the_pixel_that_opencv_has(window, times, rng):
+    seen = rng.uniform((0, 0), CARD.size, (50, 2))
+    depths = rng.uniform(0.3, 0.9, 50)
+    hand = np.array([
+        CARD.centre + depth * CARD.rotation @ np.linalg.solve(MATRIX, [*pixel, 1.0])
+        for pixel, depth in zip(seen, depths, strict=True)
+    ])  # fmt: skip
+    zoom = Zoom((rng.uniform(0, 639), rng.uniform(0, 479)), times)
+    for point, pixel in zip(hand, by_opencv(hand), strict=True):
+        drawn = in_window(zoom, window, point)
+        picture = in_window(zoom, window, on_picture(pixel, 0.75))
+        a_pixel = np.linalg.norm(
+            in_window(zoom, window, on_picture(pixel + (1, 0), 0.75)) - picture
+        )
+        assert np.linalg.norm(drawn - picture) < 0.01 * a_pixel  # 0.5 is promised
+
+
+def test_rays_and_pixels_are_each_others_inverse(rng):
+    for pixel in rng.uniform((0, 0), CARD.size, (20, 2)):
+        ray = pixel_ray(CARD, (pixel[0], pixel[1]))
+        assert_allclose(ray_pixel(CARD, 3.7 * ray), pixel, atol=1e-9)
+        assert_allclose(by_opencv((CARD.centre + 0.6 * ray)[None])[0], pixel, atol=1e-6)
+        assert ray_pixel(CARD, -ray) is None
+    looks = eye(CARD, Zoom((100.0, 400.0), 5.0), 1.3)
+    for place in rng.uniform(0, 1, (20, 2)):
+        assert_allclose(looks.place(looks.ray((place[0], place[1]))), place, atol=1e-9)
+    assert looks.place(-looks.ray((0.5, 0.5))) is None
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_enlarging_leaves_what_is_pointed_at_where_it_is(window):
+    aspect, zoom = window[0] / window[1], Zoom((320.0, 240.0), 2.0)
+    place = (0.7, 0.35)
+    pointed = ray_pixel(CARD, eye(CARD, zoom, aspect).ray(place))
+    assert pointed is not None
+    closer = towards(CARD, zoom, aspect, place, 2.5)
+    assert closer.times == 5.0
+    assert_allclose(eye(CARD, closer, aspect).place(pixel_ray(CARD, pointed)), place, atol=1e-4)
+    assert towards(CARD, zoom, aspect, place, 100.0).times == MOST
+    assert towards(CARD, zoom, aspect, place, 0.01) == whole(CARD)
+
+
+def test_a_dragged_pixel_stays_under_the_pointer_as_far_as_the_image_reaches():
+    zoom = with_pixel_at(CARD, Zoom((320.0, 240.0), 4.0), 1.3, (200.0, 300.0), (0.8, 0.1))
+    seen = eye(CARD, zoom, 1.3).place(pixel_ray(CARD, (200.0, 300.0)))
+    assert_allclose(seen, (0.8, 0.1), atol=1e-4)
+    far = with_pixel_at(CARD, Zoom((320.0, 240.0), 4.0), 1.3, (0.0, 0.0), (1.0, 1.0))
+    assert far.aim == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_a_hand_is_shown_whole_and_large(window):
+    ahead = np.array([[0.02, 0.05, 0.5], [0.08, 0.10, 0.55], [-0.01, 0.12, 0.5]])
+    points, radii = CARD.centre + ahead @ CARD.rotation.T, np.array([0.01, 0.01, 0.02])
+    box = box_of(CARD, points, radii)
+    assert box is not None
+    zoom = around(CARD, box, window[0] / window[1])
+    x, y, wide, high = box
+    drawn = np.array([
+        in_window(zoom, window, on_picture(np.array([x + a * wide, y + b * high]), 0.75)) / window
+        for a in (0, 1) for b in (0, 1)
+    ])  # fmt: skip
+    assert (drawn > 0.1).all() and (drawn < 0.9).all()
+    assert np.ptp(drawn, axis=0).max() > 0.6
+    assert box_of(CARD, CARD.centre - ahead @ CARD.rotation.T, radii) is None
+
+
+@pytest.fixture
+def overlooked(tmp_path):
+    return session_snapshot(fake_document(tmp_path))
+
+
+def in_picture(view, points):
+    """Return (N, 2) across and upward, in half heights of the picture."""
+    ahead = view.look_at - view.position
+    ahead = ahead / np.linalg.norm(ahead)
+    right = np.cross(ahead, view.up)
+    right /= np.linalg.norm(right)
+    seen = points - view.position
+    depth = seen @ ahead
+    assert (depth > 0).all()
+    flat = np.stack([seen @ right, seen @ np.cross(right, ahead)], axis=1)
+    return flat / depth[:, None] / np.tan(view.fov / 2)
+
+
+def test_all_cameras_are_in_an_overview(overlooked):
+    hand = np.array([0.0, 0.09, 0.0])
+    view = vp.overview(overlooked, hand)
+    for card in overlooked.cameras:
+        place = in_picture(view, vp.frustum_corners(card, hand)[1:])
+        assert (np.abs(place[:, 0]) <= 1.0).all() and (place[:, 1] <= 1.0).all()
+        assert (place[:, 1] >= -1.0).all()
+
+
+def test_a_session_whose_cameras_look_down_has_a_view(overlooked):
+    from dataclasses import replace
+
+    down = np.array([[1.0, 0, 0], [0, -1.0, 0], [0, 0, -1.0]])
+    cards = tuple(
+        replace(card, rotation=down, centre=np.array([0.2 * i, 0.0, 0.6]))
+        for i, card in enumerate(overlooked.cameras)
+    )
+    for one in (cards, cards[:1], ()):
+        view = vp.first_view(replace(overlooked, cameras=one), np.zeros(3))
+        assert np.isfinite(view.position).all() and np.isfinite(view.look_at).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 9])
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 1.4, 2.2])
+def test_pictures_fill_the_window_and_none_covers_another(count, aspect):
+    places, width = cells(count, aspect)
+    height = width * 3 / 4
+    assert len(places) == count
+    for i, (x, y) in enumerate(places):
+        assert abs(x) + width / 2 <= aspect / 2 + 1e-9
+        assert abs(y) + height / 2 <= 0.5 + 1e-9
+        for other_x, other_y in places[:i]:
+            assert abs(x - other_x) >= width - 1e-9 or abs(y - other_y) >= height - 1e-9
+    # no other arrangement in rows has larger ones
+    best = max(min(aspect / c, 4 / 3 / -(-count // c)) for c in range(1, count + 1))
+    assert width == pytest.approx(best)
+
+
+def test_a_page_sees_all_cameras_and_a_click_leads_into_one(bench, wire, page):
+    page.press("See the hand in all cameras")
+    walls = bench.stage.looking.walls
+    eventually(lambda: page.number in walls._walls, "the wall stands")
+    wall = walls._walls[page.number]
+    eventually(lambda: all(bool(image.visible) for image in wall.images.values()), "painted")
+    assert {one for one in bench.stage.wanted()["want_pictures"][2] if one[1] == CLOSE} == {
+        ("front", CLOSE), ("side", CLOSE),
+    }  # fmt: skip
+    assert np.asarray(wall.images["front"].image).shape == (*CLOSE_SIZE[::-1], 3)
+    wire.send({
+        "type": "SceneNodeClickMessage", "name": "/wall/side", "owner": str(page.number), "instance_index": None,
+        "ray_origin": [0.0, 0.0, 0.0], "ray_direction": [0.0, 0.0, 1.0], "screen_pos": [0.5, 0.5], "modifier": None,
+    })  # fmt: skip
+    eventually(lambda: page.view is not None, "it looks through a camera")
+    assert page.view is not None and page.view.card.name == "side"
+    assert not wall.images["side"].visible
+    eventually(lambda: CLOSE not in str(bench.stage.wanted()["want_pictures"]), "painted no more")
+
+
+def test_a_close_picture_shows_the_hand_whole_and_large_with_its_outline(bench):
+    document = bench.worker.document
+    model = document.model
+    flesh = model.flesh["fine"].posed(model.bones(model.transform.solver_params(document.start)))
+    camera = document.run.session.rig["front"]
+    picture = close_up(np.full((72, 96, 3), 90, np.uint8), camera, flesh)
+    yellow = (picture[..., 0] > 200) & (picture[..., 2] < 90)
+    rows, columns = np.nonzero(yellow)
+    assert rows.min() > 20 and rows.max() < CLOSE_SIZE[1] - 20
+    assert columns.min() > 20 and columns.max() < CLOSE_SIZE[0] - 20
+    assert max(np.ptp(rows) / CLOSE_SIZE[1], np.ptp(columns) / CLOSE_SIZE[0]) > 0.5
+
+
+def test_it_stands_in_the_camera_and_shows_the_hand(bench, page):
+    page.press("Camera view: front")
+    eventually(lambda: page.view is not None and page.view.follows, "it looks through")
+    page.obey()
+    assert_allclose(page.centre, page.view.card.centre, atol=1e-9)
+    assert 1.0 < page.times() <= 12.0
+    assert page.told("SetCameraFovMessage") == pytest.approx(page.view.eye.fov)
+    page.press("View: the whole image")
+    eventually(lambda: page.times() == 1.0, "all of it")
+
+
+def test_the_wheel_enlarges_and_nothing_is_counted_twice(bench, page):
+    page.press("Camera view: front")
+    page.obey()
+    page.press("View: the whole image")
+    eventually(lambda: page.times() == 1.0, "all of it")
+    page.obey()
+    centre, target, fov = page.centre, page.target, page.told("SetCameraFovMessage")
+    for notch in range(1, 5):  # the browser goes on while the answers are under way
+        page.tell(target + 0.95**notch * (centre - target), target)
+    eventually(lambda: page.times() == pytest.approx(0.95**-12, rel=1e-3), "four notches, no more")
+    eventually(
+        lambda: (
+            np.tan(page.told("SetCameraFovMessage") / 2)
+            == pytest.approx(np.tan(fov / 2) * 0.95**12, rel=1e-3)
+        ),
+        "the field of view follows",
+    )
+    assert page.view is not None and not page.view.follows and not page.view.left
+
+
+def test_an_answer_to_what_it_was_told_before_undoes_nothing(bench, monkeypatch, page):
+    monkeypatch.setattr(looking, "_SETTLED_S", 1e6)  # however slow the machine
+    page.press("Camera view: front")
+    page.obey()
+    old = page.centre, page.target
+    page.press("View: the whole image")
+    eventually(lambda: page.times() == 1.0, "all of it")
+    page.tell(*old)
+    page.obey()
+    time.sleep(0.3)
+    assert page.times() == 1.0
+
+
+def test_who_walks_out_is_told_and_one_key_leads_back(bench, monkeypatch, wire, page):
+    monkeypatch.setattr(looking, "_SETTLED_S", 0.0)
+    page.press("Camera view: front")
+    page.obey()
+    page.tell(page.centre + 0.05, page.target + 0.05)
+    eventually(lambda: page.view is not None and page.view.left, "left")
+    eventually(lambda: "You left front" in str(wire.messages), "told")
+    page.press("View: the hand, and back into the camera")
+    eventually(lambda: page.view is not None and not page.view.left, "back")
+    page.obey()
+    assert page.view is not None and page.view.follows
+
+
+def test_a_window_of_another_shape_shows_the_hand_as_well(bench, page):
+    page.press("Camera view: front")
+    page.obey()
+    page.obey(width=300)
+    eventually(lambda: page.view is not None and page.view.aspect == 0.5, "the new shape")
+    assert page.view.follows
+    eventually(
+        lambda: page.told("SetCameraFovMessage") == pytest.approx(page.view.eye.fov),  # type: ignore[union-attr]
+        "its field of view",
+    )
+
+
+@pytest.mark.parametrize(
+    ("solid", "volume", "low", "high"),
+    [
+        (ball(20, 32), 4 / 3 * np.pi, (-1, -1, -1), (1, 1, 1)),
+        (rod(16), np.pi, (-1, 0, -1), (1, 1, 1)),
+        (capsule(0.5, 0.25, 8, 32), np.pi / 8 + np.pi / 12, (-0.5, 0, -0.5), (0.5, 1, 0.5)),
+    ],
+)
+def test_a_solid_is_closed_and_of_its_size(solid, volume, low, high):
+    vertices, faces = solid
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(volume, rel=0.04)  # faceted; inside out negative
+    assert_allclose(vertices.min(axis=0), low, atol=1e-12)
+    assert_allclose(vertices.max(axis=0), high, atol=1e-12)
