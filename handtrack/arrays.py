@@ -75,6 +75,15 @@ def runs(marked: Array[N]) -> list[list[int]]:
     return edges.reshape(-1, 2).tolist()
 
 
+def number_runs(numbers: Iterable[int]) -> list[tuple[int, int]]:
+    """Return where whole numbers, each once, follow one another: half-open, ascending."""
+    found: list[tuple[int, int]] = []
+    for number in sorted(numbers):
+        first = found.pop()[0] if found and found[-1][1] == number else number
+        found.append((first, number + 1))
+    return found
+
+
 def evenly_spread(count: int, most: int) -> list[int]:
     """Return all rows of `count`, or at most so many, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int)).tolist() if count else []

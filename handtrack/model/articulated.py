@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from handtrack.arrays import (
     D2,
@@ -57,6 +60,7 @@ JOINT_CENTRES = "joints"
 UNNAMED_LANDMARKS = "detector"
 """of offsets of which nobody says whose points they lead to"""
 _FAR = 100.0  # [m] nothing is further from the world's origin
+_Offset = Annotated[float, Meta(gt=-100, lt=100)]  # half a hand: beyond, a file is not meant
 _CONTRADICTION = 1e-6  # [m, rad] values that were written with six digits agree
 
 
@@ -95,16 +99,18 @@ class HandScale:
     """by group of bones: `thumb` … `little`, `forearm`; of a body `trunk`, `thighs` …; 1 where absent"""
     proportions: dict[str, float] = field(default_factory=dict)
     """by name, as the definition has them: breadths, depths, places of joints, in standard deviations of adults; 0 where absent"""
-    offsets_mm: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    offsets_mm: dict[str, tuple[_Offset, _Offset, _Offset]] = field(default_factory=dict)
     """by joint: where a detector sees it, from the joint, in its bone's frame [mm of the mean adult's right hand]; 0 where absent"""
-    std: dict[str, float] = field(default_factory=dict, compare=False)
-    """where it was fitted, standard deviations: of `length_mm` [mm], and of the logarithms of `overall` and each part"""
     landmark_definition: str = field(default=UNNAMED_LANDMARKS, compare=False)
     """whose points the offsets lead to: `mediapipe21`, `openpose21`, a marker set's own name"""
-    covariance: ShapeCovariance | None = field(default=None, compare=False)
-    """where it was fitted, how what was found of it errs together"""
     source: str = field(default="", compare=False)
     """what it was found from, in words"""
+    std: dict[str, Annotated[float, Meta(ge=0, le=sys.float_info.max)]] = field(
+        default_factory=dict, compare=False
+    )
+    """where it was fitted, standard deviations: of `length_mm` [mm], and of the logarithms of `overall` and each part"""
+    covariance: ShapeCovariance | None = field(default=None, compare=False)
+    """where it was fitted, how what was found of it errs together"""
 
     def factor(self, group: str) -> float:
         """Return the factor of a group of bones: `palm`, a finger, `forearm`."""

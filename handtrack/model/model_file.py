@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from importlib import resources
@@ -153,7 +153,6 @@ MODELS = ("hand26", "glove9", "ball6", "body34", "body38")
 COUPLINGS = ("26", "21", "18")
 _MM = 1e-3
 _FIXED: Narrowing = {"pairs": [], "at_deg": 90.0, "to": 1.0}
-_FARTHEST_OFFSET_MM = 100.0  # half a hand: beyond, a file is not meant
 
 
 def load_model(
@@ -240,50 +239,25 @@ def scale_from(data: Any, path: Path | str) -> HandScale:
         odd = sorted(set(data) - {*known})
         if odd:
             raise KeyError(f"unknown key '{odd[0]}'; known keys: {', '.join(known)}")
-        parts = {str(k): float(v) for k, v in data.get("parts", {}).items()}
-        proportions = {str(k): float(v) for k, v in data.get("proportions", {}).items()}
-        offsets = {str(k): _vector(v) for k, v in data.get("offsets_mm", {}).items()}
-        std = {str(k): float(v) for k, v in data.get("std", {}).items()}
-        if not all(0 <= value < np.inf for value in std.values()):
-            raise ValueError("its standard deviations are not all numbers from 0")
-        definition = str(data.get("landmark_definition", UNNAMED_LANDMARKS))
-        size = HandScale(
-            float(data["overall"]),
-            parts,
-            proportions,
-            offsets,
-            std,
-            definition,
-            _covariance(data.get("covariance")),
-            str(data.get("source", "")),
-        )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        size = msgspec.convert({"overall": data["overall"]} | data, HandScale)
+        if size.covariance is not None:
+            _check(size.covariance)
+    except (msgspec.ValidationError, ValueError, KeyError, TypeError) as error:
         raise HandtrackError(
             f"{path}: a saved hand is a TOML or JSON file with a number `overall` and tables like `parts`; {error}."
         ) from None
-    for part in parts:
+    for part in size.parts:
         if part not in HAND_PARTS + BODY_PARTS:
             raise unknown_name("part of a hand or body", part, HAND_PARTS + BODY_PARTS, str(path))
     return size
 
 
-def _vector(values: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    if not all(abs(value) < _FARTHEST_OFFSET_MM for value in (x, y, z)):
-        raise ValueError(f"an offset of {x:g}, {y:g}, {z:g} mm is no point of a hand")
-    return x, y, z
-
-
-def _covariance(data: Any) -> ShapeCovariance | None:
-    if data is None:
-        return None
-    names, rows = tuple(map(str, data["names"])), data["rows"]
-    if len(set(names)) != len(names) or [len(r) for r in rows] != [*range(1, len(names) + 1)]:
+def _check(known: ShapeCovariance) -> None:
+    count = len(known.names)
+    if len(set(known.names)) < count or [*map(len, known.rows)] != [*range(1, count + 1)]:
         raise ValueError("its covariance is not a lower triangle with a row for each name")
-    found = ShapeCovariance(names, tuple(tuple(map(float, row)) for row in rows))
-    if not np.isfinite(found.matrix).all() or (np.linalg.eigvalsh(found.matrix) <= 0).any():
+    if not np.isfinite(known.matrix).all() or (np.linalg.eigvalsh(known.matrix) <= 0).any():
         raise ValueError("its covariance is not positive definite")
-    return found
 
 
 def write_scale(path: Path, scale: HandScale, words: Mapping[str, str] | None = None) -> None:
@@ -309,17 +283,10 @@ def write_scale(path: Path, scale: HandScale, words: Mapping[str, str] | None = 
 
 def scale_table(scale: HandScale) -> dict[str, Any]:
     """Return what is saved of a person: of what is empty nothing."""
-    table: dict[str, Any] = {"overall": scale.overall, "parts": scale.parts}
-    table |= {"proportions": scale.proportions} if scale.proportions else {}
-    table |= {"offsets_mm": scale.offsets_mm} if scale.offsets_mm else {}
-    if scale.offsets_mm and scale.landmark_definition != UNNAMED_LANDMARKS:
-        table["landmark_definition"] = scale.landmark_definition
-    table |= {"source": scale.source} if scale.source else {}
-    table |= {"std": scale.std} if scale.std else {}
-    if scale.covariance is not None:
-        rows = [list(row) for row in scale.covariance.rows]
-        table["covariance"] = {"names": list(scale.covariance.names), "rows": rows}
-    return table
+    table = asdict(scale)
+    if not scale.offsets_mm or scale.landmark_definition == UNNAMED_LANDMARKS:
+        del table["landmark_definition"]
+    return {key: value for key, value in table.items() if value or key == "parts"}
 
 
 @lru_cache(maxsize=8)

@@ -14,6 +14,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import msgspec
 
+from handtrack.arrays import number_runs
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_from, scale_table
@@ -224,13 +225,7 @@ NOTHING = in_turn()
 
 def marking(kind: str, frames: Iterable[int]) -> Edit:
     """Return the edit by which these frames have a mark, such as `accepted`, and no others."""
-    runs: list[tuple[int, int]] = []
-    for frame in sorted(frames):
-        if runs and runs[-1][1] == frame:
-            runs[-1] = runs[-1][0], frame + 1
-        else:
-            runs.append((frame, frame + 1))
-    return decide(**{kind: tuple(runs)})
+    return decide(**{kind: tuple(number_runs(frames))})
 
 
 def marked_frames(state: SessionState) -> dict[str, frozenset[int]]:

@@ -4,8 +4,10 @@ shows, so a take may be laid over others before its first frame is tracked.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+
+from handtrack.arrays import number_runs
 
 
 @dataclass(frozen=True, order=True)
@@ -54,19 +56,8 @@ def resolved(
     """Return what shows of spans that lie over one another: ascending, each frame once. frames_of: those that a take has."""
     found: tuple[Span, ...] = ()
     for span in spans:
-        for first, stop in _runs(f for f in frames_of(span.take) if span.first <= f < span.stop):
+        for first, stop in number_runs(
+            f for f in frames_of(span.take) if span.first <= f < span.stop
+        ):
             found = with_span(found, Span(span.take, first, stop))
     return found
-
-
-def _runs(frames: Iterable[int]) -> Iterator[tuple[int, int]]:
-    """Yield where frames follow one another: half-open."""
-    first = stop = -1
-    for frame in sorted(frames):
-        if frame != stop:
-            if stop > first:
-                yield first, stop
-            first = frame
-        stop = frame + 1
-    if stop > first:
-        yield first, stop

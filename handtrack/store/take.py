@@ -65,13 +65,6 @@ class StoredFrame(FrameHead):
         return read_result(read_at(self.path, self.offset))
 
 
-@dataclass(frozen=True)
-class _Heads:
-    about: TakeAbout | None
-    statuses: dict[int, Status]
-    is_finished: bool
-
-
 class Take:
     """A take as it stands on disk. Reads when asked, and holds no frames."""
 
@@ -84,7 +77,7 @@ class Take:
         """Raises HandtrackError when all of its descriptions are damaged."""
         first = next(self._records(payloads=False), None)  # where it stands, unless that is damaged
         about = _about(first) if first is not None and first.kind == _ABOUT else None
-        about = about or self._heads.about
+        about = about or self._heads[0]
         if about is None:
             raise HandtrackError(
                 f"{self.folder}: what this take is about is damaged, or of a later version of handtrack, so its frames "
@@ -96,7 +89,7 @@ class Take:
     def statuses(self) -> dict[int, Status]:
         """The frames of its range that are there, ascending, with how far each can be trusted."""
         wanted = range(*self.about.frames)
-        known = self._heads.statuses
+        known = self._heads[1]
         return {frame: known[frame] for frame in sorted(known) if frame in wanted}
 
     @property
@@ -107,7 +100,7 @@ class Take:
     @property
     def is_finished(self) -> bool:
         """Whether it was tracked to its end."""
-        return self._heads.is_finished
+        return self._heads[2]
 
     @property
     def bytes(self) -> int:
@@ -160,8 +153,8 @@ class Take:
         return replace(self.about.labels.track(found), take=self.number)
 
     @cached_property
-    def _heads(self) -> _Heads:
-        """What can be told without any frame's arrays."""
+    def _heads(self) -> tuple[TakeAbout | None, dict[int, Status], bool]:
+        """What can be told without any frame's arrays: what it is about, statuses of frames, and whether it came to its end."""
         about, kind, statuses = None, "", dict[int, Status]()
         for record in self._records(payloads=False):
             kind = record.kind
@@ -169,7 +162,7 @@ class Take:
                 statuses[int(record.data["frame"])] = Status(record.data["status"])
             elif kind in (_ABOUT, _END):
                 about = about or _about(record)
-        return _Heads(about, statuses, kind == _END)
+        return about, statuses, kind == _END
 
     def _records(self, payloads: bool = True) -> Iterator[Record]:
         return read_log(self.folder, [], payloads)

@@ -16,8 +16,8 @@ from handtrack.model.surfaces.metaballs import MetaballSurface
 
 FITTED = HandScale(
     1.05, {"thumb": 0.97}, {"palm_breadth": 0.4, "thumb_base_along": -1.0}, {"index_tip": (0.1, -2.0, 0.5)},
-    {"length_mm": 1.0, "overall": 0.01, "palm_breadth": 0.2, "palm_thickness": 0.99}, "mediapipe21",
-    ShapeCovariance.of(("overall", "palm_breadth"), np.array([[1e-4, -1e-3], [-1e-3, 0.04]])), "a scan",
+    "mediapipe21", "a scan", {"length_mm": 1.0, "overall": 0.01, "palm_breadth": 0.2, "palm_thickness": 0.99},
+    ShapeCovariance.of(("overall", "palm_breadth"), np.array([[1e-4, -1e-3], [-1e-3, 0.04]])),
 )  # fmt: skip
 
 

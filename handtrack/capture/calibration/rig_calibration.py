@@ -5,7 +5,7 @@ Not all cameras need to see one board: pairs are chained, the pairs with most co
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from itertools import combinations, islice
 from typing import Any
@@ -95,9 +95,9 @@ def calibrate_rig(
         {view.frame: pose for view, pose in zip(camera.shared, fit.poses)}
         for camera, fit in zip(chosen, fits)
     ]
-    placed = place_cameras(chosen, poses, board)
-    corners, state, frames = _assembled(board, placed, fits)
-    apart = [pair for pair, off in placed.disagreement.items() if off > _APART]
+    used, T_camera_world, boards, disagreement = place_cameras(chosen, poses, board)
+    corners, state, frames = _assembled(board, used, T_camera_world, boards, fits)
+    apart = [pair for pair, off in disagreement.items() if off > _APART]
     free = _free_lens(chosen, settings)
     if apart:
         free[:] = False  # lenses would bend to explain what is not theirs
@@ -106,11 +106,18 @@ def calibrate_rig(
     T_new_world = _new_world(settings.world, chosen, refined.state, T_world_board)
     rig = _rig(chosen, refined.state, T_new_world)
     boards = {f: np.asarray(T_new_world @ pose, float) for f, pose in T_world_board.items()}
-    used = placed.cameras
     left = _per_view(used, refined)
-    report = _report(board, cameras, used, fits, refined, rig, left, placed)
-    told = tuple(_told_apart(board, cameras, fits, pair) for pair in apart)
-    report = replace(report, contradictions=told)
+    report = CalibrationReport(
+        board.text,
+        refined.sigma_px,
+        tuple(
+            camera_report(rig.cameras[c], cameras[c], used[c], left[c], fits[c].rms_px, refined, c)
+            for c in range(len(used))
+        ),
+        pair_reports(rig, used, disagreement),
+        tuple(_warnings(board, fits, refined)),
+        tuple(_told_apart(board, cameras, fits, pair) for pair in apart),
+    )
     return RigCalibration(rig, report, boards, used, left)
 
 
@@ -248,15 +255,19 @@ def _free_lens(cameras: Sequence[CameraViews], settings: CalibrationSettings) ->
 
 
 def _assembled(
-    board: Board, placed: Placed, fits: Sequence[_LensFit]
+    board: Board,
+    cameras: Sequence[CameraViews],
+    T_camera_world: Floats[C, D4, D4],
+    T_world_board: dict[int, Floats],
+    fits: Sequence[_LensFit],
 ) -> tuple[Corners, RigState, dict[int, int]]:
     """Return all corners in one list, the start of the refinement, and the view index by frame."""
-    frames = {frame: i for i, frame in enumerate(sorted(placed.T_world_board))}
-    view_poses = [placed.T_world_board[frame] for frame in frames]
+    frames = {frame: i for i, frame in enumerate(sorted(T_world_board))}
+    view_poses = [T_world_board[frame] for frame in frames]
     parts: list[tuple[int, int, BoardView]] = []
-    for c, (camera, fit) in enumerate(zip(placed.cameras, fits, strict=True)):
+    for c, (camera, fit) in enumerate(zip(cameras, fits, strict=True)):
         parts += [(c, frames[view.frame], view) for view in camera.shared]
-        world = np.linalg.inv(placed.T_camera_world[c])
+        world = np.linalg.inv(T_camera_world[c])
         for view, pose in zip(camera.alone, fit.poses[len(camera.shared) :], strict=True):
             parts.append((c, len(view_poses), view))
             view_poses.append(world @ pose)
@@ -270,7 +281,7 @@ def _assembled(
     lens = [[*fit.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *fit.distortions] for fit in fits]
     state = RigState(
         np.array(lens),
-        np.stack([_pose_vector(pose) for pose in placed.T_camera_world]),
+        np.stack([_pose_vector(pose) for pose in T_camera_world]),
         np.stack([_pose_vector(pose) for pose in view_poses]),
     )
     return corners, state, frames
@@ -334,43 +345,22 @@ def _new_world(
     return _pose_matrix(state.camera[0])
 
 
-def _report(
-    board: Board,
-    given: Sequence[CameraViews],
-    used: Sequence[CameraViews],
-    fits: Sequence[_LensFit],
-    refined: Refined,
-    rig: CameraRig,
-    left: tuple[tuple[Floats, ...], ...],
-    placed: Placed,
-) -> CalibrationReport:
-    cameras = tuple(
-        camera_report(rig.cameras[c], given[c], used[c], left[c], fits[c].rms_px, refined, c)
-        for c in range(len(used))
-    )
-    warnings = [text for fit in fits for text in fit.dropped]
-    if len(board.turns) > 1 and len(used) > 1:
-        warnings.append(
+def _warnings(board: Board, fits: Sequence[_LensFit], refined: Refined) -> Iterator[str]:
+    for fit in fits:
+        yield from fit.dropped
+    if len(board.turns) > 1 and len(fits) > 1:
+        yield (
             f"the board {board.text} looks the same after {'a quarter' if len(board.turns) > 2 else 'half a'} "
             "turn; which way round it was is settled by what most common views agree on, which needs "
             "a board that moves. A board with one even and one odd count (such as 9x6) is safe."
         )
     if not refined.converged:
-        warnings.append(
-            "the refinement stopped before it had settled; treat the numbers with care."
-        )
+        yield ("the refinement stopped before it had settled; treat the numbers with care.")
     if isinstance(board, CharucoBoard) and board.rows % 2 == 0:
-        warnings.append(
+        yield (
             "ChArUco boards with an even number of rows were printed otherwise by OpenCV before 4.6; "
             "if few corners were found, print the board anew with `handtrack board`."
         )
-    return CalibrationReport(
-        board=board.text,
-        sigma_px=refined.sigma_px,
-        cameras=cameras,
-        pairs=pair_reports(rig, used, placed.disagreement),
-        warnings=tuple(warnings),
-    )
 
 
 def _pose_matrix(pose: Floats) -> Floats:
@@ -392,19 +382,6 @@ def _pose_vector(matrix: Floats) -> Floats:
 
 _MOST_LATE = 60  # frames
 _TURN_M = 1.0  # a degree of disagreement counts as much as 1.7 % of the distance to the board
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A first estimate of the rig."""
-
-    cameras: tuple[CameraViews, ...]
-    """the same views; of a board that looks alike when turned, renumbered to agree"""
-    T_camera_world: Floats[C, D4, D4]
-    T_world_board: dict[int, Floats[D4, D4]]
-    """by frame, of shared views"""
-    disagreement: dict[tuple[str, str], float]
-    """median share of the board's distance by which common views disagree about a pair"""
 
 
 def pose_of_view(
@@ -432,8 +409,15 @@ def common_frames(a: CameraViews, b: CameraViews) -> list[int]:
 
 def place_cameras(
     cameras: Sequence[CameraViews], poses: Sequence[dict[int, Floats[D4, D4]]], board: Board
-) -> Placed:
-    """Return all cameras in the first one's frame.
+) -> tuple[
+    tuple[CameraViews, ...],
+    Floats[C, D4, D4],
+    dict[int, Floats[D4, D4]],
+    dict[tuple[str, str], float],
+]:
+    """Return all cameras in the first one's frame: their views, of a board that looks alike when turned renumbered to agree;
+    T_camera_world; T_world_board by frame, of shared views; and by which median share of the board's distance common views disagree
+    about a pair.
 
     poses: per camera T_camera_board by frame. Raises HandtrackError naming the groups of cameras that
     share no view.
@@ -464,9 +448,8 @@ def place_cameras(
         renumbered[new] = _renumbered(cameras[new], poses[new], placed[new], boards, turns, board)
         for frame, pose in poses[new].items():
             boards.setdefault(frame, np.linalg.inv(placed[new]) @ pose)
-    return Placed(
-        tuple(renumbered), np.stack([placed[i] for i in range(len(cameras))]), boards, disagreement
-    )
+    T_camera_world = np.stack([placed[i] for i in range(len(cameras))])
+    return tuple(renumbered), T_camera_world, boards, disagreement
 
 
 def frame_offset(

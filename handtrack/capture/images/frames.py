@@ -18,7 +18,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, Axes, Bytes, H, W
+from handtrack.arrays import Array, Axes, Bytes, H, W, number_runs
 from handtrack.errors import HandtrackError
 from handtrack.geometry.camera import scaled_by
 
@@ -51,13 +51,8 @@ class FrameNotes:
 
 def listed(frames: Sequence[int]) -> str:
     """Return frame numbers as runs, such as `3-5, 9`, at most a few of them. frames: ascending."""
-    runs: list[list[int]] = []
-    for frame in frames:
-        if runs and frame == runs[-1][1] + 1:
-            runs[-1][1] = frame
-        else:
-            runs.append([frame, frame])
-    shown = ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in runs[:_MOST_RUNS])
+    runs = number_runs(frames)
+    shown = ", ".join(f"{a}-{b - 1}" if b - a > 1 else str(a) for a, b in runs[:_MOST_RUNS])
     return shown + (f" and {len(runs) - _MOST_RUNS} more runs" if len(runs) > _MOST_RUNS else "")
 
 

@@ -6,8 +6,9 @@ Planes through both cameras' centres that touch a body touch its outline in both
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -70,20 +71,15 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
         yield warning(f"silhouettes of no two cameras can be compared by this calibration. {meant}")
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """A camera, and the pixels (N, 2) of its outlines in some frames; None where there is no mask."""
+_Outline = tuple[Floats[N, D2], Array[N]]
+"""pixels, none where nothing is seen; and whether the image or its region does not cut the hand off there"""
+
+
+class _Seen(NamedTuple):
+    """A camera, and its outlines in some frames; None where there is no mask."""
 
     camera: Camera
     outlines: list[_Outline | None]
-
-
-@dataclass(frozen=True)
-class _Outline:
-    pixels: Floats[N, D2]
-    """none where nothing is seen"""
-    is_whole: Array[N]
-    """whether the image or its region does not cut the hand off there"""
 
 
 def _is_off(px: float, first: _Seen, second: _Seen) -> bool:
@@ -96,7 +92,7 @@ def _what_would_fit(seen: Sequence[_Seen]) -> str:
     found = []
     for words, cameras in often_mistaken([one.camera for one in seen]):
         pairs = zip(seen, cameras, strict=True)
-        fits = _fit([replace(one, camera=camera) for one, camera in pairs])
+        fits = _fit([one._replace(camera=camera) for one, camera in pairs])
         found += [f"They would fit {words}"] if fits else []
     return " ".join(found)
 
@@ -140,9 +136,9 @@ def _is_behind(first: _Seen, second: _Seen) -> bool:
     cameras = first.camera, second.camera
     middles = np.array(
         [
-            [a.pixels.mean(axis=0), b.pixels.mean(axis=0)]
+            [a[0].mean(axis=0), b[0].mean(axis=0)]
             for a, b in zip(first.outlines, second.outlines, strict=True)
-            if a is not None and b is not None and len(a.pixels) and len(b.pixels)
+            if a is not None and b is not None and len(a[0]) and len(b[0])
         ]
     )
     met = triangulated(cameras, middles.reshape(-1, 2, 2).swapaxes(0, 1))
@@ -194,15 +190,14 @@ def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:
     pixels = np.concatenate([o[:, 0].astype(float) for o in outlines] or [np.zeros((0, 2))])
     least = np.array([x, y]) + _BORDER_PX
     whole = ((pixels >= least) & (pixels < least + (width, height) - 2 * _BORDER_PX)).all(axis=1)
-    return _Outline(pixels, np.asarray(whole))
+    return pixels, np.asarray(whole)
 
 
 def _ends(outline: _Outline, camera: Camera, other: Camera) -> Floats:
     """Return (2,) the least and the largest angle of an outline's pixels [rad]; NaN where the image or its region cuts them off."""
-    if not len(outline.pixels):
-        return np.full(2, np.nan)
-    angles = plane_angles(camera, other, outline.pixels)
+    pixels, is_whole = outline
+    angles = plane_angles(camera, other, pixels) if len(pixels) else np.zeros(0)
     if not np.isfinite(angles).any():
         return np.full(2, np.nan)
     touching = [np.nanargmin(angles), np.nanargmax(angles)]
-    return np.where(outline.is_whole[touching], angles[touching], np.nan)
+    return np.where(is_whole[touching], angles[touching], np.nan)

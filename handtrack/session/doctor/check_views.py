@@ -10,7 +10,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handtrack.arrays import Array, H, W, evenly_spread
+from handtrack.arrays import Array, H, N, W, evenly_spread
 from handtrack.capture.images.frames import FrameSource, listed
 from handtrack.capture.images.synchrony import ImageMotion, TimeOffset, time_offsets
 from handtrack.capture.images.video import VideoFile
@@ -43,18 +43,6 @@ _INVERTED_SHARE = 0.5
 _CUT_SHARE = 0.5  # of the hand, by the region of interest
 _RATE_TOLERANCE = 0.01
 _SECOND_PIECE = 0.25  # of the largest: a face, another arm; a finger that is cut off is less
-
-
-class _MaskLook(NamedTuple):
-    frame: int
-    share: float
-    """of the image that is hand."""
-    touches: bool
-    """whether the hand reaches the image's border."""
-    outside: float
-    """share of the hand outside of the region of interest."""
-    second: float
-    """size of the second largest piece beside the largest."""
 
 
 def check_view(view: View, session: Session) -> Iterator[Finding]:
@@ -181,13 +169,18 @@ def _check_depth(view: View) -> Iterator[Finding]:
 
 def _check_masks(view: View) -> Iterator[Finding]:
     who = f"camera '{view.name}'"
-    looks = list(_looks(view))
-    if not looks:
+    looks = np.array(list(_looks(view))).reshape(-1, 5)
+    if not len(looks):
         yield error(f"{who}: no mask could be read or computed.")
         return
-    empty = [look.frame for look in looks if look.share < _EMPTY_SHARE]
-    inverted = [look.frame for look in looks if look.share > _INVERTED_SHARE]
-    touching = [look.frame for look in looks if look.touches and look.share <= _INVERTED_SHARE]
+    frames, (shares, touches, outside, second) = looks[:, 0].astype(int), looks[:, 1:].T
+
+    def of(marked: Array[N]) -> list[int]:
+        return frames[marked].tolist()
+
+    empty, inverted = of(shares < _EMPTY_SHARE), of(shares > _INVERTED_SHARE)
+    touching = of((touches > 0) & (shares <= _INVERTED_SHARE))
+    cut, pieces = of(outside > _CUT_SHARE), of(second > _SECOND_PIECE)
     if len(empty) == len(looks):
         yield error(f"{who}: all masks looked at ({len(looks)}) are empty.")
     elif empty:
@@ -206,13 +199,11 @@ def _check_masks(view: View) -> Iterator[Finding]:
             f"border, frames {listed(touching)}: the arm is part of the mask, or the hand is cut "
             "off."
         )
-    cut = [look.frame for look in looks if look.outside > _CUT_SHARE]
     if cut:
         yield warning(
             f"{who}: in {len(cut)} of {len(looks)} masks most of the hand lies outside of roi = "
             f"{list(view.settings.roi or ())}, frames {listed(cut)}, and is not observed.",
         )
-    pieces = [look.frame for look in looks if look.second > _SECOND_PIECE]
     if pieces:
         yield warning(
             f"{who}: {len(pieces)} of {len(looks)} masks have a second piece, more than {_SECOND_PIECE:.0%} as large as the "
@@ -222,7 +213,10 @@ def _check_masks(view: View) -> Iterator[Finding]:
         yield ok(f"{who}: {len(looks)} masks looked at; none empty, inverted or cut off.")
 
 
-def _looks(view: View) -> Iterator[_MaskLook]:
+def _looks(view: View) -> Iterator[tuple[float, ...]]:
+    """Yield masks' frames, shares of the image that are hand, whether this reaches the border, its share outside of the region of
+    interest, and the size of the second largest piece beside the largest.
+    """
     most = _MOST_FILES if view.mask_files is not None else _MOST_COMPUTED
     for frame in evenly_spread(view.frame_count, most):
         mask = view.mask(frame)
@@ -231,13 +225,8 @@ def _looks(view: View) -> Iterator[_MaskLook]:
             inside = view.hand_pixels(frame)
             kept = hand if inside is None else hand & (inside > 0)
             outside = 1 - kept.sum() / max(hand.sum(), 1) if hand.any() else 0.0
-            yield _MaskLook(
-                frame,
-                float(hand.mean()),
-                _touches_border(hand),
-                float(outside),
-                _second_piece(kept),
-            )
+            at_border = _touches_border(hand)
+            yield frame, float(hand.mean()), at_border, float(outside), _second_piece(kept)
 
 
 def _second_piece(hand: Array[H, W]) -> float:
