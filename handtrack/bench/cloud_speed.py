@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -62,23 +60,9 @@ def cloud_scene(seed: int) -> CloudScene:
     return CloudScene(model, surface, points, model.clipped(start))
 
 
-def cloud_iteration_vs_blas() -> dict[str, Any]:
-    """Return ratio, ours_ms, reference_ms and what the reference is."""
-    return alone("handtrack.bench.cloud_speed", "iteration")
-
-
-def cloud_solve_vs_scipy() -> dict[str, Any]:
-    """Return ratio, ours_ms, reference_ms: time from the same start to the same cost."""
-    return alone("handtrack.bench.cloud_speed", "solve")
-
-
+@alone
 def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
     """Return the time of a complete iteration: linearisation, bounded step, limits, accepted trial."""
-    return alone("handtrack.bench.cloud_speed", "lm_iteration")
-
-
-def measure_lm_iteration() -> dict[str, Any]:
-    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = cloud_scene(1)
     problem = Problem(
         scene.model, [CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)]
@@ -95,8 +79,9 @@ def measure_lm_iteration() -> dict[str, Any]:
     return ratio_figures(ours, blas, words) | {"iterations": count}
 
 
-def measure_iteration() -> dict[str, Any]:
-    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
+@alone
+def cloud_iteration_vs_blas() -> dict[str, Any]:
+    """Return ratio, ours_ms, reference_ms and what the reference is."""
     scene = cloud_scene(1)
     term = CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)
     problem = Problem(scene.model, [term])
@@ -132,7 +117,8 @@ def measure_iteration() -> dict[str, Any]:
     }
 
 
-def measure_solve() -> dict[str, Any]:
+@alone
+def cloud_solve_vs_scipy() -> dict[str, Any]:
     """Return the time to come within 1e-6 of the converged cost, ours and scipy's; start and Jacobian are the same."""
     scene = cloud_scene(1)
     dense = DenseCloud(scene)
@@ -230,12 +216,3 @@ class DenseCloud:
 
 class _ReachedError(Exception):
     """The cost aimed at was reached."""
-
-
-if __name__ == "__main__":
-    chosen = {
-        "iteration": measure_iteration,
-        "lm_iteration": measure_lm_iteration,
-        "solve": measure_solve,
-    }
-    print(json.dumps(chosen[sys.argv[1]]()))

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import time
 from typing import Any
 
@@ -32,24 +28,23 @@ FRAMES = 60
 """of the bundled recording; `webxr_depth_640` has fewer"""
 _AFTER = 3
 """the first frames are left out: nothing vouches for them yet, and kernels are loaded"""
-_MODULE = "handtrack.bench.frames"
 
 
 def frame_vs_blas() -> dict[str, Any]:
     """Return the median time of a frame of the bundled recording, after decoding."""
-    return alone(_MODULE, "frame")
+    return _frame(False)
 
 
 def frame_p99_vs_median() -> dict[str, Any]:
     """Return how much longer the slowest frames take than the usual one, by the clock, on all cores, as a user meets
     them: from one solved frame to the next, reading and searches beside, those that a search has solved anew among them.
     """
-    return json.loads(_child("p99", {}))
+    return _slowest(threads="")
 
 
 def cloud_frame_vs_blas() -> dict[str, Any]:
     """Return the median time of a frame of `webxr_depth_640`, after its cloud was measured."""
-    return alone(_MODULE, "cloud_frame")
+    return _frame(True)
 
 
 def two_cores() -> dict[str, Any]:
@@ -57,24 +52,11 @@ def two_cores() -> dict[str, Any]:
     times: dict[str, list[float]] = {"1": [], "2": []}
     for _ in range(3):
         for threads, kept in times.items():
-            kept.append(json.loads(_child("whole", {"HANDTRACK_THREADS": threads}))["seconds"])
+            kept.append(_whole(threads=threads)["seconds"])
     one, two = (Timing(1e3 * float(np.median(times[n])), 1e3 * min(times[n])) for n in ("1", "2"))
     return ratio_figures(
         two, [one], f"{FRAMES} frames of the bundled recording with HANDTRACK_THREADS=1"
     )
-
-
-def _child(what: str, environment: dict[str, str]) -> str:
-    """Return what a fresh process says; BLAS has one thread there, we may have more."""
-    single = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
-    done = subprocess.run(
-        [sys.executable, "-m", _MODULE, what],
-        env=os.environ | single | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout.splitlines()[-1]
 
 
 def frame_times(session: Session, values: dict[str, object], count: int) -> tuple[list[float], int]:
@@ -109,19 +91,20 @@ def times_between_frames(session: Session, values: dict[str, object], count: int
     return [1e3 * float(t) for t in np.diff(at)[_AFTER:]]
 
 
-def measure(what: str) -> dict[str, Any]:
-    """Return a benchmark's figures, measured in this process; call with one BLAS thread."""
-    if what == "whole":
-        run = TrackingRun.open(
-            Session.open(bundled_session("open_fist_open")), {"model.fit_size": False}
-        )
-        start, params = run.initial()
-        begun = time.perf_counter()
-        count = sum(1 for _ in run.track(range(start, start + FRAMES), start, params))
-        return {"seconds": time.perf_counter() - begun, "frames": count}
-    if what == "p99":
-        return _slowest()
-    is_cloud = what == "cloud_frame"
+@alone
+def _whole() -> dict[str, Any]:
+    """Return the seconds of some frames of the bundled recording."""
+    run = TrackingRun.open(
+        Session.open(bundled_session("open_fist_open")), {"model.fit_size": False}
+    )
+    start, params = run.initial()
+    begun = time.perf_counter()
+    count = sum(1 for _ in run.track(range(start, start + FRAMES), start, params))
+    return {"seconds": time.perf_counter() - begun, "frames": count}
+
+
+@alone
+def _frame(is_cloud: bool) -> dict[str, Any]:
     session = (
         recording("webxr_depth_640")
         if is_cloud
@@ -148,6 +131,7 @@ def measure(what: str) -> dict[str, Any]:
     }
 
 
+@alone
 def _slowest() -> dict[str, Any]:
     figures: dict[str, Any] = {}
     sessions: dict[str, tuple[Session, dict[str, object]]] = {
@@ -169,7 +153,3 @@ def _slowest() -> dict[str, Any]:
         "ratio": max(ratios),
         "reference": "the median frame; the larger of both recordings",
     } | figures
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure(sys.argv[1])))

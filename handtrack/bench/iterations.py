@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -21,33 +19,31 @@ from handtrack.solver.problem import Problem
 _ROUNDS = 40
 _TEN = SolverSettings(iterations=10, cost_tolerance=0.0, step_tolerance=0.0)
 _REFERENCE = "BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian (the pixels that the model covers), the quicker of two layouts"
-_MODULE = "handtrack.bench.iterations"
 
 
 def lm_iteration_vs_blas() -> dict[str, Any]:
     """Return the time of a complete iteration: linearisation, bounded step, limits, trials; rows as far apart as in tracking."""
-    return alone(_MODULE, "lm_iteration")
+    return _iterations(False)
 
 
 def ten_iterations_vs_blas() -> dict[str, Any]:
     """Return the time of ten of them, with preparing the masks before."""
-    return alone(_MODULE, "ten_iterations")
+    return _iterations(True)
 
 
 def pixels_64x() -> dict[str, Any]:
     """Return by how much an iteration takes longer with 64 times the pixels."""
-    return alone(_MODULE, "pixels_64x")
+    return _growth(False)
 
 
 def pixels_64x_prepare() -> dict[str, Any]:
     """Return the same of preparing the masks."""
-    return alone(_MODULE, "pixels_64x_prepare")
+    return _growth(True)
 
 
-def measure(what: str) -> dict[str, Any]:
-    """Return a benchmark's figures, measured in this process; call with one BLAS thread."""
-    if what.startswith("pixels"):
-        return _growth(what)
+@alone
+def _iterations(prepares: bool) -> dict[str, Any]:
+    """Return the time of ten iterations with preparing the masks before, or of one without."""
     scene = ThreeViews.of()
     rows, width = scene.rows(), len(scene.start)
     seen = scene.prepared()
@@ -61,7 +57,7 @@ def measure(what: str) -> dict[str, Any]:
         lambda: ten(scene.problem(scene.prepared())),
         lambda: ten(scene.problem(scene.prepared(), all_rows=True)),
     ]
-    if what == "lm_iteration":
+    if not prepares:
         shares = [ten(problem) for problem in problems]
         chosen = [lambda: ten(problems[0]), lambda: ten(problems[1])]
     timings = alternating_timings([*chosen, *normal_equations(rows, width)], _ROUNDS)
@@ -74,13 +70,14 @@ def measure(what: str) -> dict[str, Any]:
     return figures | {"ratio_with_all_rows": of_all_rows, "iterations": chosen[0]()}
 
 
-def _growth(what: str) -> dict[str, Any]:
+@alone
+def _growth(prepares: bool) -> dict[str, Any]:
     """Return the time with images 8 times as wide and high, the reference being that of 320 × 240.
 
     The band keeps its width in the world, so it is 8 times as many pixels, as in tracking; rows are as far apart as there.
     """
     few, many = ThreeViews.of((320, 240)), ThreeViews.of((2560, 1920))
-    if what == "pixels_64x_prepare":
+    if prepares:
         small, large = few.prepared, many.prepared
     else:
         seen = few.prepared(), many.prepared()
@@ -94,7 +91,3 @@ def _growth(what: str) -> dict[str, Any]:
     return ratio_figures(
         ours, [reference], "the same with 3 × 320 × 240 pixels instead of 2560 × 1920"
     )
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure(sys.argv[1])))

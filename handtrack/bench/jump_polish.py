@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from typing import Any
 
@@ -23,13 +22,9 @@ _SAME = 1e-4
 """costs closer than this are the same minimum"""
 
 
+@alone
 def jump_polish_1024() -> dict[str, Any]:
     """Return ratio, ours_ms, reference_ms and what the reference is."""
-    return alone("handtrack.bench.jump_polish")
-
-
-def measure() -> dict[str, Any]:
-    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = full_scene(collision=False)
     drawn = covariance_scaled(
         scene.start, scene.covariance, SCALE, STARTS, np.random.default_rng(0).standard_normal
@@ -110,7 +105,3 @@ class DenseKeypoints:
         jacobian = np.empty((self.count if want_jacobian else 0, len(params)))
         image_rows(self.problem, params, self.space, want_jacobian, residual, jacobian)
         return residual, jacobian
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure()))

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,6 @@ from handtrack.errors import HandtrackError
 from handtrack.session.session import Session
 
 _BLAS_ALONE = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "VECLIB")}
-_ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "HANDTRACK_THREADS": "1"}
 
 
 def data_folder() -> Path:
@@ -39,19 +39,30 @@ def recording(name: str) -> Session:
     return Session.open(data_folder() / "sessions" / name)
 
 
-def alone(module: str, *words: str, all_cores: bool = False) -> dict[str, Any]:
-    """Return the figures that a module prints as JSON, run in a process of its own; BLAS has one thread there, and all
-    else too, unless all cores are wanted.
+def alone(measure: Callable[..., dict[str, Any]]) -> Callable[..., dict[str, Any]]:
+    """Let a function that returns figures run in a process of its own. BLAS has one thread there, and all else too, or as many as
+    `threads` says; as many as usual where that is empty.
     """
-    threads = _BLAS_ALONE if all_cores else _BLAS_ALONE | _ONE_THREAD
-    done = subprocess.run(
-        [sys.executable, "-m", module, *words],
-        env=os.environ | threads | {"PYTHONPATH": str(REPOSITORY)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return json.loads(done.stdout.splitlines()[-1])
+
+    @wraps(measure)
+    def outside(*given: Any, threads: str = "1") -> dict[str, Any]:
+        module, name = measure.__module__, measure.__name__
+        call = f"{name}.__wrapped__(*{given!r})"
+        own = {"NUMBA_NUM_THREADS": threads, "HANDTRACK_THREADS": threads} if threads else {}
+        done = subprocess.run(
+            [
+                sys.executable,
+                "-c",
+                f"import json; from {module} import {name}; print(json.dumps({call}))",
+            ],
+            env=os.environ | _BLAS_ALONE | own | {"PYTHONPATH": str(REPOSITORY)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return json.loads(done.stdout.splitlines()[-1])
+
+    return outside
 
 
 def alternating_medians(

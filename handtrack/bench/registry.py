@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,16 +13,7 @@ from handtrack.errors import HandtrackError, unknown_name
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
-@dataclass(frozen=True)
-class Benchmark:
-    """Where a benchmark's function lives; it has the benchmark's name and returns its figures as a dict."""
-
-    module: str
-    quick: bool
-    """whether `handtrack bench` without a name runs it"""
-
-
-_QUICK = {
+QUICK = {
     "silhouette_iteration_vs_blas": "silhouette_speed",
     "lm_iteration_vs_blas": "iterations",
     "ten_iterations_vs_blas": "iterations",
@@ -37,6 +27,7 @@ _QUICK = {
     "jump_tree_1024": "jump_tree",
     "jump_polish_1024": "jump_polish",
 }
+"""those that `handtrack bench` without a name runs, and their modules"""
 _LONG = {
     "cloud_frame_vs_blas": "frames",
     "two_cores": "frames",
@@ -68,13 +59,10 @@ _EXPERIMENTS = {
 }
 
 BENCHMARKS = {
-    **{name: Benchmark(f"handtrack.bench.{module}", True) for name, module in _QUICK.items()},
-    **{name: Benchmark(f"handtrack.bench.{module}", False) for name, module in _LONG.items()},
-    **{
-        name: Benchmark(f"tests.experiments.{module}", False)
-        for name, module in _EXPERIMENTS.items()
-    },
+    **{name: f"handtrack.bench.{module}" for name, module in (QUICK | _LONG).items()},
+    **{name: f"tests.experiments.{module}" for name, module in _EXPERIMENTS.items()},
 }
+"""modules, by the functions in them, which return their figures as a dict"""
 
 
 def benchmark(name: str) -> Callable[[], dict[str, Any]]:
@@ -87,7 +75,7 @@ def benchmark(name: str) -> Callable[[], dict[str, Any]]:
     """
     if name not in BENCHMARKS:
         raise unknown_name("benchmark", name, tuple(BENCHMARKS))
-    module = BENCHMARKS[name].module
+    module = BENCHMARKS[name]
     if module.startswith("tests."):
         if not (REPOSITORY / "tests" / "experiments").is_dir():
             raise HandtrackError(

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from handtrack.bench.measuring import alone, alternating_medians, normal_equations
 from handtrack.bench.three_views import ThreeViews
 
 
+@alone
 def silhouette_iteration_vs_blas() -> dict[str, Any]:
     """Return ratio, ours_ms, reference_ms and what the reference is."""
-    return alone("handtrack.bench.silhouette_speed")
-
-
-def measure() -> dict[str, Any]:
-    """Return the benchmark's figures, measured in this process; call with one BLAS thread."""
     scene = ThreeViews.of()
     rows, width = scene.rows(), len(scene.start)
     problem = scene.problem(scene.prepared(), all_rows=True)
@@ -35,7 +30,3 @@ def measure() -> dict[str, Any]:
             f"{len(flesh)} ellipsoids, widest band"
         ),
     }
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure()))

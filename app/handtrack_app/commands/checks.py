@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import tomlkit
 
-from handtrack.bench.registry import BENCHMARKS, benchmark
+from handtrack.bench.registry import QUICK, benchmark
 from handtrack.diagnostics.metrics import evaluate, in_truths_landmarks
 from handtrack.errors import HandtrackError
 from handtrack.export.motion.urdf import urdf_text
@@ -178,7 +178,7 @@ def measure_spread(args: argparse.Namespace) -> int:
 
 def run_benchmarks(args: argparse.Namespace) -> int:
     """Print a table, or JSON as contracts §3."""
-    chosen = [args.name] if args.name else [n for n, b in BENCHMARKS.items() if b.quick]
+    chosen = [args.name] if args.name else [*QUICK]
     figures: dict[str, dict[str, object]] = {}
     for name in chosen:
         measure = benchmark(name)

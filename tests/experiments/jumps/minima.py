@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -97,13 +96,9 @@ def different_share(limbs: Sequence[str], poses: int) -> float:
     return different / leaves
 
 
+@alone
 def jumps() -> dict[str, Any]:
     """Return how many minima each finds, and how many more a second jumps find than random samples."""
-    return alone("tests.experiments.jumps.minima")
-
-
-def measure() -> dict[str, Any]:
-    """Return the benchmark's figures, measured in this process."""
     scene = full_scene()
     scene.polished(scene.tree(KJS1).params)  # compiled before anything is timed
     rows = table(scene, SAMPLES)
@@ -122,7 +117,3 @@ def measure() -> dict[str, Any]:
         "minima_per_second_over_css": jump.minima / jump.seconds / fastest,
         "rows": [vars(one) for one in rows],
     }
-
-
-if __name__ == "__main__":
-    print(json.dumps(measure()))

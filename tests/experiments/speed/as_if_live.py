@@ -5,9 +5,7 @@ python -m tests.experiments.speed.as_if_live FRAMES_A_SECOND…
 
 from __future__ import annotations
 
-import json
 import os
-import sys
 import tempfile
 import threading
 import time
@@ -30,7 +28,7 @@ from tests.app.desk import EngineInThreads
 _FPS = 30.0
 _STILL_S = 10.0  # the first pose is held, while the program opens and begins to track
 _ROUNDS = 2  # of the recording, forward and backward
-_RATES = ("30", "60")
+_RATES = (30, 60)
 """images a second; more than can be followed tells the highest rate"""
 
 
@@ -39,7 +37,7 @@ def as_if_live() -> dict[str, Any]:
 
     The page's side is the application's, so that it runs in a process of its own, with all cores; its page is not drawn.
     """
-    figures = alone("tests.experiments.speed.as_if_live", *_RATES, all_cores=True)
+    figures = _at(_RATES, threads="")
     highest = max(figures[f"at_{rate}_fps_solved_a_second"] for rate in _RATES)
     return {
         "ratio": 30.0 / highest,
@@ -114,8 +112,9 @@ def _played(path: Path, images: Sequence[Array[H, W, D3]]) -> str:
     return str(path)
 
 
-def main(rates: list[float]) -> int:
-    """Print the figures by images a second as JSON."""
+@alone
+def _at(rates: Sequence[int]) -> dict[str, object]:
+    """Return the figures by images a second."""
     session = Session.open(bundled_session("open_fist_open"))
     run = TrackingRun.open(session, {"model.fit_size": False})
     start, params = run.initial()
@@ -131,9 +130,4 @@ def main(rates: list[float]) -> int:
         for rate in rates:
             found = pace(devices, rate / _FPS)
             figures |= {f"at_{rate:g}_fps_{name}": value for name, value in found.items()}
-    print(json.dumps(figures))
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main([float(text) for text in sys.argv[1:]]))
+    return figures

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import resource
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -23,7 +21,6 @@ from handtrack.store.store import Store, WritableStore
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from tests.experiments.workbench.long_recordings import opened
 
-_MODULE = "tests.experiments.speed.growth"
 _FRAMES = (1_000, 20_000)
 
 
@@ -31,10 +28,10 @@ def growth() -> dict[str, Any]:
     """Return by how much an iteration takes longer with 12 cameras instead of 3, with 100,000 points instead of 10,000, and
     what a stored frame and the workbench cost with 20,000 frames, and before, with 1,000.
     """
-    figures = alone(_MODULE, "cameras")
-    points = alone(_MODULE, "points")
-    figures |= {"points_10x_ratio": points["ratio"], "points_10x_ms": points["ours_ms"]}
-    few, many = (alone(_MODULE, "frames", str(count)) for count in _FRAMES)
+    figures = cameras()
+    more = points()
+    figures |= {"points_10x_ratio": more["ratio"], "points_10x_ms": more["ours_ms"]}
+    few, many = (frames(count) for count in _FRAMES)
     for name, value in many.items():
         figures |= {f"frames_20x_{name}": value, f"frames_20x_{name}_ratio": value / few[name]}
     for words, truth in (("", False), ("_with_truth", True)):
@@ -45,6 +42,7 @@ def growth() -> dict[str, Any]:
     return figures
 
 
+@alone
 def cameras(rounds: int = 20) -> dict[str, Any]:
     """Return an iteration's time with 12 cameras, the reference being 3."""
     scenes = [ThreeViews.of(cameras=count) for count in (12, 3)]
@@ -55,6 +53,7 @@ def cameras(rounds: int = 20) -> dict[str, Any]:
     return ratio_figures(ours, [reference], "the same with 3 cameras of 640 × 480 instead of 12")
 
 
+@alone
 def points(rounds: int = 20) -> dict[str, Any]:
     """Return an iteration's time with 100,000 points, the reference being 10,000."""
     scene = cloud_scene(1)
@@ -70,6 +69,7 @@ def points(rounds: int = 20) -> dict[str, Any]:
     return ratio_figures(ours, [reference], "the same with 10,000 points")
 
 
+@alone
 def frames(count: int) -> dict[str, float]:
     """Return what a take of so many frames costs to write, to list and to read, and the memory that it takes at most."""
     run = TrackingRun.open(
@@ -100,8 +100,3 @@ def frames(count: int) -> dict[str, float]:
         "bytes_a_frame": size / count,
         "memory_mb_to_write_and_list": max((peak - before) / 1024, 0.1),
     }
-
-
-if __name__ == "__main__":
-    work = {"cameras": cameras, "points": points, "frames": lambda: frames(int(sys.argv[2]))}
-    print(json.dumps(work[sys.argv[1]]()))

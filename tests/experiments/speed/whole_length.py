@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import resource
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -20,7 +18,6 @@ from handtrack.simulation.simulate import Simulation, simulate
 from handtrack.tracking.sequence import refine_recording
 from handtrack.tracking.size.person import OpenPerson
 
-_MODULE = "tests.experiments.speed.whole_length"
 _LENGTHS = (250, 500, 1000)
 """frames; 10,000 take most of an hour"""
 _MADE = 50
@@ -37,7 +34,7 @@ def whole_length() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         simulate(Path(folder), Simulation(frames=_MADE, images=False))
         for length in _LENGTHS:
-            figures |= alone(_MODULE, folder, str(length))
+            figures |= _measure(folder, length)
     first, last = (figures[f"frames_{n}_ms_a_frame"] for n in (_LENGTHS[0], _LENGTHS[-1]))
     more = figures[f"frames_{_LENGTHS[-1]}_mb"] - figures[f"frames_{_LENGTHS[0]}_mb"]
     return {
@@ -47,8 +44,9 @@ def whole_length() -> dict[str, Any]:
     } | figures
 
 
-def _measure(folder: Path, length: int) -> dict[str, float]:
-    run = TrackingRun.open(Session.open(folder), {"tracker.estimate": "forward"})
+@alone
+def _measure(folder: str, length: int) -> dict[str, Any]:
+    run = TrackingRun.open(Session.open(Path(folder)), {"tracker.estimate": "forward"})
     live = {result.frame: result for result in run.track(range(_MADE), *run.initial())}
     way = np.concatenate([np.arange(_MADE), np.arange(_MADE)[::-1]])
 
@@ -67,7 +65,3 @@ def _measure(folder: Path, length: int) -> dict[str, float]:
     seconds = time.process_time() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB
     return {f"frames_{length}_ms_a_frame": 1e3 * seconds / length, f"frames_{length}_mb": peak}
-
-
-if __name__ == "__main__":
-    print(json.dumps(_measure(Path(sys.argv[1]), int(sys.argv[2]))))
