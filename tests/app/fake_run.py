@@ -58,8 +58,8 @@ class FakeView(View):
 class FakeSession(Session):
     """Two cameras, twelve frames, truth, no files."""
 
-    frame_count = FRAMES
-    known_frames = range(FRAMES)
+    frame_count = FRAMES  # type: ignore[assignment]
+    known_frames = range(FRAMES)  # type: ignore[assignment]
 
     def _views(self):
         return tuple(FakeView(self.folder, c, self.rig[c.name]) for c in self.file.cameras)

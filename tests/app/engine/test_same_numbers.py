@@ -14,17 +14,19 @@ from handtrack.session.track_session import Ended
 from handtrack_app.engine.store.persistence import whole_track
 from handtrack_app.protocol.snapshots import Hold
 from tests.app.calls import call
+from tests.app.command_line import FRAMES as WHOLE
 from tests.app.command_line import small_recording
 from tests.app.desk import working
 from tests.app.waiting import eventually
 
-WHOLE = 4
+COUNT = 2
+FRAMES = range(COUNT)
 
 
 @pytest.fixture
 def folder(tmp_path):
     """The first frames of a recording of another hand, whose size is to be fitted."""
-    return small_recording(tmp_path / "session", "another_hand", 2)
+    return small_recording(tmp_path / "session", "another_hand", COUNT, more="")
 
 
 def tracked_by(worker, seen, order):
@@ -55,7 +57,7 @@ def test_a_first_pose_saved_on_the_page_is_where_a_headless_run_starts(folder):
 def test_all_clients_give_the_same_bytes_of_a_session_with_keyframes_pins_and_accepted_frames(
     tmp_path, handtrack
 ):
-    folder = small_recording(tmp_path / "session", "another_hand", WHOLE)  # its size is fitted, too
+    folder = small_recording(tmp_path / "session", "another_hand")  # its size is fitted, too
     corrected(folder)
     copies = [Path(shutil.copytree(folder, tmp_path / name)) for name in ("a", "b", "c", "d")]
     *_, end = track_session(TrackingRun.open(Session.open(copies[0])))
@@ -85,14 +87,14 @@ def corrected(folder):
     pose = document.results[2].parameters.copy()
     pose[model.parameter_names.index("index_mcp_flex")] += 0.2
     engine.set_pose(2, tuple(pose), 1)
-    bones = model.bones(model.transform.solver_params(document.results[3].parameters))
+    bones = model.bones(model.transform.solver_params(document.results[4].parameters))
     tip = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
     camera = document.run.session.rig.cameras[0]
     column, row = camera.project(tip[None])[0]
-    engine.set_pin(3, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
-    eventually(lambda: document.run.session.pins.of(3), "pinned")
+    engine.set_pin(4, camera.name, (column + 3.0, row), 2, Hold("middle_tip"))
+    eventually(lambda: document.run.session.pins.of(4), "pinned")
     worker.stop()
-    assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {3}
+    assert posed_frames(TrackingRun.open(Session.open(folder)))[2].keys() == {4}
 
 
 def opened(folder):
