@@ -16,26 +16,17 @@ from scipy.spatial import KDTree
 
 from handtrack import Camera
 from handtrack.arrays import Array, Floats
-from handtrack.capture.calibration.rig_file import write_rig
 from handtrack.model.kinematics import BonePoses
 from handtrack.model.surfaces.part_mesh import PartMesh, vertex_normals
-from handtrack.session import layout
-from handtrack.session.first_pose.first_pose import FirstPose, write_first_pose
-from handtrack.session.session_file import (
-    CameraSettings,
-    HandSettings,
-    RecordingSettings,
-    SessionFile,
-    write_session_file,
-)
 from handtrack.simulation.simulate import simulated_rig
 from tests.experiments.honesty import motions
 from tests.experiments.honesty.meshes import HandMesh
 from tests.experiments.honesty.people import as_person, somebody
+from tests.experiments.honesty.recordings import FPS, about, describe, moved
 from tests.experiments.mean_hand.makehuman import Base, Recipe
 from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 
-FRAMES, FPS, SIZE, SEED = 100, 25.0, (640, 480), 1
+FRAMES, SIZE, SEED = 100, (640, 480), 1
 WHO = Recipe(
     "male_young_minmuscle_averageweight_asian",
     (
@@ -49,8 +40,8 @@ _SKIN, _MOTTLED = np.array([205.0, 150, 120]), 0.25
 _DESK = np.array([200.0, 195, 190])
 _QUALITY = "20"
 """of H.264: of the noise about a third is left"""
-_INIT_NOISE_M, _NOISE = 0.005, 3.0
-"""[m]; [grey levels] of the cameras' sensors"""
+_NOISE = 3.0
+"""[grey levels] of the cameras' sensors"""
 _EDGES_PX = ((1.0, 3.0), (1.5, 12.0))
 """how far a mask's outline is off, and over how many pixels alike"""
 _LASTS = 0.8
@@ -79,7 +70,7 @@ def write_recording(folder: Path, makehuman: Path, frames: int = FRAMES) -> Path
     """Write the session: videos, ragged masks, calibration, truth, and a first pose's points with noise."""
     rng = np.random.default_rng(SEED)
     rest = as_person(Base.read(makehuman).hand(WHO, _ARM_M), somebody(rng))
-    moved = _moved(rest, frames, rng)
+    hand = moved(rest, motions.moving("fist", frames, rng), "fist", rng)
     rig = simulated_rig(3, SIZE, 0.5)
     pattern = Pattern.random(1, rng, 0.02)
     pattern = replace(pattern, base=_SKIN[None], swing=_MOTTLED * pattern.swing)
@@ -91,7 +82,7 @@ def write_recording(folder: Path, makehuman: Path, frames: int = FRAMES) -> Path
         video = av.open(str(folder / f"{camera.name}.mp4"), "w")
         stream = video.add_stream("libx264", rate=int(FPS), options={"crf": _QUALITY})
         stream.width, stream.height = SIZE
-        for frame, (vertices, _) in enumerate(moved):
+        for frame, vertices in enumerate(hand.vertices):
             image, share = _picture(camera, rest, vertices, pattern, room)
             mask = fray(np.where(share > 0.5, 255, 0).astype(np.uint8))
             file = folder / "masks" / camera.name / f"{frame:06d}.png"
@@ -103,29 +94,8 @@ def write_recording(folder: Path, makehuman: Path, frames: int = FRAMES) -> Path
             video.mux(stream.encode(av.VideoFrame.from_ndarray(pixels)))
         video.mux(stream.encode())
         video.close()
-    points = np.array([keypoints for _, keypoints in moved])
-    noise = rng.normal(scale=_INIT_NOISE_M, size=points[0].shape)
-    write_first_pose(folder / layout.INIT_FILE, FirstPose(0, xyz=np.round(points[0] + noise, 5)))
-    np.savez_compressed(
-        folder / layout.TRUTH_FILE, keypoints21=points, time_s=np.arange(frames) / FPS
-    )
-    write_rig(folder / layout.CALIBRATION_FILE, rig)
-    cameras = tuple(CameraSettings(c.name, f"{c.name}.mp4", f"masks/{c.name}/*.png") for c in rig)
-    recording = RecordingSettings(name="another hand", fps=FPS)
-    file = SessionFile(recording, HandSettings(side="right", scale="fit"), cameras)
-    write_session_file(folder / layout.SESSION_FILE, file)
+    describe(folder, rig, hand.keypoints, about(hand.keypoints[0], rng))
     return folder
-
-
-def _moved(rest: HandMesh, frames: int, rng: np.random.Generator) -> list[tuple[Floats, Floats]]:
-    """Return vertices and keypoints of each frame, in the world [m]."""
-    angles = motions.moving("fist", frames, rng)
-    turn, place = motions.wrist("fist", frames, rng)
-    found = []
-    for pose, r, t in zip(angles, turn, place, strict=True):
-        middle = rest.keypoints[9]
-        found.append(tuple((x - middle) @ r.T + t for x in rest.posed(pose)))
-    return found
 
 
 def _picture(

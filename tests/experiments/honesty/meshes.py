@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from handtrack import HandtrackError
 from handtrack.arrays import D3, D4, D5, D21, Array, F, Floats, K, L, T, V
@@ -17,6 +18,10 @@ FINGERS, HINGES = 5, 4
 _FRAMES = 1 + 3 * FINGERS
 _WEBXR = ("thumb", "index-finger", "middle-finger", "ring-finger", "pinky-finger")
 _COMPONENT = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
+_BACK, _FURTHEST_BACK = np.array([0.15, -1.0, -0.8, -0.4]), 0.8
+"""how a thumb gives way to fingers, of its angles, and by how much at most [rad]"""
+_PRESSED_M = 0.002
+"""by which skin gives way where fingers touch (Serina et al. 1997)"""
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
@@ -46,17 +51,51 @@ class HandMesh:
 
         A finger's angles: towards the thumb, then three bends; the thumb's: towards the palm's side, across, two bends.
         """
-        if self.palmar:
-            angles = angles.copy()
-            angles[0, :2] = angles[0, 1::-1]
         frames = self._frames(angles)
         blended = np.einsum("vk,kij->vij", self.weights, frames)
         vertices = np.einsum("vij,vj->vi", blended[:, :3, :3], self.vertices) + blended[:, :3, 3]
-        own = frames[_OF_KEYPOINT]
-        points = np.einsum("kij,kj->ki", own[:, :3, :3], self.keypoints) + own[:, :3, 3]
-        return vertices, points
+        return vertices, self._points(frames)
+
+    def thumb_outside(self, angles: Floats[T, D5, L]) -> Floats[T, D5, L]:
+        """Return the motion whose thumb goes less far across the palm, and bends less, where it would pass through a finger."""
+        radii, back = self._radii(), np.zeros(len(angles))
+        for n, pose in enumerate(angles):
+            while back[n] < _FURTHEST_BACK and self._thumb_gap(pose, radii) < -_PRESSED_M:
+                back[n] += 0.03
+                pose = pose.copy()
+                pose[0] = angles[n, 0] + back[n] * _BACK
+        found = angles.copy()
+        found[:, 0] += gaussian_filter1d(maximum_filter1d(back, 5), 1.5)[:, None] * _BACK
+        return found
+
+    def _thumb_gap(self, angles: Floats[D5, L], radii: Floats[D5, D3]) -> float:
+        """Return how far the thumb's skin is from the fingers' [m]; negative where it is in them."""
+        along = np.linspace(0.0, 1.0, 9)[:, None]
+        fingers = self._points(self._frames(angles))[1:].reshape(FINGERS, 4, 1, 3)
+        bones = fingers[:, :3] + along * (fingers[:, 1:] - fingers[:, :3])
+        far = np.linalg.norm(bones[0, 1:, None, None, :, None] - bones[1:, :, None], axis=-1)
+        return float((far.min(axis=(3, 4)) - radii[0, 1:, None, None] - radii[1:]).min())
+
+    def _radii(self) -> Floats[D5, D3]:
+        """Return how thick the flesh about each bone is, on average [m]."""
+        fingers = self.keypoints[1:].reshape(FINGERS, 4, 3)
+        starts, ends = (fingers[:, part].reshape(-1, 3) for part in (np.s_[:3], np.s_[1:]))
+        found = []
+        for bone, (start, end) in enumerate(zip(starts, ends, strict=True), 1):
+            own = self.vertices[self.weights[:, bone] > 0.7] - start
+            share = own @ (end - start) / ((end - start) @ (end - start))
+            off = own - share[:, None] * (end - start)
+            found.append(np.linalg.norm(off[(share > 0) & (share < 1)], axis=1).mean())
+        return np.array(found).reshape(FINGERS, 3)
+
+    def _points(self, frames: Floats[F, D4, D4]) -> Floats[D21, D3]:
+        own = frames[OF_KEYPOINT]
+        return np.einsum("kij,kj->ki", own[:, :3, :3], self.keypoints) + own[:, :3, 3]
 
     def _frames(self, angles: Floats) -> Floats[F, D4, D4]:
+        if self.palmar:
+            angles = angles.copy()
+            angles[0, :2] = angles[0, 1::-1]
         frames = np.tile(np.eye(4), (_FRAMES, 1, 1))
         for finger in range(FINGERS):
             pose = np.eye(4)
@@ -71,7 +110,7 @@ class HandMesh:
         return frames
 
 
-_OF_KEYPOINT = np.array([0, *(3 * f + k for f in range(FINGERS) for k in (1, 2, 3, 3))])
+OF_KEYPOINT = np.array([0, *(3 * f + k for f in range(FINGERS) for k in (1, 2, 3, 3))])
 """the frame in which each of the 21 points is fixed: wrist and knuckles lie in no moving one, but turn about themselves"""
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import D3, Floats, N
-from tests.experiments.honesty.meshes import FINGERS, HandMesh
+from tests.experiments.honesty.meshes import FINGERS, OF_KEYPOINT, HandMesh
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def as_person(mesh: HandMesh, who: Person) -> HandMesh:
         maps[bones, :, :3], maps[bones, :, 3] = stretch, palm @ start - stretch @ start
     moved = np.einsum("vk,kij->vij", mesh.weights, maps)
     vertices = np.einsum("vij,vj->vi", moved[:, :, :3], mesh.vertices) + moved[:, :, 3]
-    own = maps[[0, *(3 * f + k for f in range(FINGERS) for k in (1, 2, 3, 3))]]
+    own = maps[OF_KEYPOINT]
     points = np.einsum("kij,kj->ki", own[:, :, :3], mesh.keypoints) + own[:, :, 3]
     hinge = maps[[[3 * f + k for k in (1, 1, 2, 3)] for f in range(FINGERS)]]
     pivots = np.einsum("fhij,fhj->fhi", hinge[..., :3], mesh.pivots) + hinge[..., 3]

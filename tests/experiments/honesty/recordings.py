@@ -162,7 +162,7 @@ def moved(
     side = mirrored if left else np.asarray
     centre = side(person.keypoints[9])
     vertices, points = [], []
-    for pose, r, t in zip(angles, turn, place, strict=True):
+    for pose, r, t in zip(person.thumb_outside(angles), turn, place, strict=True):
         v, k = person.posed(pose)
         vertices.append((side(np.concatenate([v, arm[0]])) - centre) @ r.T + t)
         points.append((side(k) - centre) @ r.T + t)
@@ -234,6 +234,8 @@ def describe(
     )
     write_rig(folder / layout.CALIBRATION_FILE, rig)
     found = [CameraSettings(name=c.name, masks=f"masks/{c.name}/*.png") for c in rig]
+    if any(folder.glob("*.mp4")):
+        found = [replace(c, images=f"{c.name}.mp4") for c in found]
     if (folder / "keypoints").is_dir():
         found = [
             replace(c, keypoints=f"keypoints/{c.name}/*.json", keypoint_layout="mediapipe21")
