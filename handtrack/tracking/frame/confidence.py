@@ -55,7 +55,7 @@ CLOUD = Calibration(0.7, 0.3, 1.4, 1.45, 0.56, 0.7)
 BODY = Calibration(1.7, 0.0, 8.0, 0.0, 0.0, 0.0)
 """by joints that a detector sees, which are a skeleton's of its own: `handtrack bench honesty_bodies`, one to three cameras"""
 
-MISSED = 5.0
+MISSED = 4.0
 """what a wrong frame costs that nobody looks at, where a look costs 1: a look pays above a probability of 1 / MISSED. The least whole
 number by which four of five wrong frames of `tune` are named"""
 ALWAYS = -4.67
