@@ -43,6 +43,7 @@ def test_the_palm_takes_the_hand_along_and_shift_turns_it(bench, page):
     eventually(lambda: np.allclose(_pose(bench).values[:3] - before.values[:3], place - palm, atol=1e-6), "moved")  # fmt: skip
     assert_allclose(_pose(bench).values[3:], before.values[3:], atol=1e-9)
     moved = _pose(bench)
+    eventually(lambda: bench.stage.grips._pose is moved, "what is held next is the moved hand")
     assert not moved.pins
     tip = moved.joints[session.joint_names.index("index_tip")]
     axis = (moved.middle - card.centre) / np.linalg.norm(moved.middle - card.centre)
