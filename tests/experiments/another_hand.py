@@ -66,11 +66,11 @@ class Fraying:
         return np.where(signed + error > 0, 255, 0).astype(np.uint8)
 
 
-def write_recording(folder: Path, makehuman: Path, frames: int = FRAMES) -> Path:
+def write_recording(folder: Path, makehuman: Path) -> None:
     """Write the session: videos, ragged masks, calibration, truth, and a first pose's points with noise."""
     rng = np.random.default_rng(SEED)
     rest = as_person(Base.read(makehuman).hand(WHO, _ARM_M), somebody(rng))
-    hand = moved(rest, motions.moving("fist", frames, rng), "fist", rng)
+    hand = moved(rest, motions.moving("fist", FRAMES, rng), "fist", rng)
     rig = simulated_rig(3, SIZE, 0.5)
     pattern = Pattern.random(1, rng, 0.02)
     pattern = replace(pattern, base=_SKIN[None], swing=_MOTTLED * pattern.swing)
@@ -85,17 +85,14 @@ def write_recording(folder: Path, makehuman: Path, frames: int = FRAMES) -> Path
         for frame, vertices in enumerate(hand.vertices):
             image, share = _picture(camera, rest, vertices, pattern, room)
             mask = fray(np.where(share > 0.5, 255, 0).astype(np.uint8))
-            file = folder / "masks" / camera.name / f"{frame:06d}.png"
-            cv2.imwrite(
-                str(file), mask, [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_BILEVEL, 1]
-            )
+            file = f"{folder}/masks/{camera.name}/{frame:06d}.png"
+            cv2.imwrite(file, mask, [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_BILEVEL, 1])
             noisy = image + rng.normal(scale=_NOISE, size=image.shape)
             pixels = np.clip(noisy, 0, 255).astype(np.uint8)
             video.mux(stream.encode(av.VideoFrame.from_ndarray(pixels)))
         video.mux(stream.encode())
         video.close()
     describe(folder, rig, hand.keypoints, about(hand.keypoints[0], rng))
-    return folder
 
 
 def _picture(

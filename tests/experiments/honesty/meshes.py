@@ -51,46 +51,45 @@ class HandMesh:
 
         A finger's angles: towards the thumb, then three bends; the thumb's: towards the palm's side, across, two bends.
         """
-        frames = self._frames(angles)
+        return self.carried(self._frames(angles))
+
+    def carried(self, frames: Floats[F, K, D4]) -> tuple[Floats[V, D3], Floats[D21, D3]]:
+        """Return vertices and keypoints as the 16 frames carry them, maps of three or four rows."""
         blended = np.einsum("vk,kij->vij", self.weights, frames)
         vertices = np.einsum("vij,vj->vi", blended[:, :3, :3], self.vertices) + blended[:, :3, 3]
-        return vertices, self._points(frames)
+        own = frames[_OF_KEYPOINT]
+        points = np.einsum("kij,kj->ki", own[:, :3, :3], self.keypoints) + own[:, :3, 3]
+        return vertices, points
 
     def thumb_outside(self, angles: Floats[T, D5, L]) -> Floats[T, D5, L]:
         """Return the motion whose thumb goes less far across the palm, and bends less, where it would pass through a finger."""
-        radii, back = self._radii(), np.zeros(len(angles))
-        for n, pose in enumerate(angles):
+        found, radii, back = angles.copy(), self._radii(), np.zeros(len(angles))
+        for n, pose in enumerate(found):
             while back[n] < _FURTHEST_BACK and self._thumb_gap(pose, radii) < -_PRESSED_M:
                 back[n] += 0.03
-                pose = pose.copy()
                 pose[0] = angles[n, 0] + back[n] * _BACK
-        found = angles.copy()
-        found[:, 0] += gaussian_filter1d(maximum_filter1d(back, 5), 1.5)[:, None] * _BACK
+        back = gaussian_filter1d(maximum_filter1d(back, 5), 1.5)
+        found[:, 0] = angles[:, 0] + back[:, None] * _BACK
         return found
 
     def _thumb_gap(self, angles: Floats[D5, L], radii: Floats[D5, D3]) -> float:
         """Return how far the thumb's skin is from the fingers' [m]; negative where it is in them."""
         along = np.linspace(0.0, 1.0, 9)[:, None]
-        fingers = self._points(self._frames(angles))[1:].reshape(FINGERS, 4, 1, 3)
+        fingers = self.posed(angles)[1][1:].reshape(FINGERS, 4, 1, 3)
         bones = fingers[:, :3] + along * (fingers[:, 1:] - fingers[:, :3])
         far = np.linalg.norm(bones[0, 1:, None, None, :, None] - bones[1:, :, None], axis=-1)
         return float((far.min(axis=(3, 4)) - radii[0, 1:, None, None] - radii[1:]).min())
 
     def _radii(self) -> Floats[D5, D3]:
         """Return how thick the flesh about each bone is, on average [m]."""
-        fingers = self.keypoints[1:].reshape(FINGERS, 4, 3)
-        starts, ends = (fingers[:, part].reshape(-1, 3) for part in (np.s_[:3], np.s_[1:]))
-        found = []
-        for bone, (start, end) in enumerate(zip(starts, ends, strict=True), 1):
-            own = self.vertices[self.weights[:, bone] > 0.7] - start
+        found = np.empty((FINGERS, 3))
+        for finger, part in np.ndindex(found.shape):
+            start, end = self.keypoints[1 + 4 * finger + part :][:2]
+            own = self.vertices[self.weights[:, 1 + 3 * finger + part] > 0.7] - start
             share = own @ (end - start) / ((end - start) @ (end - start))
             off = own - share[:, None] * (end - start)
-            found.append(np.linalg.norm(off[(share > 0) & (share < 1)], axis=1).mean())
-        return np.array(found).reshape(FINGERS, 3)
-
-    def _points(self, frames: Floats[F, D4, D4]) -> Floats[D21, D3]:
-        own = frames[OF_KEYPOINT]
-        return np.einsum("kij,kj->ki", own[:, :3, :3], self.keypoints) + own[:, :3, 3]
+            found[finger, part] = np.linalg.norm(off[(share > 0) & (share < 1)], axis=1).mean()
+        return found
 
     def _frames(self, angles: Floats) -> Floats[F, D4, D4]:
         if self.palmar:
@@ -110,7 +109,7 @@ class HandMesh:
         return frames
 
 
-OF_KEYPOINT = np.array([0, *(3 * f + k for f in range(FINGERS) for k in (1, 2, 3, 3))])
+_OF_KEYPOINT = np.array([0, *(3 * f + k for f in range(FINGERS) for k in (1, 2, 3, 3))])
 """the frame in which each of the 21 points is fixed: wrist and knuckles lie in no moving one, but turn about themselves"""
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handtrack.arrays import D3, Floats, N
-from tests.experiments.honesty.meshes import FINGERS, OF_KEYPOINT, HandMesh
+from tests.experiments.honesty.meshes import FINGERS, HandMesh
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,7 @@ def as_person(mesh: HandMesh, who: Person) -> HandMesh:
         stretch = who.fingers[f] * long + who.girth * (np.eye(3) - long)  # about the knuckle
         bones = slice(3 * f + 1, 3 * f + 4)
         maps[bones, :, :3], maps[bones, :, 3] = stretch, palm @ start - stretch @ start
-    moved = np.einsum("vk,kij->vij", mesh.weights, maps)
-    vertices = np.einsum("vij,vj->vi", moved[:, :, :3], mesh.vertices) + moved[:, :, 3]
-    own = maps[OF_KEYPOINT]
-    points = np.einsum("kij,kj->ki", own[:, :, :3], mesh.keypoints) + own[:, :, 3]
+    vertices, points = mesh.carried(maps)
     hinge = maps[[[3 * f + k for k in (1, 1, 2, 3)] for f in range(FINGERS)]]
     pivots = np.einsum("fhij,fhj->fhi", hinge[..., :3], mesh.pivots) + hinge[..., 3]
     return replace(

@@ -19,6 +19,7 @@ from handtrack.tracking.whole.refinement import Refinement
 from tests.experiments.honesty import motions, recordings
 from tests.experiments.honesty.meshes import read_meshes
 from tests.experiments.honesty.people import as_person, somebody
+from tests.experiments.tracked_frames import mean_mm
 
 FAULTS = (
     ("", 0.0),
@@ -62,9 +63,7 @@ def tracked(folder: Path) -> tuple[TrackingRun, list[FrameResult]]:
 def mean_error_mm(folder: Path, frames: list[FrameResult]) -> float:
     """Return the mean distance of the 21 points from the truth [mm]."""
     truth = np.load(folder / "truth.npz")["keypoints21"]
-    return 1e3 * float(
-        np.mean([np.linalg.norm(r.keypoints21 - truth[r.frame], axis=1) for r in frames])
-    )
+    return mean_mm(np.array([r.keypoints21 for r in frames]), truth[[r.frame for r in frames]])
 
 
 def main() -> None:

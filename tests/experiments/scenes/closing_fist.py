@@ -13,8 +13,6 @@ from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 
 FRAMES = 100
-FIST = range(40, 60)
-"""frames in which the hand is closed"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +36,9 @@ def scene(
     frames: int = FRAMES,
     size: tuple[int, int] = (640, 480),
     seen: range | None = None,
-    model: ArticulatedModel | None = None,
 ) -> Scene:
     """Return the bundled session's motion in front of a simulated rig; `seen`: only these frames of it."""
-    model = model or load_model()
-    rig = simulated_rig(cameras, size)
+    model, rig = load_model(), simulated_rig(cameras, size)
     joint = motion(model, "open_fist_open", frames, np.random.default_rng(0))
     joint = joint if seen is None else joint[seen.start : seen.stop]
     solver = [model.transform.solver_params(x) for x in joint]
