@@ -19,7 +19,7 @@ _FRAMES = 1 + 3 * FINGERS
 _WEBXR = ("thumb", "index-finger", "middle-finger", "ring-finger", "pinky-finger")
 _COMPONENT = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
 _BACK, _FURTHEST_BACK = np.array([0.15, -1.0, -0.8, -0.4]), 0.8
-"""how a thumb gives way to fingers, of its angles, and by how much at most [rad]"""
+"""direction of a thumb's angles in which it gives way to fingers, our own choice, and by how much at most [rad]"""
 _PRESSED_M = 0.002
 """by which skin gives way where fingers touch (Serina et al. 1997)"""
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
