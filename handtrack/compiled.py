@@ -65,7 +65,7 @@ class _Cache(FunctionCache):
     _impl_class = _Files
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return kept code; none where another version calls the types of its arguments otherwise, and kept no other here."""
+        """Return compiled code from disk. None, and the function's files removed, where a type of its arguments has been renamed since."""
         try:
             return super().load_overload(sig, target_context)
         except (AttributeError, ImportError):

@@ -89,7 +89,7 @@ class Take:
     def statuses(self) -> dict[int, Status]:
         """The frames of its range that are there, ascending, with how far each can be trusted."""
         wanted = range(*self.about.frames)
-        known = self._heads[1]
+        _, known, _ = self._heads
         return {frame: known[frame] for frame in sorted(known) if frame in wanted}
 
     @property
@@ -100,7 +100,8 @@ class Take:
     @property
     def is_finished(self) -> bool:
         """Whether it was tracked to its end."""
-        return self._heads[2]
+        _, _, is_finished = self._heads
+        return is_finished
 
     @property
     def bytes(self) -> int:

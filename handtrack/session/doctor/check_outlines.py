@@ -71,8 +71,11 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
         yield warning(f"silhouettes of no two cameras can be compared by this calibration. {meant}")
 
 
-_Outline = tuple[Floats[N, D2], Array[N]]
-"""pixels, none where nothing is seen; and whether the image or its region does not cut the hand off there"""
+class _Outline(NamedTuple):
+    pixels: Floats[N, D2]
+    """none where nothing is seen"""
+    is_whole: Array[N]
+    """whether the image or its region does not cut the hand off there"""
 
 
 class _Seen(NamedTuple):
@@ -136,9 +139,9 @@ def _is_behind(first: _Seen, second: _Seen) -> bool:
     cameras = first.camera, second.camera
     middles = np.array(
         [
-            [a[0].mean(axis=0), b[0].mean(axis=0)]
+            [a.pixels.mean(axis=0), b.pixels.mean(axis=0)]
             for a, b in zip(first.outlines, second.outlines, strict=True)
-            if a is not None and b is not None and len(a[0]) and len(b[0])
+            if a is not None and b is not None and len(a.pixels) and len(b.pixels)
         ]
     )
     met = triangulated(cameras, middles.reshape(-1, 2, 2).swapaxes(0, 1))
@@ -190,7 +193,7 @@ def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:
     pixels = np.concatenate([o[:, 0].astype(float) for o in outlines] or [np.zeros((0, 2))])
     least = np.array([x, y]) + _BORDER_PX
     whole = ((pixels >= least) & (pixels < least + (width, height) - 2 * _BORDER_PX)).all(axis=1)
-    return pixels, np.asarray(whole)
+    return _Outline(pixels, np.asarray(whole))
 
 
 def _ends(outline: _Outline, camera: Camera, other: Camera) -> Floats:
