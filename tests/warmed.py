@@ -3,12 +3,13 @@
 import tempfile
 from pathlib import Path
 
+import tests.app.commands.test_interrupts
+import tests.app.engine.test_kills
+import tests.store.test_killed  # noqa: F401
 from handtrack.session.run import TrackingRun
 from handtrack.session.session import Session
 from handtrack.session.track_session import request_for, track_session
 from tests.app.command_line import small_recording
-from tests.app.commands import test_track_resumes  # noqa: F401
-from tests.app.engine import test_kills  # noqa: F401
 
 with tempfile.TemporaryDirectory() as folder:
     run = TrackingRun.open(Session.open(small_recording(Path(folder) / "small", frames=2)), {})
