@@ -6,8 +6,6 @@ from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-import pytest
-
 from tests.conftest import REPOSITORY
 
 CORE = REPOSITORY / "handtrack"
@@ -138,19 +136,3 @@ def test_randomness_has_a_seed():
 
 def test_arrows_make_no_circle():
     TopologicalSorter(ARROWS).prepare()
-
-
-@pytest.mark.parametrize(
-    ("statement", "rule"),
-    [
-        ("from handtrack.tracking.frame.result import Status", "may not import 'tracking.frame'"),
-        ("def f():\n    import rerun", "knows no viewer"),
-        ("from ..session import run", "may not import 'session'"),
-    ],
-)
-def test_the_walk_finds_what_is_forbidden(tmp_path, monkeypatch, statement, rule):
-    monkeypatch.setattr("tests.architecture.test_rooms.REPOSITORY", tmp_path)
-    path = tmp_path / "handtrack" / "model" / "wrong.py"
-    path.parent.mkdir(parents=True)
-    path.write_text(statement)
-    assert rule in broken_rules(path)[0]

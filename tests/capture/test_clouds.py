@@ -136,20 +136,6 @@ def test_finite_and_range():
     assert filters.within_range(points[:3], second, 0.1, 1.5).tolist() == [False, True, True]
 
 
-def test_crop_to_the_previous_hand(rng):
-    points = rng.uniform(-1, 1, (250_000, 3))
-    calls = []
-
-    def distance(part):
-        calls.append(len(part))
-        return np.linalg.norm(part, axis=1)
-
-    keep = filters.near_hand(points, distance, 0.1)
-    assert np.array_equal(keep, np.linalg.norm(points, axis=1) <= 0.1)
-    assert max(calls) <= 100_000  # bounded memory, whatever the distance costs
-    assert filters.near_hand(points[:0], distance, 0.1).shape == (0,)
-
-
 def test_thinning_keeps_a_fixed_number_per_cell_and_is_the_same_each_time(rng):
     points = rng.uniform(0, 0.1, (20_000, 3))
     cell = filters.cell_numbers(points, 0.02)

@@ -9,7 +9,7 @@ import pytest
 
 import handtrack.capture.images.video as video_module
 from handtrack import HandtrackError
-from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, announced_size, frame_number
+from handtrack.capture.images.frames import DEPTH, MASK, ImageFiles, frame_number
 from handtrack.capture.images.raw_frames import (
     METHODS,
     PATTERNS,
@@ -247,11 +247,6 @@ def encoded(kind: str, *options: int) -> bytes:
     done, data = cv2.imencode(kind, picture, options)
     assert done
     return data.tobytes()
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_size_is_in_the_first_bytes(kind):
-    assert announced_size(encoded(kind)) == (WIDTH, HEIGHT)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -9,11 +9,9 @@ from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.disparity import (
     StereoSettings,
     consistent,
-    correlate,
     matches,
     without_speckles,
 )
-from handtrack.capture.clouds.rectification import rectified
 from handtrack.capture.clouds.stereo import StereoMatcher, check_pair
 from handtrack.geometry.rotation import rotation_matrix
 from tests.cameras import pinhole
@@ -92,17 +90,6 @@ def test_cameras_that_stand_close_together_measure_what_is_right_before_them(tex
     assert np.median(np.abs(cloud.points[:, 2] - 0.15)) < 0.002
 
 
-def test_rectified_rows_are_the_same_and_depth_belongs_to_disparity(rng):
-    pair = rectified(camera("a"), ARRANGEMENTS["towards each other, rolled"])
-    points = rng.uniform((-0.1, -0.05, 0.4), (0.1, 0.05, 0.7), (50, 3))
-    left, right = pair.left.project(points), pair.right.project(points)
-    assert np.allclose(left[:, 1], right[:, 1])
-    back = pair.points(left[:, 0], left[:, 1], left[:, 0] - right[:, 0])
-    assert np.allclose(back, points)
-    assert np.allclose(pair.disparity_of(0.5), 300 * pair.baseline_m / 0.5 + pair.zero_disparity)
-    assert np.isnan(pair.depth_of(np.array([pair.zero_disparity - 1.0])))[0]
-
-
 def test_only_masked_pixels_are_matched(texture):
     first, second = camera("a"), ARRANGEMENTS["parallel"]
     images = picture(first, texture), picture(second, texture)
@@ -116,20 +103,6 @@ def test_only_masked_pixels_are_matched(texture):
     assert (pixels < (180, 140)).all()
     assert len(cloud_of(StereoMatcher(first, second), *images, mask, 0 * other)) == 0
     assert len(cloud_of(StereoMatcher(first, second), *images, 0 * mask, other)) == 0
-
-
-def test_correlation_finds_known_shifts_and_says_nothing_of_blank_images(texture):
-    left = texture[:60, 100:260, 0]
-    right = texture[:60, 107:267, 0]  # left x is right x − 7
-    to_right, to_left = correlate(left, right, 0, 15)
-    assert np.nanmax(np.abs(to_right[8:-8, 20:-20] - 7)) < 0.3
-    assert (to_left[8:-8, 20:-20] == 7).all()
-    shifted = cv2.resize(texture[:120, :640, 0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    moved = cv2.resize(texture[:120, 9:649, 0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    half = correlate(shifted, moved, -3, 10)[0]
-    assert np.nanmedian(half[8:-8, 20:-20]) == pytest.approx(4.5, abs=0.08)
-    blank = np.full((60, 160), 90, np.uint8)
-    assert np.isnan(correlate(blank, blank, 0, 15)[0]).all()
 
 
 def test_left_right_check_and_speckles():

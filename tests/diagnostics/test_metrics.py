@@ -9,8 +9,7 @@ from scipy.stats import chi2
 
 from handtrack import Status, evaluate, load_model
 from handtrack.diagnostics import metrics
-from handtrack.diagnostics.constant_offsets import bone_frames
-from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_errors
+from handtrack.diagnostics.flexion import flexion_errors
 from handtrack.diagnostics.metrics import similarity
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
@@ -43,32 +42,6 @@ def test_a_perfect_track(rng):
     assert found["pck_auc_50mm"] == 1
     assert found["coverage90"] == 1
     assert found["lost_frames"] == 0
-
-
-def test_a_hinge_that_is_bent_more_by_an_angle_is_off_by_that_angle():
-    hand = load_model("hand26")
-    pip = hand.params_from({"index_pip_flex": 0.3})
-    more = hand.params_from({"index_pip_flex": 0.5})
-    points = np.array([hand.keypoints21(hand.bones(pose)) for pose in (pip, more)])
-    off = dict(zip(BENT_JOINTS, np.diff(flexion_deg(points), axis=0)[0], strict=True))
-    assert off.pop("index_pip") == pytest.approx(np.rad2deg(0.2), abs=0.2)
-    assert max(map(abs, off.values())) < 1e-6
-
-
-def test_a_keypoints_frame_is_along_its_bone_and_across_the_hand():
-    hand = load_model("hand26")
-    bent = hand.params_from({"index_pip_flex": 0.5, "root_rx": 0.4, "root_rz": -1.1})
-    points = dict(zip(keypoint_names(), hand.keypoints21(hand.bones(bent)), strict=True))
-    found = dict(zip(points, bone_frames(np.array([*points.values()])[None])[0], strict=True))
-    across = points["index_mcp"] - points["little_mcp"]
-    for name, start, end in (
-        ("wrist", "wrist", "middle_mcp"), ("little_mcp", "wrist", "middle_mcp"), ("index_dip", "index_pip", "index_dip"),
-    ):  # fmt: skip
-        x = points[end] - points[start]
-        y = across - x * (across @ x) / (x @ x)
-        frame = np.stack([x / np.linalg.norm(x), y / np.linalg.norm(y)], axis=-1)
-        np.testing.assert_allclose(found[name][:, :2], frame, atol=1e-9)
-        assert np.linalg.det(found[name]) == pytest.approx(1.0)
 
 
 def test_wrong_frames_are_so_beside_constant_offsets_and_counted_with_their_confidence(rng):

@@ -55,24 +55,3 @@ def cloud_rows(
     return Rows(
         residual, row, surface.ellipsoids.bone[e], twist, cost, weight * loss.weight(residual**2)
     )
-
-
-def true_distance(radii: Floats, points: Floats) -> Floats:
-    """Return the exact signed distance (N,) of points (N, 3) to an ellipsoid around the origin, axes along x, y, z.
-
-    The closest surface point is q_i = r_i² x_i / (t + r_i²) with Σ (q_i/r_i)² = 1; the largest root t is bracketed and
-    bisected. Plain and slow: the reference that d1, d2 and d3 approximate.
-    """
-    x, square = np.abs(np.asarray(points, dtype=float)), np.asarray(radii, dtype=float) ** 2
-    x = np.maximum(x, 1e-12)  # on a symmetry plane the root is a limit
-    least = square.min()
-    low = np.full(len(x), -least)
-    high = np.sqrt((square * x**2).sum(axis=1)) - least
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        with np.errstate(divide="ignore"):
-            outside = (square * x**2 / (middle[:, None] + square) ** 2).sum(axis=1) > 1.0
-        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
-    closest = square * x / (high[:, None] + square)
-    distance = np.linalg.norm(closest - x, axis=1)
-    return np.where((x**2 / square).sum(axis=1) < 1.0, -distance, distance)

@@ -5,7 +5,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from handtrack import load_model
-from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
 from handtrack.model.kinematics import bone_poses, linearize
 from handtrack.model.pose_changes import TURN, by_turn, moved
 from tests.model import kinematics_reference as reference
@@ -55,29 +54,3 @@ def test_twist_jacobian_is_the_derivative_of_points_on_bones(rng, spread):
         behind = bone_poses(model.skeleton, params - step).to_world(every, local)
         predicted = jacobian[:, :3, s] + np.cross(jacobian[:, 3:, s], points - bones.reference)
         assert_allclose(predicted, (ahead - behind) / 2e-6, atol=2e-9, err_msg=name)
-
-
-def test_left_jacobian_equals_the_papers_derivative(rng):
-    """Eqs. 36–39 at x = r/2, chained to the full angle, give the same spin as J_l(r)."""
-    for _ in range(10):
-        full = rng.normal(size=3)
-        turn = reference.paper_rotation(reference.paper_quaternion(full / 2))
-        assert_allclose(turn, rotation_matrix(full), atol=1e-14)
-        paper = reference.paper_rotation_derivative(full / 2) / 2
-        ours = left_jacobian(full)
-        for s in range(3):
-            assert_allclose(paper[:, :, s], skew(ours[:, s]) @ turn, atol=1e-13)
-
-
-def test_the_surface_of_each_ellipsoid_is_carried_by_its_bone(rng):
-    model = load_model()
-    bones = model.bones(model.clipped(model.rest_params() + 0.3 * rng.normal(size=26)))
-    towards = rng.normal(size=(20, 3))
-    towards /= np.linalg.norm(towards, axis=1)[:, None]
-    for flesh in model.flesh.values():
-        posed = flesh.posed(bones)
-        for e, bone in enumerate(flesh.bone):
-            on_it = flesh.centre[e] + (towards * flesh.radii[e]) @ flesh.rotation[e].T
-            expected = bones.to_world(int(bone), on_it)
-            found = posed.centre[e] + (towards * posed.radii[e]) @ posed.rotation[e].T
-            assert_allclose(found, expected, atol=1e-14)

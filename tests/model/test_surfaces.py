@@ -18,7 +18,7 @@ from handtrack.model.surfaces.part_mesh import ellipsoid_mesh, vertex_normals
 from handtrack.model.surfaces.superquadrics import Superquadrics
 from handtrack.model.surfaces.surface_mesh import carried_mesh, surface_mesh
 from tests.derivatives import check_jacobian
-from tests.model.metaballs_reference import merged, true_distance
+from tests.model.metaballs_reference import merged
 from tests.terms.silhouette_scene import ellipsoids_of
 
 
@@ -82,19 +82,6 @@ def test_gradient_is_the_slope(rng, model, form):
         check_jacobian(
             lambda x: surface.distance(bones, x[None]), gradient, point, step=1e-8, rtol=1e-5
         )
-
-
-def test_true_distance_against_a_dense_surface(rng):
-    radii = np.array([0.038, 0.053, 0.015])
-    sphere = rng.normal(size=(400_000, 3))
-    dense = radii * sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
-    for point in rng.normal(scale=0.04, size=(20, 3)):
-        brute = np.linalg.norm(dense - point, axis=1).min()
-        exact = true_distance(radii, point[None])[0]
-        assert abs(exact) == pytest.approx(brute, abs=5e-4)
-        assert abs(exact) <= brute + 1e-9
-    assert_allclose(true_distance(radii, dense[:100]), 0.0, atol=1e-9)
-    assert true_distance(radii, np.zeros((1, 3)))[0] == pytest.approx(-0.015, abs=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -188,18 +175,6 @@ def test_it_is_closed_and_turned_outwards(flesh):
     around = vertex_normals(mesh.local, mesh.faces)
     assert ((around * mesh.normal).sum(axis=1) > 0.9).all()
     assert (mesh.bone[mesh.faces] == mesh.bone[mesh.faces[:, :1]]).all()
-
-
-def test_corners_lie_just_outside_so_that_the_outline_is_right(flesh):
-    mesh = ellipsoid_mesh(flesh)
-    part = np.repeat(np.arange(3), len(mesh.bone) // 3)
-    own = np.einsum("vji,vj->vi", flesh.rotation[part], mesh.local - flesh.centre[part])
-    height = np.linalg.norm(own / flesh.radii[part], axis=1)
-    assert_allclose(height, height[0])
-    assert 1.004 < height[0] < 1.012
-    middle = own.reshape(3, -1, 3)[0][mesh.faces[:320]].mean(axis=1)  # of the first part's faces
-    inside = np.linalg.norm(middle / flesh.radii[0], axis=1)
-    assert inside.min() < 1.0 < height[0]  # the surface goes through the faces
 
 
 def superquadric(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):

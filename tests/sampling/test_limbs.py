@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 from handtrack import load_model
 from handtrack.sampling.chains import chain_along, chain_votes, chains_of, prepare
 from handtrack.sampling.interpretation_tree import extended, interpretation_tree, rooted
-from handtrack.sampling.limb_ik_kernels import pierce, two_hinges
 from tests.cameras import FACING, pinhole
 
 X, Y, Z = np.eye(3)
@@ -45,19 +44,6 @@ def within_limits(limits, joint_params, slack=1e-9):
     return ((joint_params >= low - slack) & (joint_params <= high + slack)).all(axis=1)
 
 
-def test_two_hinges_by_hand():
-    out = np.zeros((2, 2))
-    assert two_hinges(Z, X, Y, -X, 0.0, 0.0, out) == 2
-    assert_allclose(out, [[np.pi / 2, 0.0], [-np.pi / 2, np.pi]], atol=1e-12)
-    # the end on the first axis: that turn is free
-    assert two_hinges(Z, X, Y, Z, 0.3, 0.0, out) == 1
-    assert_allclose(out[0], [0.3, np.pi / 2], atol=1e-12)
-    assert two_hinges(Z, X, Y, np.array([0.0, 0.6, 0.8]), 0.0, 0.0, out) == 2
-    bend = np.arctan2(0.8, 0.6)
-    found = sorted(np.round(np.mod(out, 2 * np.pi), 9).tolist())
-    assert_allclose(found, [[0.0, bend], [np.pi, np.pi - bend]], atol=1e-8)
-
-
 @pytest.mark.parametrize(
     ("name", "coupling"),
     [("hand26", "26"), ("hand26", "21"), ("body34", "26"), ("body38", "26")],
@@ -81,23 +67,6 @@ def test_every_limb_finds_its_way_back(name, coupling, rng):
             for joint in found:
                 reached = model.joint_positions(model.bones(model.transform.solver_params(joint)))
                 assert_allclose(reached[joints], goal, atol=2e-6)
-
-
-def test_a_ball_and_a_hinge_have_four_solutions_without_limits(rng):
-    model = load_model("body34")
-    chain = next(c for c in chains_of(model) if c.name == "left_arm")
-    ready = prepare(model, chain)
-    ready.turns.interval[:] = (-np.pi, np.pi)
-    params = _random_pose(model, rng)
-    joints = [model.joint_names.index(joint) for joint in chain.joints]
-    goal = model.joint_positions(model.bones(params))[joints]
-    model.limits.interval[ready.columns] = (-np.pi, np.pi)
-    found = limb_angles(model, params, ready, goal[1:])
-    assert len(found) == 4
-    flex = found[:, model.parameter_names.index("left_elbow_flex")]
-    assert sorted(np.sign(flex)) == [-1, -1, 1, 1]
-    for joint in found:
-        assert_allclose(model.joint_positions(model.bones(joint))[joints], goal, atol=1e-8)
 
 
 def test_a_stretched_limb_keeps_its_twist_or_takes_the_one_given():
@@ -151,21 +120,6 @@ def _bent(body, rng):
 def _pixels(model, camera, params, joints):
     index = [model.joint_names.index(name) for name in joints]
     return camera.project(model.joint_positions(model.bones(params)))[index]
-
-
-def test_ray_and_sphere_by_hand():
-    points, missed = np.zeros((3, 2, 3)), np.zeros((3, 2), dtype=np.int8)
-    starts = np.array([[0.0, 0.0, 5.0], [0.0, 0.6, 5.0], [0.0, 3.0, 5.0]])
-    pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, True)
-    assert_allclose(points[0], [[0, 0, 4], [0, 0, 6]])
-    assert_allclose(points[1], [[0, 0, 4.2], [0, 0, 5.8]])
-    # missed: the sphere's point nearest to the ray
-    assert_allclose(points[2, 0], [0, 2, 5])
-    assert missed.tolist() == [[0, 0], [0, 0], [1, 2]]
-    pierce(starts, np.zeros(3), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, False)
-    assert missed[2].tolist() == [2, 2]
-    pierce(starts[:1], np.array([0, 0, 4.5]), np.array([0.0, 0.0, 1.0]), 1.0, points, missed, False)
-    assert missed[0].tolist() == [2, 0]  # the nearer one lies behind the camera
 
 
 def test_one_flipped_link_by_hand(body):
@@ -264,15 +218,6 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert len(near) > 2
     assert near.exact.sum() == 1
     assert within_limits(model.limits, near.params).all()
-
-
-def test_what_a_coupling_takes_is_not_a_fingers_own():
-    linked = chains_of(load_model("hand26", coupling="18"))[1]
-    # all four fingers spread together
-    assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
-    ready = prepare(load_model("hand26", coupling="18"), linked)
-    assert ready.turns.leader.tolist() == [0, -1, 2, 2]
-    assert_allclose(ready.turns.ratio[3], 2 / 3)
 
 
 def _along(model, **direction):

@@ -8,13 +8,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from handtrack import Session, load_model
 from handtrack.model.flesh import PosedEllipsoids, model_mask
 from handtrack.model.pose_library import named_pose
-from handtrack.model.surfaces.part_mesh import ellipsoid_mesh
 from handtrack.simulation.motion import MOTIONS, motion
 from handtrack.simulation.render import render_mask
 from handtrack.simulation.simulate import Simulation, simulate, simulated_rig
 from tests.cameras import pinhole
-from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
-from tests.terms.silhouette_scene import BONES, bones_of, camera_of, ellipsoids_of
 
 SMALL = {"frames": 3, "size": (160, 120), "cameras": 2}
 
@@ -117,30 +114,3 @@ def test_the_hands_mask_is_that_of_its_conics(rng, count):
         cut = render_mask(view, flesh) > 0
         assert cut.sum() > 2000
         assert (cut != model_mask(view, flesh)).sum() <= 1  # a pixel exactly on an outline
-
-
-def test_a_lens_bends_the_picture_as_it_bends_points():
-    lens = camera((-1.5, 0.5, 0.001, -0.002, 0.0))
-    centre = np.array([0.17, 0.12, 1.0])
-    mask = render_mask(lens, balls((centre, 0.02)))
-    v, u = np.nonzero(mask)
-    assert_allclose([u.mean(), v.mean()], lens.project(centre), atol=0.3)
-    plain = camera().project(centre)
-    assert np.hypot(*(lens.project(centre) - plain)) > 2.0
-
-
-def test_the_model_covers_its_silhouette_and_the_room_the_rest(rng):
-    bones, flesh = bones_of(rng), ellipsoids_of(rng, 10)
-    camera = camera_of(rng, (200, 160), focal=330.0)
-    room = cluttered_background(camera.size, rng)
-    paint = Pattern.random(BONES, rng, 0.03)
-    picture, share = textured_picture(camera, ellipsoid_mesh(flesh, 3), bones, paint, room)
-    assert picture.shape == (160, 200, 3)
-    assert picture.dtype == np.uint8
-    mask = render_mask(camera, flesh.posed(bones)) > 0
-    assert ((share > 0.5) != mask).sum() < 0.02 * mask.sum()
-    assert ((share > 0) & (share < 1)).sum() > 50  # soft edges
-    outside = share == 0
-    off = np.abs(picture.astype(int) - room)[outside]
-    assert np.percentile(off, 99) <= 12  # sampled finer and back: nearly the same
-    assert np.abs(picture.astype(int) - room)[share == 1].mean() > 20

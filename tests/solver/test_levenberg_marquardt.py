@@ -9,7 +9,6 @@ from scipy.optimize import lsq_linear
 
 from handtrack.model.moving_limits import MovingLimits
 from handtrack.solver.levenberg_marquardt import SolverSettings, solve
-from handtrack.solver.limited_step_kernels import bounded_step
 from handtrack.terms.bone_system import JointSystem
 
 
@@ -107,19 +106,6 @@ def test_a_wrong_gradient_is_no_descent_not_convergence():
             return JointSystem(system.cost, -system.gradient, system.hessian)
 
     assert solve(Wrong(), np.array([-1.2, 1.0]), FAR).why == "no descent"
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_bounded_step_is_the_exact_minimum(seed):
-    rng = np.random.default_rng(seed)
-    a = rng.normal(size=(12, 8))
-    system = JointSystem(0.0, a.T @ rng.normal(size=12) * 3, a.T @ a)
-    low, high = -rng.uniform(0, 0.3, 8), rng.uniform(0, 0.3, 8)
-    limits = MovingLimits.fixed(np.stack([low, high], 1))
-    step = bounded_step(system.hessian, system.gradient, np.zeros(8), limits, 0.0)[1]
-    target = -np.linalg.lstsq(a.T, system.gradient, rcond=None)[0]
-    exact = lsq_linear(a, target, (low, high), tol=1e-14, method="bvls").x
-    assert_allclose(step, exact, atol=1e-6)
 
 
 def test_projection_holds_the_limits_and_never_beats_the_bounds():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.optimize import LinearConstraint, minimize
 
 from handtrack import Keypoints, load_model
@@ -134,15 +134,3 @@ def test_bent_fingers_forced_apart_end_where_scipy_ends(coupling):
         touching = (np.abs(ends - limits.ub) < 1e-9) | (np.abs(ends - limits.lb) < 1e-9)
         followed += int((touching & ((limits.A != 0).sum(axis=1) == 2)).sum())
     assert followed  # else it tests nothing
-
-
-def test_parameters_that_are_held_have_no_room(rng):
-    problem, start = spread_beyond(rng, "18")
-    where = rng.random(len(start)) < 0.5
-    inside = problem.model.clipped(start)
-    box = new_box(len(start))
-    fill_box(problem.limits.frozen(where, inside), inside, box)
-    assert_array_equal(box.end[where, 0], inside[where])
-    assert_array_equal(box.end[where, 1], inside[where])
-    bounds = problem.model.bounds(inside)[~where]
-    assert_allclose(box.end[~where], bounds, atol=1e-12)

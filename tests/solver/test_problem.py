@@ -72,18 +72,3 @@ def test_a_coupled_system_is_the_free_one_seen_through_the_coupling(rng):
     matrix = coupled.transform.matrix
     assert_allclose(part.gradient, matrix.T @ full.gradient, rtol=1e-9)
     assert_allclose(part.hessian, matrix.T @ full.hessian @ matrix, rtol=1e-7, atol=1e-3)
-
-
-def test_moving_hand_and_points_together_changes_nothing(rng):
-    model = load_model()
-    params, shift = a_pose(model, rng, False), np.array([0.3, -0.2, 0.1])
-    points = model.joint_positions(model.bones(a_pose(model, rng, False)))
-    moved = params.copy()
-    moved[:3] += shift
-    here, there = (
-        Problem(model, [KeypointTerm(model, Keypoints(model.joint_names, seen, 0.01))])
-        for seen in (points, points + shift)
-    )
-    a, b = here.linearize(params), there.linearize(moved)
-    assert a.cost == pytest.approx(b.cost)
-    assert_allclose(a.gradient, b.gradient, rtol=1e-8, atol=1e-6)

@@ -20,7 +20,7 @@ from tests.derivatives import check_jacobian, check_observation_term
 from tests.model.metaballs_reference import cloud_rows
 from tests.terms.cloud_rays_reference import ray_costs
 from tests.terms.plain_rows import system_of
-from tests.terms.silhouette_scene import assert_same_system, parts_at
+from tests.terms.silhouette_scene import assert_same_system
 
 LOSSES = [quadratic(), geman_mcclure(2.0), huber(1.5), uniform_outliers(0.2, 20.0)]
 
@@ -56,22 +56,6 @@ def test_derivatives_by_every_bone(rng, model, form, loss):
     surface = MetaballSurface.of(model, form=form)
     term = CloudDistanceTerm(prepare_cloud(points), surface, 0.004, loss)
     check_observation_term(term, bones, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
-
-
-def test_one_ball_by_hand():
-    """A point 1 mm outside along x pulls the ball that way, and turns it where its arm says."""
-    flesh, bones = parts_at([[0.01] * 3], [[0.0, 0.1, 0.0]])
-    bones = replace(bones, reference=np.zeros(3))
-    term = CloudDistanceTerm(
-        prepare_cloud(np.array([[0.011, 0.1, 0.0]])),
-        MetaballSurface(flesh, np.ones((1, 1), bool)),
-        0.002,
-    )
-    system = term.linearize(bones)
-    assert system.cost == pytest.approx(0.5 * 0.5**2)
-    row = -np.array([1, 0, 0, 0, 0, -0.1]) / 0.002
-    assert_allclose(system.gradient, 0.5 * row, atol=1e-12)
-    assert_allclose(system.hessian, np.outer(row, row), atol=1e-9)
 
 
 def test_an_empty_cloud_asks_for_nothing(rng, model):
@@ -212,28 +196,3 @@ def test_as_in_the_plain_form(term, bones):
 def test_derivatives(term, model):
     moved = model.bones(model.rest_params() + 0.03)
     check_observation_term(term, moved, model.skeleton.bone_names, step=1e-8, rtol=1e-4)
-
-
-def one(model, point, **kw):
-    return CloudRaysTerm(np.array([point]), CENTRE, MetaballSurface.of(model), **kw)
-
-
-def test_a_wrong_depth_costs_the_same_wherever_and_pulls_nothing(model, bones):
-    """Even where the hand's far side is: no camera sees that."""
-    palm = bones.position[model.skeleton.bone("middle_proximal")]
-    sight = palm - CENTRE
-    costs = [one(model, CENTRE + share * sight).cost(bones) for share in (0.85, 0.93, 1.03, 1.2)]
-    assert_allclose(costs, costs[0], rtol=1e-3)
-    pull = one(model, CENTRE + 0.85 * sight).linearize(bones).gradient
-    assert np.abs(pull).max() < 1e-6
-
-
-def test_a_ray_that_passes_by_pulls_the_hand_across_and_not_along(model, bones):
-    tip = model.joint_positions(bones)[model.joint_names.index("middle_tip")]
-    beside = tip + np.array([0.0, 0.02, 0.0])
-    near, far = (one(model, CENTRE + share * (beside - CENTRE)) for share in (0.9, 1.1))
-    assert near.cost(bones) == pytest.approx(far.cost(bones), rel=1e-12)
-    pull = near.linearize(bones).gradient.reshape(-1, 6)[:, :3].sum(axis=0)
-    ray = (beside - CENTRE) / np.linalg.norm(beside - CENTRE)
-    assert np.linalg.norm(pull) > 1.0
-    assert abs(pull @ ray) < 0.2 * np.linalg.norm(pull)

@@ -24,14 +24,6 @@ def test_two_balls(apart, depth):
     assert term.cost(bones) == pytest.approx(1.5 * over**2, abs=1e-12)
 
 
-def test_the_force_parts_them_along_the_shortest_way():
-    flesh, bones = parts_at([[0.1] * 3, [0.1] * 3], [[0, 0, 0], [0, 0.15, 0]])
-    system = CollisionTerm(flesh, PAIR, sigma_m=0.02, slack_m=0.0).linearize(bones)
-    force = -system.gradient.reshape(2, 6)
-    np.testing.assert_allclose(force[:, :3], [[0, -125, 0], [0, 125, 0]], atol=1e-9)
-    np.testing.assert_allclose(force[:, 3:], 0.0, atol=1e-9)  # the centres lie on the line
-
-
 def test_parts_that_lie_in_each_other_are_parted_sideways():
     """Crossed thighs with one middle: every direction looks alike from the centres, the way out is across both."""
     turns = rotation_matrix(np.array([[0, 0, 0.4], [0, 0, -0.4]]))

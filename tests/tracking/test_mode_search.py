@@ -35,18 +35,6 @@ def _at(pose, cost, sure):
     return Minimum(pose, lambda there: JointSystem(cost, np.zeros(len(there)), sure), "tried")
 
 
-def test_a_way_that_fits_less_well_but_goes_together_is_the_most_probable():
-    rows = [
-        [_minimum(0.0, 5.0)],
-        [_minimum(0.5, 1.0), _minimum(0.02, 5.0)],
-        [_minimum(0.03, 5.0)],
-    ]
-    assert Trellis(rows, CHANGE).best.tolist() == [0, 1, 0]
-    wide = Trellis(rows, 100.0 * CHANGE)
-    assert wide.best.tolist() == [0, 0, 0]  # where a frame may change by that much
-    assert wide.probabilities[1][0] > 0.7
-
-
 def test_probabilities_are_those_of_all_ways_together(rng):
     counts = (2, 3, 1, 2)
     rows = [

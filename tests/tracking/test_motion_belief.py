@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from handtrack.tracking.hypotheses.motion_belief import MotionBelief
 
@@ -41,17 +41,3 @@ def test_an_update_is_conditioning_the_joint_normal(rng):
     found = belief.updated(after[:3], whole[:3, :3])
     assert_allclose(found.velocity, after[3:], atol=1e-9)
     assert_allclose(found.covariance, whole, atol=1e-9)
-
-
-def test_released_parameters_forget_and_the_others_do_not(rng):
-    belief = _random_belief(rng)
-    spread, speed = np.full(3, 1.5), np.full(3, 0.2)
-    freed = belief.released(np.array([1]), spread, speed)
-    assert freed.velocity[1] == 0.0
-    assert freed.covariance[1, 1] == pytest.approx(1.5**2)
-    assert freed.covariance[4, 4] == pytest.approx(0.2**2)
-    assert not freed.covariance[1, [0, 2, 3, 4, 5]].any()
-    others = [0, 2, 3, 5]
-    assert_array_equal(
-        freed.covariance[np.ix_(others, others)], belief.covariance[np.ix_(others, others)]
-    )

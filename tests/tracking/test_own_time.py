@@ -86,12 +86,3 @@ def test_a_term_at_another_time_has_its_derivatives(rng):
     seen = CloudDistanceTerm(prepare_cloud(points), MetaballSurface.of(HAND), sigma_m=0.003)
     term = AtOwnTime(seen, BoneMotion.between(here, there))
     check_observation_term(term, here, HAND.skeleton.bone_names)
-
-
-def test_bones_are_carried_as_they_moved(rng):
-    here, there = (HAND.bones(pose) for pose in poses_at(np.array([1.0, 3.0])))
-    motion = BoneMotion.between(here, there)
-    np.testing.assert_allclose(motion.carried(here).T_world_bone, there.T_world_bone, atol=1e-12)
-    local = rng.normal(size=3)
-    carried = motion.turn[4] @ here.to_world(4, local) + motion.shift[4]
-    np.testing.assert_allclose(carried, there.to_world(4, local), atol=1e-12)

@@ -7,9 +7,7 @@ import pytest
 
 from handtrack import Keypoints, Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.geometry.rotation import rotation_matrix, rotation_vector
-from handtrack.solver.problem import Problem
-from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.frame.prediction import inheriting_uncertainty, predict
+from handtrack.tracking.frame.prediction import predict
 from handtrack.tracking.frame.terms.priors import motion_prior
 from handtrack.tracking.sequence import track_frames
 
@@ -113,19 +111,3 @@ def test_the_last_two_frames_with_a_pose_count():
     assert place((0, Status.LOST), *seen(1), at=2) == pytest.approx(1.0)
     doubtful = [(0, Status.DOUBTFUL), (1, Status.DOUBTFUL)]
     assert place(*doubtful, at=2) == pytest.approx(2.0)
-
-
-def test_the_prediction_alone_is_as_unsure_as_the_pose_before():
-    """The pull to the relaxed hand is no prediction: it stays as sure as it is. (M⁻¹ + C)⁻¹, written out."""
-    rest = GaussianPrior(MODEL.rest, np.full(26, 0.7), "rest")
-    motion = GaussianPrior(MODEL.rest, np.linspace(0.1, 0.3, 26), "motion")
-    params, belief = MODEL.rest_params(), np.diag(np.linspace(0.01, 0.2, 26) ** 2)
-
-    def known(*priors):
-        return Problem(MODEL, (), priors).linearize(params).hessian
-
-    found = inheriting_uncertainty(
-        Problem(MODEL, (), (rest, motion)), params, known(rest, motion), belief
-    )
-    unsure = np.linalg.inv(np.linalg.inv(known(motion)) + belief)
-    np.testing.assert_allclose(found, known(rest) + unsure, rtol=1e-9)

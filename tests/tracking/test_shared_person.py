@@ -197,25 +197,6 @@ def test_a_file_with_fewer_numbers_or_others_is_read():
     assert_array_equal(stated[1:, 1:], np.eye(len(stated) - 1))
 
 
-def test_a_persons_file_holds_where_little_is_seen():
-    """A recording of three frames begins with what a longer one of the same person told."""
-    found, _, _ = _refined()
-    observe, truth = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)])
-    few = range(3)
-
-    def off(who, hand):
-        tracker, told = Tracker(hand, TrackerSettings()), []
-        live = list(track_frames(tracker, observe, 0, waving_poses()[0], few))
-        control = Control(on_shared=told.append)
-        frames = refine(Recording(hand, tracker.settings, observe, control, who=who), live)
-        return _off_mm(frames, truth), Refinement.read(told[0]).scale
-
-    fitted, alone = off(WHO, HAND)
-    used, both = off(replace(WHO, known=found.scale), WHO.build(found.scale))
-    assert used <= fitted
-    assert both.std["length_mm"] < min(alone.std["length_mm"], found.scale.std["length_mm"])
-
-
 def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
     """How thick a palm is, before depth cameras at either side; before one the prior is left."""
     hand, told = (

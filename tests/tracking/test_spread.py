@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handtrack import HandtrackError, Status, load_model
-from handtrack.tracking.size.spread import measured_spread, spread_of_track
+from handtrack.tracking.size.spread import spread_of_track
 from tests.sample_track import sample_track
 
 OWN = {"index": 1.0, "middle": -0.15, "ring": 0.8, "little": 1.5}
@@ -20,16 +20,6 @@ def spreading(rng, count, noise_deg=0.0):
     poses[:, at] = np.deg2rad(rng.uniform(2, 20, count))
     joint = np.stack([model.joint_params(p) for p in poses])
     return joint + np.deg2rad(noise_deg) * rng.normal(size=joint.shape)
-
-
-def test_one_flat_spread_hand_gives_all_four():
-    model = load_model()
-    pose = np.zeros(26)
-    for finger, c in OWN.items():
-        pose[model.parameter_names.index(f"{finger}_mcp_abd")] = 0.2 * c
-    found = measured_spread(model.parameter_names, pose[None])
-    assert found.ratio == pytest.approx(OWN)
-    assert found.explained == pytest.approx(1.0)
 
 
 def test_only_frames_that_show_it_count(rng):
