@@ -20,7 +20,6 @@ from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning, is
 from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.layout import PageLayout
 from handtrack_app.page.page import Page, UserState
-from handtrack_app.page.panels.copying import show_library
 from handtrack_app.page.player import Drawn, InFlight, Player
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.process.child import EngineChild, EnginePlan
@@ -198,7 +197,6 @@ class Workbench:
         subscribe(snapshots.CurvesSnapshot, layout.plots.show)
         subscribe(snapshots.CloseSnapshot, layout.review.show_pictures)
         subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.show_score)
-        subscribe(snapshots.LibrarySnapshot, partial(show_library, self.page, layout.pose.take))
         subscribe(snapshots.ComparedSnapshot, stage.show_compared)
         subscribe(snapshots.WorkSnapshot, layout.show_work)
         subscribe(snapshots.LiveSnapshot, layout.live.show)

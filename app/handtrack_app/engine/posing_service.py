@@ -30,16 +30,12 @@ from handtrack.terms.keypoints import pinned_places
 from handtrack.tracking.frame.result import FrameResult
 from handtrack.tracking.pulling import pulled
 from handtrack_app.engine.document import Document, pinning
-from handtrack_app.engine.document_snapshots import (
-    energy_parts,
-    pose_picture,
-    pose_titles,
-)
+from handtrack_app.engine.document_snapshots import energy_parts
 from handtrack_app.engine.inverse_kinematics import reach
 from handtrack_app.engine.job_control import drags, looks_elsewhere
 from handtrack_app.engine.service import Service
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.snapshots import Hold, LibrarySnapshot, Notice, ScoreSnapshot, Snapshot
+from handtrack_app.protocol.snapshots import Hold, Notice, ScoreSnapshot, Snapshot
 
 _SOURCES = {
     "shown": "Keyframe",
@@ -140,13 +136,6 @@ class PosingService(Service):
         known = self.document.clamped(frame) in self.document.by_hand
         forgotten = decide(pose={frame: None}) if known else NOTHING
         self.opened.edit(frame, forgotten, "Pose dropped")
-
-    @command(job=True, words="the pose library")
-    def want_library(self, client_id: int) -> None:
-        """Send one client the pose library in pictures."""
-        model = self.document.model
-        drawn = (replace(one, picture=pose_picture(model, one.name)) for one in pose_titles(model))
-        self.publish(LibrarySnapshot(client_id, tuple(drawn)))
 
     @command(at_once=looks_elsewhere)
     def look_before(self, on: bool) -> None:

@@ -90,7 +90,7 @@ class PageLayout:
         refits = RefitSwitch(page)
         GrabKeys(page, lambda: stage.root)
         joints = posing.add_tab("Joints")
-        self.pose = PosePanel(page, card, joints, stage)
+        self.pose = PosePanel(page, card, joints, stage.grips)
         self.guesses = self.pose.guesses
         stage.take_guess = self.guesses.take
         stage.grips.clicked = lambda bone: self.pose.open(group_of(bone))

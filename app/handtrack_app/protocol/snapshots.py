@@ -38,34 +38,6 @@ class ScoreSnapshot:
         return (self.frame, self.values) == (frame, tuple(values.tolist()))
 
 
-# ---- The pose library as the engine tells it: in words, and in pictures
-
-
-@dataclass(frozen=True)
-class PoseName:
-    """A pose of the library."""
-
-    name: str
-    short: str
-    """what it is called among those of its group"""
-    group: str
-    picture: str = ""
-    """SVG"""
-
-    @property
-    def title(self) -> str:
-        """What it is called."""
-        return f"{self.short} ({self.group})" if len(self.short) == 1 else self.short
-
-
-@dataclass(frozen=True)
-class LibrarySnapshot:
-    """The pose library in pictures, for one client."""
-
-    client_id: int
-    poses: tuple[PoseName, ...]
-
-
 # ---- What the engine tells the page of masks: snapshots, as those of `snapshots`
 
 
@@ -317,8 +289,8 @@ class SessionSnapshot:
     joint_names: tuple[str, ...]
     stem_bones: tuple[str, ...]
     """of no finger or limb: a drag of them moves the whole"""
-    poses: tuple[PoseName, ...]
-    """the pose library"""
+    poses: Mapping[str, str]
+    """the pose library: what a pose is called → its name"""
     kind: str = "hand"
     """`hand` or `body`"""
     seen: frozenset[str] = SEEN
@@ -661,6 +633,6 @@ class Opened:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | ComparedSnapshot | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | LibrarySnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | ComparedSnapshot | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
     | Opened
 )  # fmt: skip

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import viser
 
-from handtrack.arrays import D3, D6, Floats, S
+from handtrack.arrays import D3, Floats, S
 from handtrack.detector.weights import DOWNLOAD_MB, has_weights
-from handtrack_app.page.html import chip, rgb, row, table, text
+from handtrack.files.atomic import replace_text
+from handtrack.files.user_folder import user_data_folder
+from handtrack_app.page.html import chip, escaped, rgb, row, table, text
 from handtrack_app.page.page import Page, put
-from handtrack_app.page.panels.copying import CopyPanel
 from handtrack_app.page.panels.pose_words import (
     PLACE,
     group_of,
@@ -25,8 +27,7 @@ from handtrack_app.page.panels.pose_words import (
     length_unit,
     unit_of,
 )
-from handtrack_app.page.pins.grips import Grips, moved_root, near_joint_m
-from handtrack_app.page.scene.stage import Stage
+from handtrack_app.page.pins.grips import Grips, near_joint_m
 from handtrack_app.protocol.palette import (
     ASIDE,
     FINGER_COLOURS,
@@ -50,9 +51,6 @@ from handtrack_app.protocol.snapshots import (
     WorkSnapshot,
 )
 
-if TYPE_CHECKING:
-    from handtrack_app.viser_internals import KeyModifier
-
 _ROW = 17  # letters of the groups in a row of buttons, in a panel of usual width
 _MOST_IN_ROW = 3
 _FLIP = "Before/after"
@@ -69,7 +67,7 @@ class PosePanel:
     card: viser.GuiHtmlHandle
     """stands where it is seen whatever tab is open"""
     tab: viser.GuiTabHandle
-    stage: Stage
+    grips: Grips
     sliders: dict[str, viser.GuiSliderHandle[float]] = field(default_factory=dict)
     folders: dict[str, viser.GuiFolderHandle] = field(default_factory=dict)
     """by group; one is shown, so that all its sliders are on the screen"""
@@ -77,7 +75,7 @@ class PosePanel:
     names: tuple[str, ...] = ()
     length: tuple[str, float] = ("mm", 1e-3)
     """unit of a place, and what it is in metres"""
-    titles: dict[str, str] = field(default_factory=dict)
+    titles: Mapping[str, str] = field(default_factory=dict)
     """of the library: what a pose is called → its name"""
     pose: PoseSnapshot | None = None
     score: ScoreSnapshot | None = None
@@ -103,9 +101,6 @@ class PosePanel:
                 "Set all but the place to a pose of the library.",
             )
             page.button(
-                "Poses in pictures", self._ask, "photo", "The whole library as it looks; a click takes a pose.", by_page=True
-            )  # fmt: skip
-            page.button(
                 "Fit frame", self._fit, "focus-2",
                 "Solves this frame from the pose you see. Undo brings your pose back.",
             )  # fmt: skip
@@ -114,11 +109,9 @@ class PosePanel:
                 "Writes init.json into the session: tracking starts from this pose.",
             )  # fmt: skip
             self.guesses = GuessesPanel(page)
-            self.pins = PinPanel(page, self.stage.grips)
-            self.copies = CopyPanel(page, self.stage.looking)
-            self.nudges = NudgePanel(page, self.stage)
+            self.pins = PinPanel(page, self.grips)
+            self.copies = CopyPanel(page)
         page.key("Fit frame", "F", self._fit)
-        page.key("Poses in pictures", "L", self._ask, "alt", by_page=True)
 
     def _edit(self, which: str) -> None:
         if which == _FLIP:
@@ -163,9 +156,6 @@ class PosePanel:
             self.take(self.titles[chosen])
             self.library.value = _KEEP  # so that the same pose can be chosen again
 
-    def _ask(self, client: viser.ClientHandle) -> None:
-        self.page.engine.want_library(client.client_id)
-
     # ---- sliders
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -174,10 +164,9 @@ class PosePanel:
             self._rebuild(session)
         self.guesses.fit(session)
         self.copies.fit(session)
-        self.nudges.fit(session)
         self.pins.fit(session)
         self.library.label = "Pose as" if session.kind == "body" else "Fingers as"
-        self.titles = {pose.title: pose.name for pose in session.poses}
+        self.titles = session.poses
         self.library.options = (_KEEP, *self.titles)
         for s, name in enumerate(session.parameter_names):
             slider, driven = self.sliders[name], name in session.driven
@@ -217,7 +206,6 @@ class PosePanel:
         if group in self.folders:
             for name, folder in self.folders.items():
                 put(folder, visible=name == group)
-            self.copies.open(group)
 
     def _add_folder(self, group: str, members: Sequence[str], session: SessionSnapshot) -> None:
         gui = self.page.gui
@@ -526,107 +514,90 @@ def _table(guesses: GuessesSnapshot) -> str:
     )
 
 
-# ---- Nudges: move and turn the hand by small steps as the user sees it, by button or key
+# ---- Copy and paste: a file of the user's keeps the pose, so that another recording's page can paste it
 
 
-NUDGES: dict[str, tuple[int, int, int, int, int, int]] = {
-    "left": (-1, 0, 0, 0, 0, 0), "right": (1, 0, 0, 0, 0, 0),
-    "up": (0, -1, 0, 0, 0, 0), "down": (0, 1, 0, 0, 0, 0),
-    "nearer": (0, 0, -1, 0, 0, 0), "farther": (0, 0, 1, 0, 0, 0),
-    "roll left": (0, 0, 0, 0, 0, -1), "roll right": (0, 0, 0, 0, 0, 1),
-    "tilt up": (0, 0, 0, -1, 0, 0), "tilt down": (0, 0, 0, 1, 0, 0),
-    "turn left": (0, 0, 0, 0, 1, 0), "turn right": (0, 0, 0, 0, -1, 0),
-}  # fmt: skip
-"""steps along and about a view's axes, to the right, down, away from the viewer: a move and a turn"""
+_COPY, _PASTE = "Copy", "Paste"
+_COPIED = "copied_pose.json"
 
 
-def nudged(
-    root: Floats[D6],
-    nudge: tuple[int, int, int, int, int, int],
-    view: Floats[D3, D3],
-    pivot: Floats[D3],
-    step_m: float,
-    step_rad: float,
-) -> dict[str, float]:
-    """Return root parameters by name after a nudge.
+class CopiedPose(msgspec.Struct, frozen=True):
+    """A pose that was copied."""
 
-    root: [m, rad]. view: rotation from the view's axes (x right, y down, z away) to the world.
-    pivot: world [m], the point that stays when the hand turns.
-    """
-    turn = view @ np.array(nudge[3:], dtype=float) * step_rad
-    return moved_root(root, pivot, turn, view @ np.array(nudge[:3], dtype=float) * step_m)
+    session: str
+    """the folder that the frame is of"""
+    frame: int
+    parameters: dict[str, float]
+    """[m, rad]"""
 
+    @classmethod
+    def read(cls) -> CopiedPose | None:
+        """Return what was copied last, on whatever page; None where nothing was, or the file is not to be read."""
+        with suppress(OSError, msgspec.MsgspecError):
+            return msgspec.json.decode((user_data_folder() / _COPIED).read_bytes(), type=cls)
+        return None
 
-_STEPS = (0.5, 0.5), (2.0, 2.0), (10.0, 10.0), (50.0, 10.0)
-"""in the unit in which the model is placed, and degrees"""
-_USUAL = 1
-_ROWS: dict[str, dict[str, str]] = {
-    "Move": {"←": "left", "→": "right", "↑": "up", "↓": "down"},
-    "Depth": {"nearer": "nearer", "farther": "farther"},
-    "Turn": {
-        "↺": "roll left", "↻": "roll right", "⤒": "tilt up", "⤓": "tilt down",
-        "⇤": "turn left", "⇥": "turn right",
-    },
-}  # fmt: skip
-_HINTS = {
-    "Move": "Across the view. Keys J L I K.",
-    "Depth": "Along the line of sight: the place in this camera's image stays. Keys Y N.",
-    "Turn": "Roll, tilt and turn about the middle, as seen. Keys U P; with Shift I K J L.",
-}
-_KEYS: tuple[tuple[str, KeyModifier | None, str], ...] = (
-    ("J", None, "left"), ("L", None, "right"), ("I", None, "up"), ("K", None, "down"),
-    ("Y", None, "nearer"), ("N", None, "farther"), ("U", None, "roll left"), ("P", None, "roll right"),
-    ("I", "shift", "tilt up"), ("K", "shift", "tilt down"), ("J", "shift", "turn left"), ("L", "shift", "turn right"),
-)  # fmt: skip
-
-
-def _steps(unit: str, metres: float) -> dict[str, tuple[float, float]]:
-    return {f"{length:g} {unit}, {turn:g}°": (length * metres, turn) for length, turn in _STEPS}
+    def write(self) -> None:
+        """Keep it. Raises OSError."""
+        user_data_folder().mkdir(parents=True, exist_ok=True)
+        replace_text(user_data_folder() / _COPIED, msgspec.json.encode(self).decode() + "\n")
 
 
 @dataclass
-class NudgePanel:
-    """Handles of the nudges."""
+class CopyPanel:
+    """Handles of copying."""
 
     page: Page
-    stage: Stage
-    steps: dict[str, tuple[float, float]] = field(default_factory=lambda: _steps("mm", 1e-3))
-    """by their words [m, °]"""
-
-    def fit(self, session: SessionSnapshot) -> None:
-        """Step by what the model is placed by."""
-        steps = _steps(*length_unit(session.reach_m))
-        if steps != self.steps:
-            self.steps = steps
-            self.step.options = tuple(steps)
-            self.step.value = tuple(steps)[_USUAL]
+    session: SessionSnapshot | None = None
+    pose: PoseSnapshot | None = None
 
     def __post_init__(self) -> None:
-        """Add the buttons where the page builds now, and the keys."""
-        gui, page = self.page.gui, self.page
-        with gui.add_folder("Nudge as you see it", expand_by_default=False):
-            for label, words in _ROWS.items():
-                row = gui.add_button_group(label, tuple(words), hint=_HINTS[label])
-                page.on(row, lambda client, what, words=words: self.nudge(words[what], client))
-            words = tuple(self.steps)
-            self.step = gui.add_dropdown(
-                "Step", words, initial_value=words[_USUAL],
-                hint="Keys: J L I K move, Y N nearer and farther, U P roll, Shift with I K J L tilts and turns.",
-            )  # fmt: skip
-        for key, modifier, name in _KEYS:
-            page.key(f"Nudge: {name}", key, partial(self.nudge, name), modifier, by_page=True)
+        """Add the widgets where the page builds now, and the keys."""
+        page, acts = self.page, {_COPY: self.copy, _PASTE: self.paste}
+        page.buttons(
+            "Pose", tuple(acts), lambda name: acts[name](),
+            "Copies the pose you see; pastes its joints into the frame shown, also of another recording. Alt C, Alt V.",
+        )  # fmt: skip
+        self.line = page.gui.add_html("")
+        page.key("Copy the pose", "C", self.copy, "alt")
+        page.key("Paste the pose that was copied", "V", self.paste, "alt")
 
-    def nudge(self, name: str, client: viser.ClientHandle | None) -> None:
-        """Move or turn the hand by one step along the axes of the camera looked through, or of the client's view."""
-        state, pivot = self.page.state, self.stage.hand_middle()
-        view = self.stage.looking.view_axes(client)
-        if view is None or pivot is None or len(state.values) < 6:
-            return
-        step_m, step_deg = self.steps[self.step.value]
-        root = np.array(state.values[:6])
-        step_rad = float(np.deg2rad(step_deg))
-        edit = nudged(root, NUDGES[name], np.asarray(view), pivot, step_m, step_rad)
-        self.page.edit_pose(edit, f"Nudge {name}", f"nudge {name}")
+    def fit(self, session: SessionSnapshot) -> None:
+        """Take a session's model."""
+        self.session = session
+        self._say()
+
+    def copy(self) -> None:
+        """Copy the pose that is seen."""
+        session, pose = self.session, self.pose
+        if (
+            session is not None
+            and pose is not None
+            and len(pose.values) == len(session.parameter_names)
+        ):
+            values = dict(zip(session.parameter_names, pose.values.tolist(), strict=True))
+            CopiedPose(session.folder, pose.frame, values).write()
+            self._say()
+
+    def paste(self) -> None:
+        """Give the joints of what was copied to the frame shown; it stays where it is."""
+        copied, names = CopiedPose.read(), self.page.state.names[6:]
+        known = {} if copied is None else copied.parameters
+        changes = {name: value for name, value in known.items() if name in names}
+        if changes:
+            self.page.edit_pose(changes, "Paste")
+        else:
+            nothing = "Nothing was copied yet that fits here: show a pose and press Copy first."
+            self.page.notify("info", "Nothing to paste", nothing)
+        self._say()
+
+    def _say(self) -> None:
+        """Say what was copied."""
+        copied, words = CopiedPose.read(), ""
+        if copied is not None and self.session is not None:
+            elsewhere = "" if copied.session == self.session.folder else ", another recording"
+            words = f"Copied: frame {copied.frame}{elsewhere}"
+        put(self.line, content=escaped(words))
 
 
 # ---- Pins: what holds the rest of the hand, which pins a frame has, and buttons to drop and copy them

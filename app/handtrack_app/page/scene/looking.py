@@ -18,7 +18,6 @@ import viser.transforms as vtf
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.page import Look, Page
-from handtrack_app.page.pins.grips import view_card
 from handtrack_app.page.scene.camera_view import CameraNames, Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 from handtrack_app.page.scene.zoom import (
@@ -90,13 +89,6 @@ class Looking:
     def card(self, client: int | None) -> CameraCard | None:
         """Return the camera that a page looks through."""
         return self._cards.get(self._page.state.look(client).through or "")
-
-    def view_axes(self, client: viser.ClientHandle | None) -> Floats[D3, D3] | None:
-        """Return the axes, view → world, of the camera that a page looks through, or of its free view."""
-        if client is None:
-            return None
-        card = self.card(client.client_id)
-        return view_card(client.camera).rotation if card is None else card.rotation
 
     def set_through(self, client: viser.ClientHandle, camera: str | None) -> None:
         """Let a page look through a camera, or at what `ALL` see; None: freely, from wherever it is."""

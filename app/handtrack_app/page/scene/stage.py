@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from handtrack.arrays import D3, Floats
+from handtrack.arrays import Floats
 from handtrack_app.page.page import Display, Page, put
 from handtrack_app.page.pins.grips import Grips
 from handtrack_app.page.scene.camera_view import (
@@ -209,10 +209,6 @@ class Stage:
     def _grasped(self, client: int | None) -> CameraCard | None:
         """Return the camera through which a page can take hold of the hand: not while its image is painted or marked."""
         return None if self._marking else self.looking.card(client)
-
-    def hand_middle(self) -> Floats[D3] | None:
-        """Return the middle of the hand shown [m]."""
-        return None if self.pose is None else self.pose.middle
 
     # ---- snapshots
 
