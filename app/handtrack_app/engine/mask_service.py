@@ -210,11 +210,7 @@ class MaskService(PreviewService):
             source = source_of(document.masks[view.name])
             table = dict(source.masks) if isinstance(source.masks, dict) else {}
             method = str(table.pop("method", NO_MASKS if source.masks is None else FILES))
-            cards.append(
-                MaskCameraCard(
-                    view.name, view.camera.size, method, table, source.roi, self._possible(view)
-                )
-            )
+            cards.append(MaskCameraCard(view.name, method, table, source.roi, self._possible(view)))
         words = ""
         if all(set(card.possible) <= {FILES, NO_MASKS} for card in cards):
             words = _NO_IMAGES

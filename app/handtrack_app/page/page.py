@@ -56,8 +56,6 @@ class Display:
     """nothing is drawn of the model, for a look at the bare image"""
     masks: bool = False
     """over all cameras' small pictures"""
-    skin_box: tuple[str, tuple[int, int, int, int]] | None = None
-    """camera and x, y, w, h [px] of the marked patch of skin"""
 
     @property
     def flesh(self) -> bool:

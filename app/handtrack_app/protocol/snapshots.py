@@ -50,8 +50,6 @@ class MaskCameraCard:
     """Where one camera's masks come from."""
 
     name: str
-    size: tuple[int, int]
-    """width and height of its images [px]"""
     method: str
     """a method's name, `files` or `none`"""
     values: dict[str, object]
@@ -569,8 +567,6 @@ class CloudSelection:
     wide: bool = False
     pair: tuple[str, str] | None = None
     """cameras of the stereo preview; None: the session's first pair"""
-    box: tuple[str, tuple[int, int, int, int]] | None = None
-    """camera and x, y, w, h [px] of the marked patch of skin"""
 
 
 @dataclass(frozen=True)
@@ -586,8 +582,6 @@ class CloudCard:
     """pairs of cameras that can be matched"""
     pair: tuple[str, str] | None
     """the first pair in use"""
-    sizes: dict[str, tuple[int, int]]
-    """width and height of the cameras' images [px]"""
     unsaved: tuple[str, ...]
     """settings that differ from session.toml"""
 

@@ -250,7 +250,7 @@ NARROW_PX, WIDE_PX = 620, 1240  # width of a picture in its panel, and large
 _TALLEST = 0.6  # height of a large picture as a share of its width
 _LINES = 12  # epipolar lines
 _MARGIN = 0.12  # around what was matched, as a share of its size
-_LINE, _BOX = (86, 180, 233), (255, 255, 255)
+_LINE = (86, 180, 233)
 
 
 def points_picture(
@@ -260,12 +260,10 @@ def points_picture(
     fate: Array[N],
     names: tuple[str, ...],
     width: int,
-    box: tuple[int, int, int, int] | None = None,
 ) -> Bytes[H, W, D3]:
     """Return an image RGB at a width [px], each point painted in the colour of the filter that dropped it.
 
     points: world [m]. fate: place of the filter in `names`, or their number for points that stay.
-    box: x, y, w, h [px] of the image, drawn as a frame.
     """
     factor = width / image.shape[1]
     size = (width, max(round(factor * image.shape[0]), 1))
@@ -277,11 +275,6 @@ def points_picture(
     for number, name in enumerate(names):  # those that stay come last, on top
         _paint(picture, pixels[seen & (fate == number)], FILTERS[name], 1)
     _paint(picture, pixels[seen & (fate == len(names))], KEPT, 1 + (width > NARROW_PX))
-    if box is not None:
-        corner = (round(box[0] * factor), round(box[1] * factor))
-        other = (round((box[0] + box[2]) * factor), round((box[1] + box[3]) * factor))
-        for colour, thick in (((0, 0, 0), 4), (_BOX, 2)):
-            cv2.rectangle(picture, corner, other, colour, thick)
     return picture
 
 

@@ -140,11 +140,9 @@ class CloudRenderer:
         pictures = {name: self._pictures.plain(name, moment.frame) for name in _cameras(moment)}
         columns = 2 if len(pictures) > 1 else 1
         cell = (width - 8 * (columns - 1)) // columns
-        wanted = moment.wanted
         cells = {
             name: points_picture(
-                image, moment.session.rig[name].without_distortion(), measured.points, fate, names, cell,
-                wanted.box[1] if wanted.box is not None and wanted.box[0] == name else None,
+                image, moment.session.rig[name].without_distortion(), measured.points, fate, names, cell
             )
             for name, image in pictures.items()
         }  # fmt: skip
@@ -356,7 +354,6 @@ class CloudService(PreviewService):
             with_images,
             pairs[:_PAIRS],
             pair,
-            {view.name: view.camera.size for view in views},
             document.unsaved_clouds,
         )
 

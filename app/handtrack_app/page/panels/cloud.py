@@ -15,7 +15,7 @@ from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
 from handtrack_app.page.html import chip, escaped, rgb
 from handtrack_app.page.page import Page, put
-from handtrack_app.page.panels.settings import Box, BoxSliders, SavedSettings, SettingWidget
+from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
 from handtrack_app.protocol.snapshots import CloudCard, CloudPicture, CloudSnapshot
 
@@ -287,7 +287,6 @@ def ramp_legend(cloud: CloudSnapshot | None = None) -> str:
 
 
 _SIZE = (0.5, 10.0, 0.1)
-_LATER = "no box marked yet"
 
 
 class SkinControls:
@@ -297,19 +296,16 @@ class SkinControls:
         self, page: Page, card: CloudCard, set_: Callable[..., None], mark: Callable[..., None]
     ) -> None:
         """set_(name=value, …) changes settings of [clouds]; mark as of the panel."""
-        self.page, self.card, self.set, self.mark = page, card, set_, mark
-        self.kept: SkinEllipse | None = None
-        """what was in force before it was switched off"""
+        self.page, self.set, self.mark = page, set_, mark
+        self.ellipse: SkinEllipse | None = None
+        """in force, or before it was switched off"""
         gui = page.gui
         self.folder = gui.add_folder("Skin colour", expand_by_default=False)
         with self.folder:
             self.words = gui.add_html("")
             self.on = page.check(
-                "Skin only",
-                False,
-                self._switch,
-                "Drop points of other colours; take the colour first.",
-            )
+                "Skin only", False, lambda on: set_(skin=self.ellipse if on else None), "Drop points of other colours."
+            )  # fmt: skip
             self.size = page.bind(
                 gui.add_slider(
                     "Ellipse's size", *_SIZE, 2.5,
@@ -317,80 +313,33 @@ class SkinControls:
                 ),
                 self._resize,
             )  # fmt: skip
-            self.camera = page.choice("Box in", card.image_cameras, self._camera_chosen)
+            self.camera = page.choice("Box in", card.image_cameras, lambda _: None)
             self.drag = page.button(
                 "Drag a box over the image", self._drag, "marquee-2",
                 "Looks through the camera; drag over skin, away from its edges.", by_page=True,
             )  # fmt: skip
-            width, height = card.sizes[card.image_cameras[0]]
-            self.box = BoxSliders(page, (width, height), lambda: self._show_box(self.box.value))
-            self.box.show(
-                (width // 3, height // 3, width // 2 - width // 3, height // 2 - height // 3)
-            )
-            self.take = page.button(
-                "Take the colour in the box", lambda: self._take(self.box.value), "color-picker"
-            )
             page.button(
-                "Take it from painted masks", lambda: self._send(None), "brush",
+                "Take it from painted masks", lambda: self.take(None), "brush",
                 "Of all cameras and frames in which you painted what is tracked, in the tab Masks.",
             )  # fmt: skip
 
-    @property
-    def ellipse(self) -> SkinEllipse | None:
-        """The ellipse in force."""
-        skin = self.card.values.get("skin")
-        return skin if isinstance(skin, SkinEllipse) else None
-
-    def _camera_chosen(self, camera: str) -> None:
-        self.box.resize(self.card.sizes[camera])
-        self._show_box(self.box.value)
-
-    def _switch(self, on: bool) -> None:
-        if not on:
-            self.kept = self.ellipse or self.kept
-            self.set(skin=None)
-        elif self.kept is not None:
-            self.set(skin=self.kept)
-        else:
-            self._take(self.box.value)
+    def _drag(self, client: viser.ClientHandle) -> None:
+        self.mark(str(self.camera.value), client, self.take)
 
     def _resize(self, size: float) -> None:
-        if self.ellipse is not None:
+        if self.on.value and self.ellipse is not None:
             self.set(skin=replace(self.ellipse, size=round(size, 3)))
 
-    def _show_box(self, box: Box) -> None:
-        self.page.state.display.skin_box = (str(self.camera.value), box)
-        self.page.redraw()
-
-    def _drag(self, client: viser.ClientHandle) -> None:
-        def marked(box: Box) -> None:
-            self.box.show(box)
-            self._show_box(box)
-            self._take(box)
-
-        self.mark(str(self.camera.value), client, marked)
-
-    def _take(self, box: Box) -> None:
-        self._show_box(box)
-        self._send(box)
-
-    def _send(self, box: Box | None) -> None:
+    def take(self, box: Box | None) -> None:
+        """Take the colour in a box of the camera's image, or in what was painted."""
         frame, camera = self.page.state.frame, self.camera.value
         self.page.engine.sample_skin(frame, camera, box, self.size.value)
 
     def fit(self, card: CloudCard) -> None:
         """Show the ellipse in force."""
-        self.card = card
-        skin = self.ellipse
-        put(self.on, value=skin is not None)
-        if skin is not None and abs(self.size.value - skin.size) > 1e-9:
-            self.size.value = min(max(skin.size, _SIZE[0]), _SIZE[1])
-        self.words.content = _ellipse_picture(skin)
-
-
-def _ellipse_picture(skin: SkinEllipse | None) -> str:
-    text = _LATER if skin is None else f"r {skin.mean[0]:.3f}, g {skin.mean[1]:.3f}"
-    return (
-        "<div style='padding:.2em .9em;font-size:.9em;line-height:1.4;opacity:.85'>"
-        f"Colour of skin: {html.escape(text)}</div>"
-    )
+        skin, words = card.values.get("skin"), "not taken yet"
+        if isinstance(skin, SkinEllipse):
+            self.ellipse, words = skin, f"r {skin.mean[0]:.3f}, g {skin.mean[1]:.3f}"
+            put(self.size, value=min(max(skin.size, _SIZE[0]), _SIZE[1]))
+        put(self.on, value=skin is not None, visible=self.ellipse is not None)
+        put(self.words, content=escaped(f"Colour of skin: {words}"))

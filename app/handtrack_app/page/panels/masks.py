@@ -15,7 +15,7 @@ from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import escaped, text
 from handtrack_app.page.page import Page, put
-from handtrack_app.page.panels.settings import BoxSliders, SavedSettings, SettingWidget
+from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.page.scene.zoom import Pixel
 from handtrack_app.protocol.snapshots import MaskCameraCard, MaskCard, MaskPicture
@@ -74,26 +74,21 @@ class MaskPanel:
                 if method == "skin_adaptive":
                     act = partial(self._drag, "sample")
                     page.button("Drag a box over skin", act, "marquee-2", by_page=True)
-        self._build_box(card)
-        self.saved = SavedSettings(
-            page, page.engine.save_masks, page.engine.restore_masks, "Back to what is saved",
-            "Only masks and roi of the cameras change; the file before is kept in versions/.",
-            "Forget what was changed here since; corrections stay.",
-        )  # fmt: skip
-        self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
-
-    def _build_box(self, card: MaskCard) -> None:
-        page, gui = self.page, self.page.gui
         with gui.add_folder("Box", expand_by_default=False):
             self.box_words = gui.add_html("")
             page.button(
                 "Drag a box over the image", partial(self._drag, "roi"), "marquee-2",
                 "Outside of it nothing counts as observed.", by_page=True,
             )  # fmt: skip
-            self.box = BoxSliders(page, card.cameras[0].size, self._set_box)
             self.no_box = page.button(
                 "No box", lambda: self._set("roi", None, one=True), "x", visible=False
             )
+        self.saved = SavedSettings(
+            page, page.engine.save_masks, page.engine.restore_masks, "Back to what is saved",
+            "Only masks and roi of the cameras change; the file before is kept in versions/.",
+            "Forget what was changed here since; corrections stay.",
+        )  # fmt: skip
+        self.correcting = CorrectingWidgets(page, self.stage, self._one_camera, self._named)
 
     # ---- which camera
 
@@ -120,12 +115,10 @@ class MaskPanel:
         for name, one in self.settings.get(camera.method, {}).items():
             if name in camera.values:
                 one.show(camera.values[name])
-        (width, height), roi = camera.size, camera.roi
-        x, y, w, h = box = roi or (0, 0, width, height)
-        self.box.resize(camera.size)
-        self.box.show(box)
-        put(self.no_box, visible=roi is not None)
-        said = "no box: the whole image counts" if roi is None else f"{w} × {h} px from {x}, {y}"
+        put(self.no_box, visible=camera.roi is not None)
+        said = "no box: the whole image counts"
+        if camera.roi is not None:
+            said = "{2} × {3} px from {0}, {1}".format(*camera.roi)
         self.box_words.content = escaped(f"{camera.name}: {said}.")
 
     # ---- changing
@@ -141,9 +134,6 @@ class MaskPanel:
         camera = self._shown_camera().name if one else self._named()
         self._show_masks(True)
         self.page.engine.set_masks(camera, {name: value})
-
-    def _set_box(self) -> None:
-        self._set("roi", self.box.value, one=True)
 
     def _drag(self, what: str, client: viser.ClientHandle) -> None:
         camera = self._one_camera(client)

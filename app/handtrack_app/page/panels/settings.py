@@ -132,37 +132,6 @@ class SavedSettings:
             put(widget, visible=bool(words))
 
 
-class BoxSliders:
-    """A box in an image, as ranges across and down, where the page builds now."""
-
-    def __init__(self, page: Page, size: tuple[int, int], act: Callable[[], object]) -> None:
-        """act: called when a user changed it. size: of the image [px]."""
-        self.across, self.down = (
-            page.bind(
-                page.gui.add_multi_slider(label, 0, most, 1, initial_value=(0, most), min_range=2),
-                lambda _: act(),
-            )
-            for label, most in zip(("Box x px", "Box y px"), size, strict=True)
-        )
-
-    def resize(self, size: tuple[int, int]) -> None:
-        """Take the size of another image [px]."""
-        put(self.across, max=size[0])
-        put(self.down, max=size[1])
-
-    def show(self, box: Box) -> None:
-        """Show a box."""
-        x, y, width, height = box
-        put(self.across, value=(x, x + width))
-        put(self.down, value=(y, y + height))
-
-    @property
-    def value(self) -> Box:
-        """The box."""
-        (left, right), (top, bottom) = sorted(self.across.value), sorted(self.down.value)
-        return int(left), int(top), int(right - left), int(bottom - top)
-
-
 @dataclass
 class SettingsPanel:
     """A widget for every setting that the tracker has and people change."""

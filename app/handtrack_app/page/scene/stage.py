@@ -197,7 +197,7 @@ class Stage:
         paint = "field" if display.field else display.paint
         cloud = CloudSelection(
             display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
-            display.cloud_wide, display.stereo_pair, display.skin_box,
+            display.cloud_wide, display.stereo_pair,
         )  # fmt: skip
         return {
             "want_pictures": (display.images, paint, self.looking.pictures(self.field_camera())),
