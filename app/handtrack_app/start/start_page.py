@@ -28,14 +28,7 @@ from handtrack_app.log import LOG_FILE, logging_to
 from handtrack_app.page.html import card, dress, escaped, picture, table, text
 from handtrack_app.page.page import put, remembered
 from handtrack_app.page.panels.view import KEPT_AS, SYSTEM, Taste, colours
-from handtrack_app.start.found_files import (
-    CALIBRATIONS,
-    VIDEOS,
-    FoundFiles,
-    find_files,
-    first_image,
-    show_rig,
-)
+from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
 from handtrack_app.start.import_progress import (
     PREVIEW,
     ImportProgress,
@@ -255,7 +248,6 @@ class StartPage:
         self.calibration.value = "; ".join(map(str, found.calibrations))
         if not self.out.value.strip():
             self.out.value = str(folder.parent / f"{folder.name}_handtrack")
-        self._show_rig(found)
         if found.unused and len(found.videos) == 1:
             raise HandtrackError(
                 f"{folder}: the calibration has one camera alone ({next(iter(found.videos))}), but there are "
@@ -284,18 +276,6 @@ class StartPage:
         self._say(f"{name} is too large.", f"At most {LARGEST_FILE // 1024} kB can be uploaded. Give the path of the file instead.")  # fmt: skip
         if (client := self.door.server.get_clients().get(number)) is not None:
             run_javascript(client, "location.reload()")  # it waits for the file to be taken
-
-    def _show_rig(self, found: FoundFiles) -> None:
-        """Draw the cameras, where their names and sizes are known."""
-        images = {
-            name: first_image(path, f"the video of {name}") for name, path in found.videos.items()
-        }
-        seen = {name: image for name, image in images.items() if image is not None}
-        given = found.given
-        if given is None or any(camera.name is None for camera in given.cameras):
-            return
-        if all(camera.size for camera in given.cameras):
-            show_rig(self.door.server, given.rig(1.0), seen)
 
     def make_session(self) -> None:
         """Make the session from what was found."""
