@@ -22,8 +22,6 @@ _LEAVE = "Leave"
 _GESTURES = (
     ("Drag", "Turns the free view; moves the picture of a camera"),
     ("Wheel", "Nearer and farther; through a camera: larger and smaller"),
-    ("Ctrl click", "Through a camera: enlarges there. With Shift: smaller"),
-    ("Ctrl drag", "Through a camera: shows that box"),
     (
         "Drag the {kind}",
         "Through a camera: a joint or segment is pinned there; the {middle} takes the whole {kind} along",

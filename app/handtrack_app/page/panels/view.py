@@ -384,10 +384,7 @@ class Room:
 
 
 _STEP = 1.4  # two of them twice as large
-_HINT = (
-    "Looking through a camera: Z and X, or the wheel, enlarge and widen; Ctrl with a click enlarges what is there, Ctrl with a drag "
-    "the box; a drag of the picture moves it. C is the {kind} again, V the whole image."
-)
+_HINT = "Looking through a camera: Z and X, or the wheel, enlarge and widen; a drag of the picture moves it. C is the {kind} again, V the whole image."
 
 
 @dataclass

@@ -22,17 +22,16 @@ from handtrack_app.page.scene.camera_view import CameraNames, Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 from handtrack_app.page.scene.zoom import (
     MOST,
-    Box,
     Eye,
     Pixel,
     Place,
     Zoom,
     around,
     box_of,
+    enlarged,
     eye,
     pixel_ray,
     ray_pixel,
-    towards,
     whole,
     with_pixel_at,
 )
@@ -384,9 +383,9 @@ class Views:
 
     # ---- what keys and buttons do
 
-    def zoom_by(self, client: viser.ClientHandle, factor: float, place: Place = (0.5, 0.5)) -> None:
-        """Enlarge what is at a place of the window, which stays there."""
-        self._change(client, lambda view: towards(view.card, view.zoom, view.aspect, place, factor))
+    def zoom_by(self, client: viser.ClientHandle, factor: float) -> None:
+        """Enlarge what is in the window's middle."""
+        self._change(client, lambda view: enlarged(view.card, view.zoom, factor))
 
     def fit(self, client: viser.ClientHandle) -> None:
         """Show the whole image."""
@@ -395,19 +394,6 @@ class Views:
     def to_hand(self, client: viser.ClientHandle) -> None:
         """Show the hand, and follow it."""
         self._change(client, lambda view: self._at_hand(view) or whole(view.card), follows=True)
-
-    def to_box(self, client: viser.ClientHandle, one: Place, other: Place) -> None:
-        """Show what is between two places of the window."""
-
-        def zoomed(view: Through) -> Zoom:
-            corners = [ray_pixel(view.card, view.eye.ray(place)) for place in (one, other)]
-            if None in corners:
-                return view.zoom
-            low, high = np.min(corners, axis=0), np.max(corners, axis=0)  # type: ignore[arg-type]
-            box: Box = (low[0], low[1], high[0] - low[0], high[1] - low[1])
-            return around(view.card, box, view.aspect, air=1.0)
-
-        self._change(client, zoomed)
 
     def drag(self, client: viser.ClientHandle, held: Pixel, place: Place) -> None:
         """Turn so that a pixel that is held is at a place of the window."""
@@ -439,18 +425,6 @@ class Views:
         @client.camera.on_update
         async def _(camera: viser.CameraHandle) -> None:
             self._moved(client, camera)
-
-        @client.scene.on_click(modifier="cmd/ctrl")
-        def _(event: viser.SceneClickEvent) -> None:
-            self.zoom_by(client, 2.0, event.screen_pos)
-
-        @client.scene.on_click(modifier="cmd/ctrl+shift")
-        def _(event: viser.SceneClickEvent) -> None:
-            self.zoom_by(client, 0.5, event.screen_pos)
-
-        @client.scene.on_rect_select(modifier="cmd/ctrl")
-        def _(event: viser.SceneRectSelectEvent) -> None:
-            self.to_box(client, event.screen_min, event.screen_max)
 
     def _moved(self, client: viser.ClientHandle, camera: viser.CameraHandle) -> None:
         """Take what the browser tells of its own camera."""

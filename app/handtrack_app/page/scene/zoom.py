@@ -92,12 +92,12 @@ def whole(card: CameraCard) -> Zoom:
     return Zoom(((card.size[0] - 1) / 2, (card.size[1] - 1) / 2))
 
 
-def around(card: CameraCard, box: Box, aspect: float, air: float = _AROUND) -> Zoom:
-    """Return what shows a box of the image, `air` times as large as just fits, at most `MOST` times enlarged."""
+def around(card: CameraCard, box: Box, aspect: float) -> Zoom:
+    """Return what shows a box of the image, with what is around it, at most `MOST` times enlarged."""
     x, y, width, height = box
     zoom = _within(card, Zoom((x + width / 2, y + height / 2)))
     corners = np.array([(x + a * width, y + b * height) for a in (0, 1) for b in (0, 1)])
-    half = air * _fitting(card, _turned(card, zoom.aim), corners, aspect)
+    half = _AROUND * _fitting(card, _turned(card, zoom.aim), corners, aspect)
     times = _all_of_it(card, aspect) / max(half, 1e-9)
     return replace(zoom, times=float(np.clip(times, 1.0, MOST)))
 
@@ -113,13 +113,10 @@ def with_pixel_at(card: CameraCard, zoom: Zoom, aspect: float, pixel: Pixel, pla
     return zoom
 
 
-def towards(card: CameraCard, zoom: Zoom, aspect: float, place: Place, factor: float) -> Zoom:
-    """Return an enlargement by a further factor; what is at a place of the window stays there."""
-    pixel = ray_pixel(card, eye(card, zoom, aspect).ray(place))
-    closer = replace(zoom, times=float(np.clip(zoom.times * factor, 1.0, MOST)))
-    if closer.times <= 1.0 or pixel is None:
-        return whole(card) if closer.times <= 1.0 else closer
-    return with_pixel_at(card, closer, aspect, pixel, place)
+def enlarged(card: CameraCard, zoom: Zoom, factor: float) -> Zoom:
+    """Return an enlargement by a further factor; the whole image, where it fits."""
+    times = zoom.times * factor
+    return replace(zoom, times=min(times, MOST)) if times > 1.0 else whole(card)
 
 
 def box_of(card: CameraCard, points: Floats[N, D3], radii: Floats[N]) -> Box | None:
