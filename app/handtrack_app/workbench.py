@@ -197,7 +197,6 @@ class Workbench:
         subscribe(snapshots.CurvesSnapshot, layout.plots.show)
         subscribe(snapshots.CloseSnapshot, layout.review.show_pictures)
         subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.show_score)
-        subscribe(snapshots.ComparedSnapshot, stage.show_compared)
         subscribe(snapshots.WorkSnapshot, layout.show_work)
         subscribe(snapshots.LiveSnapshot, layout.live.show)
         subscribe(snapshots.TimelineSnapshot, self._show_span, layout.show_timeline)

@@ -48,7 +48,7 @@ from handtrack.store.spans import Span
 from handtrack.store.store import Store
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.protocol.snapshots import APART, PROBABILITY, VIEWS, TakeCard
+from handtrack_app.protocol.snapshots import PROBABILITY, VIEWS, TakeCard
 
 
 class TakeShelf:
@@ -148,8 +148,6 @@ class WholeFrame:
     values: Floats[S]
     """joint parameters [m, rad]"""
     std: Floats[S]
-    other: Floats[S] | None = None
-    """joint parameters in the take that is compared"""
     bent: Floats[K] | None = None
     """by how much the truth bends each joint of a hand more [rad]"""
     lanes: Mapping[str, float] = field(default_factory=dict)
@@ -177,12 +175,8 @@ class TrackedRows:
         self.values: Floats[F, S] = np.zeros((count, 0))
         """joint parameters of the frames read so far [m, rad], NaN elsewhere"""
         self.std: Floats[F, S] = np.zeros((count, 0))
-        self.other: Floats[F, S] = np.zeros((count, 0))
-        """likewise of the take that is compared"""
         self.bent: Floats[F, K] = np.full((count, len(BENT_JOINTS)), np.nan)
         """by how much the truth bends each of BENT_JOINTS more [rad]"""
-        self.compared: TakeFrames | None = None
-        """the take that the track is compared with"""
         self.changed: set[int] = set()
         """rows that were not told yet"""
         self._known: dict[int, Head] = {}
@@ -258,21 +252,12 @@ class TrackedRows:
                     self._put(self.lanes, word, row, number)
                 if self.values.shape[1] != len(whole.values):
                     shape = len(self.frames), len(whole.values)
-                    self.values, self.std, self.other = (np.full(shape, np.nan) for _ in range(3))
+                    self.values, self.std = (np.full(shape, np.nan) for _ in range(2))
                 self.values[row], self.std[row] = whole.values, whole.std
-                if whole.other is not None:
-                    self.other[row] = whole.other
                 if whole.bent is not None:
                     self.bent[row] = whole.bent
                 self.changed.add(row)
         return bool(self._unread)
-
-    def compare(self, take: TakeFrames | None) -> None:
-        """Compare the track with a take, or with none; all frames are read again."""
-        self.compared = take
-        self.lanes.pop(APART, None)
-        self.other[:] = np.nan
-        self._unread = dict.fromkeys(self._known)
 
     @property
     def is_whole(self) -> bool:
@@ -286,8 +271,7 @@ class TrackedRows:
             self.changed.add(row)
             self.status[row] = -1
             for values in (
-                self.energy, self.error_mm, *self.terms.values(), *self.lanes.values(), self.values, self.std,
-                self.other, self.bent,
+                self.energy, self.error_mm, *self.terms.values(), *self.lanes.values(), self.values, self.std, self.bent,
             ):  # fmt: skip
                 values[row] = np.nan
 

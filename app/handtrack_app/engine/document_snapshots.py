@@ -23,7 +23,6 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, TrackedRows, WholeFrame
 from handtrack_app.engine.inverse_kinematics import stem_bones
 from handtrack_app.protocol.snapshots import (
-    APART,
     AT_LIMITS,
     BEFORE,
     CLOUD,
@@ -241,10 +240,8 @@ def _whole_frame(document: Document, frame: int) -> WholeFrame:
     if truth is not None and result.keypoints21 is not None:
         own, true = flexion_deg(np.stack([result.keypoints21, truth]))
         bent = np.deg2rad(true - own)
-    other = None if document.rows.compared is None else document.rows.compared.get(frame)
-    lanes = numbers_of(document.model, result, document.results.below(frame), other)
-    there = None if other is None else other.parameters
-    return WholeFrame(error, result.parameters, result.parameter_std, there, bent, lanes)
+    lanes = numbers_of(document.model, result, document.results.below(frame))
+    return WholeFrame(error, result.parameters, result.parameter_std, bent, lanes)
 
 
 def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
@@ -322,23 +319,17 @@ def queue(document: Document) -> tuple[ReviewInterval, ...]:
 
 
 def numbers_of(
-    model: ArticulatedModel,
-    result: FrameResult,
-    below: FrameResult | None,
-    compared: FrameResult | None,
+    model: ArticulatedModel, result: FrameResult, below: FrameResult | None
 ) -> dict[str, float]:
-    """Return how many joints of a frame lie at their limits, and how far the furthest is from where it lies below it, and in the
-    take that is compared [mm].
-    """
+    """Return how many joints of a frame lie at their limits, and how far the furthest is from where it lies below it [mm]."""
     found, interval = dict[str, float](), model.limits.interval
     if len(result.parameters) == len(interval):
         low, high = interval[6:].T
         near = np.abs(result.parameters[6:, None] - interval[6:]).min(axis=1) < _AT_LIMIT_RAD
         found[AT_LIMITS] = float((near & (high - low > _AT_LIMIT_RAD)).sum())
-    for word, other in ((MOVED, below), (APART, compared)):
-        if other is not None and other.joint_positions.shape == result.joint_positions.shape:
-            moves = np.linalg.norm(result.joint_positions - other.joint_positions, axis=1)
-            found[word] = float(1e3 * moves.max())
+    if below is not None and below.joint_positions.shape == result.joint_positions.shape:
+        moves = np.linalg.norm(result.joint_positions - below.joint_positions, axis=1)
+        found[MOVED] = float(1e3 * moves.max())
     return found
 
 

@@ -396,8 +396,6 @@ class OpenSession:
         if isinstance(snapshot, TimelineSnapshot) and self._review.names:
             self._review.tell_curves()
         if isinstance(snapshot, PoseSnapshot):
-            if self._review.number is not None:
-                self._review.show()
             whole = snapshot.beside is not None
             self.painter.is_stale, self.painter.hurried = not whole, self.jobs.busy
             self._score.since = time.monotonic()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from handtrack.arrays import D2, Floats, K, P, S
+from handtrack.arrays import Floats, P, S
 from handtrack.diagnostics.score import Score, score
 from handtrack.errors import HandtrackError
 from handtrack.model.pose_library import named_pose
@@ -197,40 +197,6 @@ class PosingService(Service):
             led = {frame: None} if document.decided_pose(frame).pinned else {}
             edit = decide(pins={frame: None}, pose=led)
         self.opened.edit(frame, edit, "Pins dropped" if which is None else "Pin dropped")
-
-    @command(edits=True, words="pins of frame {frame}")
-    def copy_pins(self, frame: int, before: int, behind: int, version: int) -> None:
-        """Copy a frame's pins to so many frames before and behind it, moved as what was tracked moves."""
-        self._refuse_live()
-        pins, found = self.document.run.session.pins, dict[int, Sequence[Pin]]()
-        own = pins.of(frame)
-        what = {pin.what for pin in own}
-        corrections = np.array([p.pixel for p in own]).reshape(-1, 2) - self._pixels(frame, own)
-        for other in range(frame - before, frame + behind + 1):
-            if other == frame or other not in self.document.frames:
-                continue
-            moved = [
-                replace(pin, pixel=(float(x), float(y)))
-                for pin, (x, y) in zip(own, self._pixels(other, own) + corrections, strict=True)
-                if np.isfinite([x, y]).all()
-            ]
-            found[other] = [*(pin for pin in pins.of(other) if pin.what not in what), *moved]
-        self.opened.edit(frame, pinning(found), "Pins copied")
-
-    def _pixels(self, frame: int, pins: Sequence[Pin]) -> Floats[K, D2]:
-        """Return where the pinned places lie in their cameras' undistorted images [px], of the pose that was tracked at a frame, else
-        of the one that shows there.
-        """
-        document = self.document
-        model, result = document.model, document.results.get(frame)
-        values = document.pose_at(frame) if result is None else result.parameters
-        bone, point = pinned_places(model, pins)
-        places = model.bones(model.params_within_limits(values)).to_world(bone, point)
-        flat = {c.name: c.without_distortion() for c in document.run.session.rig}
-        at = np.full((len(pins), 2), np.nan)
-        for n, pin in enumerate(pins):
-            at[n] = flat[pin.camera].project(places[n : n + 1])[0]
-        return at
 
     def _begun(self, frame: int, tag: str) -> Pull:
         """Begin a pull at a frame, from the pose that shows there."""

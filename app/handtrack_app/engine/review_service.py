@@ -1,4 +1,4 @@
-"""Reviewing: frames are accepted and let go, a take is compared, the course of joint parameters is shown."""
+"""Reviewing: frames are accepted and let go, the course of joint parameters is shown."""
 
 from __future__ import annotations
 
@@ -19,10 +19,8 @@ from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import Service
 from handtrack_app.engine.store import edits
 from handtrack_app.protocol.calls import command
-from handtrack_app.protocol.palette import COMPARED
 from handtrack_app.protocol.snapshots import (
     CloseSnapshot,
-    ComparedSnapshot,
     Curve,
     CurvesSnapshot,
     Notice,
@@ -30,10 +28,8 @@ from handtrack_app.protocol.snapshots import (
 
 
 class ReviewService(Service):
-    """Accepted frames, the take that is compared, and curves."""
+    """Accepted frames, and curves."""
 
-    number: int | None = None
-    """of the take that is compared"""
     names: tuple[str, ...] = ()
     """of the parameters whose course is shown"""
 
@@ -90,39 +86,6 @@ class ReviewService(Service):
         self.names = names
         self.tell_curves()
 
-    @command(view=True, latest=())
-    def compare_take(self, number: int | None) -> None:
-        """Show how far a take lies from the track; None: none."""
-        document = self.document
-        take = None if number is None else document.takes.get(number)
-        if number is not None and take is None:
-            raise HandtrackError(f"Take {number} has no frames that could be compared.")
-        if take is not None and take.parameter_names != document.model.parameter_names:
-            raise HandtrackError(
-                f"Take {number} is of another model than the one in force: their joints cannot be compared. Bring it back first, "
-                "which brings its model."
-            )
-        self.number = number
-        document.rows.compare(take)
-        self.show()
-        self.opened.announce(timeline_snapshot(document))
-
-    def show(self) -> None:
-        """Tell how the take that is compared has the frame shown."""
-        document = self.document
-        frame, take = document.frame, document.rows.compared
-        result = None if take is None else take.get(frame)
-        if result is None or len(result.T_world_bone) != len(document.model.skeleton.length):
-            self.publish(ComparedSnapshot(frame, ""))
-            return
-        bones, length = result.T_world_bone, document.model.skeleton.length
-        self.publish(
-            ComparedSnapshot(
-                frame, "compared", (), np.full(len(length), COMPARED), bones[:, :3, 3].copy(),
-                bones[:, :3, :3].copy(), length,
-            )
-        )  # fmt: skip
-
     def tell_curves(self) -> None:
         """Show the course of the joint parameters that are looked at."""
         document = self.document
@@ -141,9 +104,9 @@ class ReviewService(Service):
             for row, pose in hand:
                 if 0 <= row < count:
                     values[row], std[row] = pose[at], np.nan
-            curves.append(Curve(name, values, std, rows.other[:, at].copy(), truth))
+            curves.append(Curve(name, values, std, truth))
         fps = float(document.run.session.fps)
-        self.publish(CurvesSnapshot(rows.frames.start, fps, tuple(curves), self.number))
+        self.publish(CurvesSnapshot(rows.frames.start, fps, tuple(curves)))
 
 
 def close_pictures(

@@ -107,8 +107,6 @@ GHOSTS = (
     (0, 114, 178),
 )  # fmt: skip
 """of poses that a frame may have, by rank"""
-COMPARED = 5
-"""of these, that of the take that is compared: yellow"""
 TERMS = {
     "silhouettes": "#009e73",
     "cloud→model": "#e69f00",

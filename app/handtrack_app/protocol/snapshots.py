@@ -96,8 +96,6 @@ class Curve:
     name: str
     values: Floats[F]
     std: Floats[F]
-    other: Floats[F]
-    """in the take that is compared"""
     truth: Floats[N]
     """(F,), or empty where there is none"""
 
@@ -109,8 +107,6 @@ class CurvesSnapshot:
     start: int
     fps: float
     curves: tuple[Curve, ...]
-    take: int | None = None
-    """that is compared"""
 
 
 @dataclass(frozen=True)
@@ -124,11 +120,9 @@ class CloseSnapshot:
 # goes on
 
 
-PROBABILITY, VIEWS, AT_LIMITS, MOVED, APART = (
-    "probably off", "views", "at limits", "changed mm", "apart mm",
-)  # fmt: skip
+PROBABILITY, VIEWS, AT_LIMITS, MOVED = "probably off", "views", "at limits", "changed mm"
 """lanes: how probably a joint is 25 mm off; the views a frame's energy is of; joints at their limits; how far the take that
-shows moved a joint from the one below it; how far a joint lies from the take that is compared"""
+shows moved a joint from the one below it"""
 
 
 @dataclass(frozen=True)
@@ -509,11 +503,6 @@ class GuessesSnapshot:
 
 
 @dataclass(frozen=True)
-class ComparedSnapshot(GuessesSnapshot):
-    """The hand of another take at the frame shown; without bones where it has none, or none is compared."""
-
-
-@dataclass(frozen=True)
 class SurfaceSnapshot:
     """The solver's surface at one pose."""
 
@@ -627,6 +616,6 @@ class Opened:
 Snapshot = (
     SessionSnapshot | PoseSnapshot | PictureSnapshot | TimelineSnapshot | TimelineChange | ProgressSnapshot | Notice
     | Download | RerunPage | SurfaceSnapshot | CloudSnapshot | CloudPicture | CloudCard
-    | ComparedSnapshot | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
+    | CurvesSnapshot | CloseSnapshot | ScoreSnapshot | MaskCard | MaskPicture | GuessesSnapshot | LiveSnapshot | WorkSnapshot
     | Opened
 )  # fmt: skip

@@ -1,10 +1,9 @@
-"""Takes compared on the page: distance, ghost, curves; frames of a take brought back; frames between two that are kept."""
+"""Frames of a take brought back; frames between two that are kept."""
 
-import numpy as np
 import pytest
 
 from handtrack_app.page.panels.tracking import takes_table
-from handtrack_app.protocol.snapshots import APART, TakeCard, WorkSnapshot
+from handtrack_app.protocol.snapshots import TakeCard, WorkSnapshot
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 
@@ -29,29 +28,17 @@ def track(bench, first, number, count):
     )
 
 
-def test_a_take_is_compared_and_some_of_its_frames_come_back(bench, wire):
+def test_some_frames_of_a_take_come_back(bench, wire):
     panel, document = bench.layout.takes, bench.worker.document
     track(bench, 0, 1, FRAMES)
     first = _bends(bench)
     bench.engine.set_pose(4, tuple(value + 0.05 for value in document.start), 100)
     track(bench, 4, 2, FRAMES - 5)  # the keyframe stays
     second = _bends(bench)
-    wire.set_value(panel.compare, "1")
-    eventually(lambda: "away in half" in panel.apart.content, "told")
-    bench.go_to(6)
-    eventually(lambda: bool(bench.stage.compared.bones.visible), "its hand is there")
-    strip = bench.layout.timeline.strip
-    apart = 1e3 * np.linalg.norm(
-        document.results[6].joint_positions - document.takes.get(1)[6].joint_positions, axis=1  # type: ignore[index]
-    ).max()  # fmt: skip
-    assert strip.lanes[APART][6] == pytest.approx(apart)
     wire.set_value(panel.span, [5, 7])
     wire.set_value(panel.chosen, "1")
     wire.set_value(panel.part, True)
     eventually(lambda: _bends(bench) == [*second[:5], *first[5:8], *second[8:]], "of take 1")
-    wire.set_value(panel.compare, "none")
-    eventually(lambda: not bench.stage.compared.bones.visible, "gone")
-    eventually(lambda: panel.apart.content == "", "and nothing is said")
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")
     eventually(lambda: _bends(bench) == second, "the frames of take 2 again")
 

@@ -294,18 +294,3 @@ def test_who_changed_the_file_elsewhere_is_right(tmp_path, left_open):
     again = opened(tmp_path)
     assert again.document.run.session.pins.frames == [6]
     assert 5 not in again.document.state.pins
-
-
-def test_copied_pins_move_as_what_was_tracked_moves(tmp_path, left_open):
-    store = tracked(opened(tmp_path))
-    document = store.document
-    pin = _with_pin(store, 5)
-    _posing(store).copy_pins(5, 1, 2, 2)
-    assert document.run.session.pins.frames == [4, 5, 6, 7]
-    (copy,) = document.run.session.pins.of(7)
-    at = document.model.joint_names.index("ring_tip")
-    moves = [
-        _pixel(document, document.results[f].joint_positions[at]) for f in (5, 7)
-    ]  # fmt: skip
-    assert_allclose(np.subtract(copy.pixel, pin.pixel), np.subtract(moves[1], moves[0]), atol=2e-3)
-    assert np.linalg.norm(np.subtract(*moves)) > 0.1, "it moves"

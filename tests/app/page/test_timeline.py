@@ -31,7 +31,7 @@ def long_strip(count=COUNT, **changed):
     rng = np.random.default_rng(0)
     lanes = {
         name: rng.random(count) * size
-        for name, size in ((snapshots.PROBABILITY, 1.0), (snapshots.VIEWS, 3.0), (snapshots.AT_LIMITS, 6.0), (snapshots.MOVED, 20.0), (snapshots.APART, 20.0))
+        for name, size in ((snapshots.PROBABILITY, 1.0), (snapshots.VIEWS, 3.0), (snapshots.AT_LIMITS, 6.0), (snapshots.MOVED, 20.0))
     }  # fmt: skip
     terms = {name: rng.random(count) for name in ("silhouettes", "cloud→model", "keypoints")}
     strip = TimelineSnapshot(
@@ -140,17 +140,17 @@ def test_range_of_motion_and_speed():
 
 def _snapshot(count=300):
     values = np.linspace(0, 1, count)
-    curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values + 0.1, values - 0.1)  # fmt: skip
-    return CurvesSnapshot(0, 30.0, (curve,), 3)
+    curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values - 0.1)  # fmt: skip
+    return CurvesSnapshot(0, 30.0, (curve,))
 
 
-def test_a_plot_has_track_band_other_take_and_truth_in_the_window_alone():
+def test_a_plot_has_track_band_and_truth_in_the_window_alone():
     data = plot_data(snapshot := _snapshot(), snapshot.curves[0], Window(100, 199), False)
     assert (data["frame"][0], data["frame"][-1]) == (100, 199)
     assert_allclose(data["track"], np.rad2deg(np.linspace(0, 1, 300)[100:200]))
     assert_allclose(data["high"] - data["track"], np.rad2deg(0.1))
     assert_allclose(data["track"] - data["low"], np.rad2deg(0.1))
-    assert_allclose(data["take 3"] - data["truth"], np.rad2deg(0.2))
+    assert_allclose(data["track"] - data["truth"], np.rad2deg(0.1))
 
 
 def test_the_tab_plots_the_angles_of_a_finger(bench, wire):

@@ -58,8 +58,6 @@ def plot_data(
             "low": curve.values - _SIGMAS * curve.std,
             "high": curve.values + _SIGMAS * curve.std,
         }
-    if snapshot.take is not None:
-        lines[f"take {snapshot.take}"] = curve.other
     if len(curve.truth):
         lines["truth"] = curve.truth
     edges = window.columns()
@@ -90,8 +88,8 @@ class PlotsPanel:
         with self.tab:
             self.group = page.choice(
                 "Angles of", (_NONE,), self._choose,
-                "For the part of the recording that the timeline shows. The compared take (Track, Takes) and the ground truth "
-                "are plotted beside the track. Drag in a plot to zoom; double-click for all.",
+                "For the part of the recording that the timeline shows. The ground truth "
+                "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
             )  # fmt: skip
             self.speed = page.check(
                 "Speed", False, lambda _: self.draw(), "Plot the angles' speed instead."

@@ -600,7 +600,7 @@ class CopyPanel:
         put(self.line, content=escaped(words))
 
 
-# ---- Pins: what holds the rest of the hand, which pins a frame has, and buttons to drop and copy them
+# ---- Pins: what holds the rest of the hand, which pins a frame has, and buttons to drop them
 
 
 FITTED, LEAST = "fit to images", "keep"
@@ -639,10 +639,6 @@ class PinPanel:
                 "Drop all pins of this frame", lambda: self._drop(None), "pinned-off",
                 "The tracked pose shows again.", visible=False,
             )  # fmt: skip
-            self.copy = page.buttons(
-                "Copy to frames", ("5 before", "5 behind", "both"), self._copy,
-                "The same correction beside, moved as what was tracked moves.", visible=False,
-            )  # fmt: skip
         page.key("Drop the last pin", "Backspace", self._drop_last)
         fit_or_keep = "Pins: fit other joints to the images, or keep them"
         page.key(fit_or_keep, "X", self._switch, "shift")
@@ -661,7 +657,7 @@ class PinPanel:
             gain = cost - self._before[1]
         self.pins = pose.pins
         put(self.list, content=pin_list(pose.pins, self.near_m, gain) if pose.pins else _NO_PINS)
-        for button in (self.drop, self.drop_all, self.copy):
+        for button in (self.drop, self.drop_all):
             put(button, visible=bool(pose.pins))
 
     def _hold(self, choice: str) -> None:
@@ -679,11 +675,6 @@ class PinPanel:
         state = self.page.state
         version = state.begin_edit()
         self.page.engine.drop_pins(state.frame, which, version, self.grips.by_images)
-
-    def _copy(self, choice: str) -> None:
-        state = self.page.state
-        before, behind = {"5 before": (5, 0), "5 behind": (0, 5)}.get(choice, (5, 5))
-        self.page.engine.copy_pins(state.frame, before, behind, state.begin_edit())
 
 
 def pin_list(pins: tuple[PinCard, ...], near_m: float, gain: float | None = None) -> str:

@@ -12,7 +12,6 @@ import viser
 from handtrack_app.page.page import Page, put
 from handtrack_app.protocol.palette import FOUND, STATUS
 from handtrack_app.protocol.snapshots import (
-    APART,
     COUNTED,
     NO_TIMELINE,
     LiveSnapshot,
@@ -455,11 +454,10 @@ def live_table(live: LiveSnapshot) -> str:
     )
 
 
-# ---- Takes: every tracking there was; compared with the track, brought back whole or in part
+# ---- Takes: every tracking there was; brought back whole or in part
 
 
 _MOST = 40  # of the list; `handtrack takes` has all
-_NONE: str = "none"
 
 
 @dataclass
@@ -477,11 +475,6 @@ class TakesPanel:
             self.folder = gui.add_folder("Takes", expand_by_default=False)
         with self.folder:
             self.list = gui.add_html("")
-            self.compare = page.choice(
-                "Compare to", (_NONE, *numbers), self._compare,
-                "It stands in the scene as a yellow skeleton, a lane says how far it is, the plots have its curves.",
-            )  # fmt: skip
-            self.apart = gui.add_html("")
             self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", numbers)
             self.back = page.button(
                 "Bring this take back", lambda: self._restore(None), "restore",
@@ -515,9 +508,6 @@ class TakesPanel:
             self.page.play(False)
             self.page.engine.restore_take(int(chosen), span)
 
-    def _compare(self, chosen: str) -> None:
-        self.page.engine.compare_take(int(chosen) if chosen.isdecimal() else None)
-
     def show(self, work: WorkSnapshot) -> None:
         """Show the takes that there are."""
         if not work.takes:
@@ -528,32 +518,14 @@ class TakesPanel:
         elif numbers != self.numbers:
             self.chosen.options = numbers
             self.chosen.value = numbers[0]
-            compared = self.compare.value
-            self.compare.options = (_NONE, *numbers)
-            self.compare.value = compared if compared in numbers else _NONE
         put(self.list, content=takes_table(work))
         self.numbers = numbers
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
-        """Say how far the take that is compared lies from the track."""
+        """Take the frames that there are."""
         if self.folder is not None:
-            put(self.apart, content=apart_words(strip))
             last = max(strip.start + len(strip.status) - 1, strip.start + 1)
             put(self.span, min=strip.start, max=last)
-
-
-def apart_words(strip: TimelineSnapshot) -> str:
-    """Return how far the take that is compared lies from the track; empty where none is."""
-    apart = strip.lanes.get(APART)
-    if apart is None or not np.isfinite(apart).any():
-        return ""
-    known = apart[np.isfinite(apart)]
-    worst = strip.start + int(np.nanargmax(apart))
-    return (
-        "<div style='padding:.1em .9em .4em;font-size:.9em;line-height:1.4'>The furthest joint lies "
-        f"<b>{np.median(known):.1f} mm</b> away in half of {len(known)} frames, most in frame {worst} "
-        f"(<b>{known.max():.1f} mm</b>).</div>"
-    )
 
 
 def takes_table(work: WorkSnapshot) -> str:

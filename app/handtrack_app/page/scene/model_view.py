@@ -288,17 +288,14 @@ _HAND_BONE_M = 0.045  # of a hand, which may have a forearm, the median
 class Ghosts:
     """The bones of all of them as one batched mesh, which is seen at the frame that they are of."""
 
-    def __init__(
-        self, server: viser.ViserServer, name: str, take: Callable[[int], None] | None = None
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, name: str, take: Callable[[int], None]) -> None:
         """Add the mesh, hidden; `take(rank)` is called when one is clicked."""
         self.guesses: GuessesSnapshot | None = None
         self.bones = add_batch(
             server.scene, name, capsule(0.5, 0.25, 4, 8), np.full((1, 3), 1e-4),
             batched_colors=np.zeros((1, 3), np.uint8), opacity=_OPACITY, cast_shadow=False, visible=False,
         )  # fmt: skip
-        if take is not None:
-            self.bones.on_click(lambda event: self._clicked(event.instance_index, take))
+        self.bones.on_click(lambda event: self._clicked(event.instance_index, take))
 
     def _clicked(self, index: int | None, take: Callable[[int], None]) -> None:
         known = self.guesses

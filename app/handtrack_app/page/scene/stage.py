@@ -64,7 +64,6 @@ from handtrack_app.protocol.snapshots import (
     CloudCard,
     CloudSelection,
     CloudSnapshot,
-    ComparedSnapshot,
     GuessesSnapshot,
     MaskPicture,
     PictureSnapshot,
@@ -104,7 +103,6 @@ class Stage:
             "/ghosts",
             lambda n: self.take_guess(n),  # noqa: PLW0108 - it is set later
         )
-        self.compared = Ghosts(page.server, "/compared")
         light(page.server)
 
     def fit(self, session: SessionSnapshot) -> None:
@@ -227,7 +225,6 @@ class Stage:
             update_truth(self.hand, pose, display)
             self.clear_late()
             self.ghosts.show(display.ghosts, pose.frame)
-            self.compared.show(True, pose.frame)
             self._show_opacity()
             if move_handle:
                 self.root.show_at(pose.values[:6])
@@ -310,12 +307,6 @@ class Stage:
                 self._show_flesh()
         if guesses.is_new:
             self._turn_to(np.median(guesses.position[guesses.owner == 0], axis=0))
-
-    def show_compared(self, compared: ComparedSnapshot) -> None:
-        """Draw the hand of the take that is compared."""
-        self.compared.update(compared)
-        if self.pose is not None:
-            self.compared.show(True, self.pose.frame)
 
     def _turn_to(self, hand: Floats) -> None:
         """Look at a hand that was found somewhere (3,) [m]."""

@@ -14,7 +14,6 @@ from handtrack_app.page.html import chip
 from handtrack_app.page.panels.pose import status_of
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
 from handtrack_app.protocol.snapshots import (
-    APART,
     AT_LIMITS,
     MOVED,
     PROBABILITY,
@@ -119,8 +118,8 @@ _BADNESS = (
     2,
 )  # status, from what is drawn least to what is drawn above all
 _HEIGHTS = {-1: 3, 0: 7, 4: 7, _FOUND: 10, 3: 10, 1: 10, 2: 14}
-_DOUBT, _ACCEPTED, _GAP, _LIMIT, _CHANGED, _OTHER = (
-    "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#f0e442",
+_DOUBT, _ACCEPTED, _GAP, _LIMIT, _CHANGED = (
+    "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9",
 )  # fmt: skip
 _TAKES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2")
 _FULL_MM = 20.0  # a change that is drawn in full colour: more than a finger is thick
@@ -371,7 +370,6 @@ def _thin_lanes(strip: TimelineSnapshot, window: Window) -> list[Lane | None]:
     for word, label, full, colour, form, hint in (
         (AT_LIMITS, "at limits", 6.0, _LIMIT, "{:.0f}", "How many joints stand at a limit."),
         (MOVED, "changed", _FULL_MM, _CHANGED, "{:.1f} mm", "How far the furthest joint moved from the take below: what refining, or tracking again, changed."),
-        (APART, "apart", _FULL_MM, _OTHER, "{:.1f} mm", "How far the furthest joint lies from the take that is compared."),
     ):  # fmt: skip
         if word in strip.lanes:
             found.append(_thin(strip, window, label, strip.lanes[word], full, colour, form, hint))
