@@ -7,11 +7,10 @@ import pytest
 
 from handtrack.model.kinematics import BonePoses
 from handtrack.terms.rows import Rows, motion_row
-from handtrack.terms.term import ObservationTerm, ParameterTerm
+from handtrack.terms.term import ObservationTerm
 from tests.derivatives import (
     check_jacobian,
     check_observation_term,
-    check_parameter_term,
     deformed,
 )
 
@@ -33,18 +32,6 @@ class PointTerm(ObservationTerm):
         return Rows(residual, np.arange(3), np.ones(3, int), motion, cost, np.ones(3)).add_to(sums)
 
 
-@dataclass(frozen=True)
-class RestTerm(ParameterTerm):
-    factor: float
-    name: str = "rest"
-
-    def add_to(self, joint_params, sums):
-        if sums.width:
-            np.add(sums.gradient, self.factor * joint_params, out=sums.gradient)
-            np.add(sums.hessian, np.eye(len(joint_params)), out=sums.hessian)
-        return 0.5 * float(joint_params @ joint_params)
-
-
 @pytest.fixture
 def bones(rng) -> BonePoses:
     still = BonePoses(rng.normal(size=3), np.tile(np.eye(3), (2, 1, 1)), rng.normal(size=(2, 3)))
@@ -57,22 +44,6 @@ def test_a_wrong_term_is_named_with_both_numbers(bones, rng):
         check_observation_term(term, bones, ("palm", "index"))
 
 
-def test_a_wrong_prior_is_named(rng):
-    check_parameter_term(RestTerm(1.0), rng.normal(size=3))
-    with pytest.raises(AssertionError, match="index_mcp_flex"):
-        check_parameter_term(RestTerm(1.01), np.ones(1), ("index_mcp_flex",))
-
-
 def test_a_derivative_that_is_not_a_number_fails(rng):
     with pytest.raises(AssertionError, match="1 of 4 derivatives"):
         check_jacobian(lambda x: x, np.array([[1.0, 0.0], [np.nan, 1.0]]), rng.normal(size=2))
-
-
-def test_deformed_bones_move_as_the_convention_says(bones, rng):
-    """A point X of a bone moves by v + ω × (X − o)."""
-    twists = 1e-7 * rng.normal(size=(2, 6))
-    local = rng.normal(size=(2, 3))
-    every = np.arange(2)
-    before, after = bones.to_world(every, local), deformed(bones, twists).to_world(every, local)
-    told = twists[:, :3] + np.cross(twists[:, 3:], before - bones.reference)
-    np.testing.assert_allclose(after - before, told, atol=1e-12)

@@ -147,41 +147,12 @@ def compare(track: TrackResult, session: Session) -> dict[str, object]:
     }
 
 
-def print_drawn(what: str, shares: dict[tuple[int, str], float]) -> None:
-    """Print overlaps with the outlines drawn by eye, a line a camera."""
-    for name in sorted({name for _, name in shares}):
-        row = {frame: share for (frame, camera), share in shares.items() if camera == name}
-        print(f"{what} {name}, IoU with the drawn hand: ", end="")
-        print("  ".join(f"{frame}: {share:.3f}" for frame, share in sorted(row.items())))
-    if shares:
-        values = list(shares.values())
-        print(f"{what}: mean {np.mean(values):.3f}, least {np.min(values):.3f}")
-
-
 def main() -> None:
     data = Path(os.environ.get("HANDTRACK_DATA", Path(__file__).parents[3] / "shared" / "data"))
     poses, *other = (word for word in sys.argv[1:] if word != "--json")
     session = Session.open(other[0] if other else data / "sessions" / "desk_two_view")
-    if "--json" in sys.argv:
-        figures = mask_figures(session) if poses == "-" else compare(read_npz(Path(poses)), session)
-        print(json.dumps({name: n for name, n in figures.items() if not isinstance(n, dict)}))
-        return
-    print_drawn("masks", compare_masks(session))
-    if any(view.unknown is not None for view in session.views):
-        print_drawn("masks where known", compare_masks(session, known_only=True))
-    if poses == "-":
-        return
-    figures = compare(read_npz(Path(poses)), session)
-    for frame, (marks, shares) in figures.pop("frames").items():  # type: ignore[union-attr]
-        values = np.array(list(marks.values()))
-        worst = sorted(marks, key=lambda k: -marks[k])[:3]
-        print(
-            f"{frame:4d}  median {np.median(values):5.1f}  p90 {np.percentile(values, 90):5.1f}  "
-            f"IoU {' '.join(f'{s:.2f}' for s in shares)}  worst: "
-            + ", ".join(f"{k} {marks[k]:.0f}" for k in worst)
-        )
-    print_drawn("model", figures.pop("drawn"))  # type: ignore[arg-type]
-    print(figures)
+    figures = mask_figures(session) if poses == "-" else compare(read_npz(Path(poses)), session)
+    print(json.dumps({name: n for name, n in figures.items() if not isinstance(n, dict)}))
 
 
 if __name__ == "__main__":

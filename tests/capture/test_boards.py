@@ -35,8 +35,10 @@ from handtrack.capture.calibration.bundle_adjustment import (
 from handtrack.capture.calibration.rig_calibration import CalibrationSettings, calibrate_rig
 from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.images.frames import ImageFiles
+from handtrack.geometry.rotation import rotation_vector
 from handtrack_app.cli import main
 from tests.capture.board_scene import board_poses, photograph, seen_pixels, three_cameras
+from tests.derivatives import check_jacobian
 
 CHARUCO = "charuco:7x5:30mm:22mm:DICT_4X4_50"
 MARGIN_MM = 15.0  # of the CHARUCO print: half a square
@@ -165,19 +167,16 @@ def assert_same_rig(found, rig, report, centre_mm):
     first = rig.cameras[0]
     for got, true, stated in zip(found, rig, report.cameras, strict=True):
         lens = [*true.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *true.distortions]
-        for name, value in zip(LENS, lens, strict=True):
-            assert abs(stated["lens"][name] - value) <= 5 * stated["lens_std"][name] + 1e-9, (
-                true.name,
-                name,
-            )
-        centre = first.to_camera(true.centre)
-        assert np.linalg.norm(got.centre - centre) < centre_mm * 1e-3
-        turn = got.rotation @ (true.rotation @ first.rotation.T).T
-        assert np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1))) < 0.2
+        lens_off = [stated["lens"][name] for name in LENS] - np.array(lens)
+        lens_std = np.array([stated["lens_std"][name] for name in LENS])
+        assert (np.abs(lens_off) <= 5 * lens_std + 1e-9).all(), (true.name, lens_off, lens_std)
+        assert np.linalg.norm(got.centre - first.to_camera(true.centre)) < centre_mm * 1e-3
+        turn = rotation_vector(got.rotation @ (true.rotation @ first.rotation.T).T)
+        assert np.rad2deg(np.linalg.norm(turn)) < 0.2
 
 
 def test_derivatives(rig, poses, rng):
-    """The analytic Jacobian against central differences, every free number of a state."""
+    """Every free number of a state."""
     cameras = [views_of(camera, BOARD, poses[:4], rng) for camera in rig]
     parts = [(c, view) for c, seen in enumerate(cameras) for view in seen.shared]
     count = [len(view.ids) for _, view in parts]
@@ -188,46 +187,25 @@ def test_derivatives(rig, poses, rng):
         np.concatenate([view.pixels for _, view in parts]),
     )
     lens = [[430, 431, 240, 170, -0.2, 0.06, 1e-3, -5e-4, 0.02]] * 3
-    state = RigState(
-        np.array(lens),
-        rng.normal(size=(3, 6)) * 0.05,
-        rng.normal(size=(4, 6)) * 0.1 + [0, 0, 0, 0, 0, 0.5],
-    )
+    turns, boards = rng.normal(size=(3, 6)) * 0.05, rng.normal(size=(4, 6)) * 0.1
+    state = RigState(np.array(lens), turns, boards + [0, 0, 0, 0, 0, 0.5])
     layout = _Layout(state, np.ones((3, 9), bool), fixed_camera=0)
-    vector = layout.vector(state)
-    analytic = _jacobian(state, corners, layout).toarray()
-    for i in range(len(vector)):
-        step = 1e-6 * max(abs(vector[i]), 1e-2)
-        moved = [vector + step * s * (np.arange(len(vector)) == i) for s in (1, -1)]
-        ahead, behind = (residuals(layout.state(v), corners).reshape(-1) for v in moved)
-        numeric = -(ahead - behind) / (2 * step)
-        assert np.allclose(
-            analytic[:, i], numeric, rtol=1e-4, atol=1e-4 * max(1, np.abs(numeric).max())
-        )
+
+    def projected(vector):
+        return -residuals(layout.state(vector), corners).ravel()
+
+    found = _jacobian(state, corners, layout).toarray()
+    check_jacobian(projected, found, layout.vector(state), rtol=1e-8)
 
 
 def test_a_known_rig_is_found_again(rig, poses, rng):
-    cameras = [views_of(camera, BOARD, poses, rng) for camera in rig]
-    found = calibrate_rig(BOARD, cameras)
+    found = calibrate_rig(BOARD, [views_of(camera, BOARD, poses, rng) for camera in rig])
     assert_same_rig(found.rig, rig, found.report, centre_mm=0.5)
     assert found.report.sigma_px == pytest.approx(NOISE_PX, rel=0.1)
-    assert [pair["common_views"] > 0 for pair in found.report.pairs] == [True] * 3
+    assert all(pair["common_views"] > 0 for pair in found.report.pairs)
     for pair in found.report.pairs:
         a, b = (rig[name] for name in pair["names"])
         assert pair["baseline_m"] == pytest.approx(np.linalg.norm(a.centre - b.centre), abs=5e-4)
-    for seen, left in zip(found.cameras, found.residuals, strict=True):
-        for view, off in list(zip(seen.shared, left, strict=False))[::7]:
-            pose = found.T_world_board[view.frame]
-            corners = BOARD.points[view.ids] @ pose[:3, :3].T + pose[:3, 3]
-            camera = found.rig[seen.name]
-            there, _ = cv2.projectPoints(
-                camera.to_camera(corners),
-                np.zeros(3),
-                np.zeros(3),
-                camera.matrix,
-                camera.distortions,
-            )
-            np.testing.assert_allclose(off, view.pixels - there[:, 0], atol=1e-6)
 
 
 def test_cameras_that_never_share_a_view_are_chained(rig, poses, rng):
@@ -262,11 +240,8 @@ def test_the_world_can_be_a_board(rig, poses, rng):
     found = calibrate_rig(BOARD, cameras, CalibrationSettings(world=f"board:{frame}"))
     seen = found.rig["a"].project(BOARD.points * [1, -1, 1])  # y up the print, z out of it
     assert np.abs(seen - cameras[0].shared[0].pixels).max() < 0.6
-    assert (found.rig["a"].centre[2] > 0.2) and (found.rig["b"].centre[2] > 0.2)
-    with pytest.raises(
-        HandtrackError,
-        match=r"--world board:99: expected camera:NAME \(of a, b, c\) or board:FRAME",
-    ):
+    assert min(found.rig["a"].centre[2], found.rig["b"].centre[2]) > 0.2
+    with pytest.raises(HandtrackError, match="board:99.*a, b, c"):
         calibrate_rig(BOARD, cameras, CalibrationSettings(world="board:99"))
 
 

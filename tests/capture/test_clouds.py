@@ -32,10 +32,7 @@ def test_written_clouds_read_back(suffix, cloud, tmp_path):
         back, warnings = read_cloud(path, 0.01)
         assert warnings == ()
         assert np.allclose(back.points, cloud.points * 0.01, atol=1e-7)
-        if colors is None:
-            assert back.colors is None
-        else:
-            assert np.array_equal(back.colors, colors)
+        assert np.array_equal(back.colors, colors)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
@@ -65,57 +62,41 @@ def test_huge_clouds_are_read_in_part(suffix, tmp_path, monkeypatch, rng):
 PLY = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
 
 
+def named(old: str, new: str) -> bytes:
+    return PLY.replace(old, new).encode()
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
         ("0.ply", b"no", "not a .ply file"),
-        (
-            "0.ply",
-            (PLY + "1 2 3\n").encode(),
-            "announces 2 points, but holds 1; the file is cut off",
-        ),
+        ("0.ply", (PLY + "1 2 3\n").encode(), "2 points.* 1;.* cut off"),
         ("0.ply", (PLY + "1 2 3\n1 b 3\n").encode(), "the points cannot be read"),
-        (
-            "0.ply",
-            PLY.replace("float z", "float w").encode(),
-            "no x, y, z; properties there: x, y, w",
-        ),
-        ("0.ply", PLY.replace("ascii", "xml").encode(), "no known format"),
-        ("0.ply", PLY.replace("vertex", "face").encode(), "expected the vertices first"),
-        (
-            "0.ply",
-            PLY.replace("vertex 2", "vertex 99999999999999999999999").encode(),
-            "announces 99999999999999999999999 points, but holds fewer",
-        ),
-        (
-            "0.ply",
-            PLY.replace("float y", "float y\nproperty float x").encode(),
-            "a vertex property is named twice: x, y, x, z",
-        ),
-        ("0.ply", (PLY + "1,2,3\n1,2,3\n").encode(), "Expected numbers with spaces between them."),
+        ("0.ply", named("float z", "float w"), "no x, y, z; .*: x, y, w"),
+        ("0.ply", named("ascii", "xml"), "no known format"),
+        ("0.ply", named("vertex", "face"), "expected the vertices first"),
+        ("0.ply", named("vertex 2", "vertex 99999999999999999999999"), "99999999999999999999999 points"),
+        ("0.ply", named("float y", "float y\nproperty float x"), "twice: x, y, x, z"),
+        ("0.ply", (PLY + "1,2,3\n1,2,3\n").encode(), "numbers with spaces"),
         ("0.npz", b"no", "not a readable .npz"),
+        ("0.npz", {"xyz": np.zeros((2, 3))}, "no array `points`.*: xyz"),
+        ("0.npz", {"points": np.zeros((2, 4))}, r"`points` .*\(2, 4\)"),
+        ("0.npz", {"points": np.zeros((2, 3)), "colors": np.zeros((1, 3))}, r"`colors` .*\(1, 3\)"),
         ("0.xyz", b"", "neither .ply nor .npz"),
     ],
-)
+)  # fmt: skip
 def test_files_that_cannot_be_used(name, content, words, tmp_path):
-    (tmp_path / name).write_bytes(content)
+    if isinstance(content, dict):
+        np.savez(tmp_path / name, **content)
+    else:
+        (tmp_path / name).write_bytes(content)
     with pytest.raises(HandtrackError, match=words):
         read_cloud(tmp_path / name)
 
 
-def test_arrays_of_an_npz(tmp_path):
-    path = tmp_path / "0.npz"
-    np.savez(path, xyz=np.zeros((2, 3)))
-    with pytest.raises(HandtrackError, match="no array `points`; arrays there: xyz"):
-        read_cloud(path)
-    np.savez(path, points=np.zeros((2, 4)))
-    with pytest.raises(HandtrackError, match=r"`points` has the shape \(2, 4\)"):
-        read_cloud(path)
-    np.savez(path, points=np.zeros((2, 3)), colors=np.zeros((1, 3)))
-    with pytest.raises(HandtrackError, match=r"`colors` has the shape \(1, 3\)"):
-        read_cloud(path)
-    np.savez(path, points=np.zeros((2, 3)), colors=np.full((2, 3), 0.5))
-    assert (read_cloud(path)[0].colors == 127).all()
+def test_colours_may_be_shares(tmp_path):
+    np.savez(tmp_path / "0.npz", points=np.zeros((2, 3)), colors=np.full((2, 3), 0.5))
+    assert (read_cloud(tmp_path / "0.npz")[0].colors == 127).all()
 
 
 EYE = np.zeros((1, 3))
@@ -125,15 +106,6 @@ def patch(rng: np.random.Generator, centre, count=2000, side=0.1):
     """A square of points facing the camera."""
     flat = rng.uniform(-side / 2, side / 2, (count, 2))
     return np.column_stack([flat, rng.normal(0, 1e-4, count)]) + np.array(centre)
-
-
-def test_finite_and_range():
-    points = np.array([[0, 0, 0.05], [0, 0, 0.5], [0, 0, 2.0], [np.nan, 0, 1]])
-    assert filters.finite(points).tolist() == [True, True, True, False]
-    keep = filters.within_range(points[:3], EYE, 0.1, 1.5)
-    assert keep.tolist() == [False, True, False]
-    second = np.array([[0, 0, 0], [0, 0, 3.0]])
-    assert filters.within_range(points[:3], second, 0.1, 1.5).tolist() == [False, True, True]
 
 
 def test_thinning_keeps_a_fixed_number_per_cell_and_is_the_same_each_time(rng):
@@ -193,19 +165,19 @@ def test_a_hand_is_cut_from_the_body_it_hangs_on(rng):
 def test_skin_ellipse_from_samples_with_size_as_threshold(rng):
     tone = np.clip(rng.normal((190, 140, 115), 6, (500, 3)), 0, 255)
     shade = np.linspace(0.4, 1.0, 500)[:, None]  # brightness drops out
-    background = rng.normal((60, 90, 200), 5, (60, 3))
+    background = rng.normal((60, 90, 200), 5, (60, 3)).astype(np.uint8)
     ellipse = fit_skin_ellipse(np.vstack([tone * shade, background]).astype(np.uint8), size=3.0)
+
+    def share(colors, chosen=ellipse):
+        return filters.skin_coloured(colors, len(colors), chosen).mean()
+
     skin = (tone * 0.7).astype(np.uint8)
-    assert filters.skin_coloured(skin, 500, ellipse).mean() > 0.95
-    assert not filters.skin_coloured(background.astype(np.uint8), 60, ellipse).any()
-    tight = filters.skin_coloured(skin, 500, replace(ellipse, size=0.5)).mean()
-    assert tight < 0.4
-    assert not filters.skin_coloured(np.zeros((2, 3), np.uint8), 2, ellipse).any()
+    assert share(skin) > 0.95
+    assert share(background) == share(np.zeros((2, 3), np.uint8)) == 0.0
+    assert share(skin, replace(ellipse, size=0.5)) < 0.4
     assert filters.skin_coloured(None, 4, ellipse).all()
-    with pytest.raises(
-        HandtrackError, match="at least 20 sampled pixels that are not black; found 3"
-    ):
-        fit_skin_ellipse(tone[:3].astype(np.uint8))
+    with pytest.raises(HandtrackError, match="at least 20 .* found 3"):
+        fit_skin_ellipse(skin[:3])
 
 
 def test_the_chain_reports_every_step(rng):
@@ -213,13 +185,9 @@ def test_the_chain_reports_every_step(rng):
     chain = CloudFilters(component="nearest", max_points=500)
     left, reports = chain.apply(cloud, lambda p: np.abs(p[:, 2] - 0.5), EYE)
     assert [r.name for r in reports] == ["range", "crop", "component", "voxel", "outliers", "most"]
-    assert reports[0].before == 32_000
-    assert reports[0].after == 30_000
-    assert str(reports[0]) == "0.1 to 1.5 m from a camera: 32000 → 30000 points"
+    assert (reports[0].before, reports[0].after) == (32_000, 30_000)
     assert [r.before for r in reports[1:]] == [r.after for r in reports[:-1]]
     assert len(left) == reports[-1].after == 500
-    again, _ = chain.apply(cloud, lambda p: np.abs(p[:, 2] - 0.5), EYE)
-    assert np.array_equal(left.points, again.points)
 
 
 def camera(distortions=(0, 0, 0, 0, 0)) -> Camera:
@@ -272,17 +240,14 @@ def test_grazing_surfaces_go():
 
 
 def test_a_real_hand_before_a_body(data_dir):
-    from handtrack.capture.clouds.cloud_filters import CloudFilters
-
     files = sorted((data_dir / "sr305_depth_hand" / "20210326-230536").glob("*.png"))
     if not files:
         pytest.skip("no sr305_depth_hand among the shared data")
-    matrix = np.array([[476.007, 0, 313.683], [0, 476.007, 242.755], [0, 0, 1]])
-    sr305 = Camera("sr305", (640, 480), matrix, np.zeros(5), np.eye(3), np.zeros(3))
+    sr305 = pinhole("sr305", (640, 480), 476.007, at=(313.683, 242.755))
     chain = CloudFilters(component="nearest", front_m=0.12)
     for path in files:
         depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * 0.000125
-        hand, _ = chain.apply(depth_cloud(sr305, depth), centres=np.zeros((1, 3)))
+        hand, _ = chain.apply(depth_cloud(sr305, depth), centres=EYE)
         low, high = np.quantile(hand.points, [0.01, 0.99], axis=0)
         assert 2500 <= len(hand) <= 4000, path.name
         assert 0.15 < np.linalg.norm(high - low) < 0.5, path.name  # hand and some forearm

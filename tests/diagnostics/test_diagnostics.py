@@ -1,12 +1,12 @@
 """Scores, reviews and residuals with known answers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import pytest
 
-from handtrack import Silhouette, Status, TrackerSettings, load_model
+from handtrack import Status, TrackerSettings, load_model
 from handtrack.diagnostics import residual_image as ri
 from handtrack.diagnostics.review import intervals_to_review
 from handtrack.diagnostics.score import score
@@ -106,15 +106,8 @@ def test_a_mask_is_shown_with_what_nobody_knows(scene):
     mask = seen.mask.copy()
     mask[:, :9] = UNKNOWN
     image = np.full((72, 96, 3), 100, np.uint8)
-    painted = ri.mask_picture(image, Silhouette(seen.camera, mask, seen.valid))
-    background = cv2.dilate((mask > 0.5).astype(np.uint8), np.ones((5, 5))) == 0
-    assert (painted[background & (mask == 0)] == 100).all()
-    hatched = (painted[:, :9] != 100).any(axis=-1)
-    assert 0.4 < hatched.mean() < 0.6, "every other stripe"
-    inside = cv2.erode((mask > 0.5).astype(np.uint8), np.ones((5, 5))) > 0
-    away = np.linalg.norm(painted[inside].astype(float) - ri.HAND_TINT, axis=-1)
-    assert (
-        inside.any()
-        and (0 < away).all()
-        and (away < np.linalg.norm(100.0 - np.array(ri.HAND_TINT))).all()
-    )
+    changed = (ri.mask_picture(image, replace(seen, mask=mask)) != 100).any(axis=-1)
+    around = cv2.dilate((mask > 0.5).astype(np.uint8), np.ones((5, 5))) > 0
+    assert not changed[~around & (mask == 0)].any()
+    assert 0.4 < changed[:, :9].mean() < 0.6, "every other stripe"
+    assert changed[cv2.erode((mask > 0.5).astype(np.uint8), np.ones((5, 5))) > 0].all()

@@ -1,11 +1,9 @@
 """What people import: small, documented, and enough without a session."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from handtrack import (
     Camera,
@@ -23,11 +21,8 @@ from handtrack import (
     read_cameras,
     track,
 )
-from handtrack.export.registry import export_format
-from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
-from handtrack.tracking.frame.result import Status
 from tests.derivatives import check_observation_term
 from tests.sample_track import hand_track
 
@@ -144,25 +139,6 @@ def test_tables_for_pandas_and_xarray():
         data.position.dims
     )  # as movement asks
     assert (data.attrs["ds_type"], data.attrs["fps"]) == ("poses", 25.0)
-
-
-@pytest.mark.parametrize("lost", [False, True])
-def test_xarray_and_netcdf_are_one(lost, tmp_path):
-    xarray = pytest.importorskip("xarray")
-    frames = hand_track().frames()
-    if lost:
-        frames[2] = replace(frames[2], status=Status.LOST)
-    result = replace(hand_track().labels.track(frames), fps=None)
-    own = result.to_xarray()
-    assert bool(own.position.isnull().any()) == lost
-    export_format("netcdf").write(tmp_path / "poses.nc", ResultsTable(result))
-    with xarray.open_dataset(tmp_path / "poses.nc") as written:
-        for name, array in own.variables.items():
-            assert array.dims == written[name].dims, name
-            assert array.attrs.get("units", "") in (written[name].attrs.get("units", ""), ""), name
-            assert_array_equal(array.values.astype(str), written[name].values.astype(str))
-        assert {n for n in written.variables if not n.startswith("isb")} == set(own.variables)
-        assert own.attrs.items() <= written.attrs.items()
 
 
 def test_gradient_and_hessian(rng):

@@ -247,25 +247,16 @@ def test_turn_of_the_root(rng, angle):
     )
 
 
-def test_distance_is_the_root_mean_square_of_angles(rng):
-    start = rng.normal(size=10)
-    moved = start.copy()
-    moved[:3] += 5.0  # metres do not count
-    moved[6:] += [0.3, -0.4, 0.0, 0.0]
-    assert_allclose(angle_distance(start, moved[None]), [0.5 / np.sqrt(7)])
-
-
-def test_the_same_attitude_is_at_no_distance(rng):
-    """Rotation vectors 2π apart; and a turn counts by its angle, wherever it starts from."""
+def test_the_distance_is_the_root_mean_square_of_angles(rng):
+    """Metres do not count; rotation vectors 2π apart are the same, and a turn counts by its angle, wherever it starts from."""
     start = np.r_[np.zeros(3), rng.normal(size=3), np.zeros(4)]
-    axis = start[3:6] / np.linalg.norm(start[3:6])
-    again = start.copy()
-    again[3:6] -= 2 * np.pi * axis
-    assert_allclose(angle_distance(start, again[None]), [0.0], atol=1e-12)
-    turned = start.copy()
+    again, turned, bent = start.copy(), start.copy(), start + np.r_[np.full(3, 5.0), np.zeros(7)]
+    again[3:6] *= 1 - 2 * np.pi / np.linalg.norm(start[3:6])
     turn = rotation_matrix(np.array([0.0, 0.02, 0.0]))
     turned[3:6] = rotation_vector(turn @ rotation_matrix(start[3:6]))
-    assert_allclose(angle_distance(start, turned[None]), [0.02 / np.sqrt(7)])
+    bent[6:] += [0.3, -0.4, 0.0, 0.0]
+    found = angle_distance(start, np.stack([again, turned, bent]))
+    assert_allclose(found, np.array([0.0, 0.02, 0.5]) / np.sqrt(7), atol=1e-9)
 
 
 @pytest.mark.parametrize("threshold", [0.05, 0.1, 0.3])

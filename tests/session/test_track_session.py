@@ -118,13 +118,6 @@ def test_each_fixed_frame_starts_a_segment(first, fixed, expected):
     assert _segments(range(12), first, fixed) == expected
 
 
-@pytest.mark.parametrize("fixed", [(), (0,), (5,), (2, 3, 9), (0, 11), tuple(range(12))])
-@pytest.mark.parametrize("first", [0, 5, 11])
-def test_every_other_frame_is_tracked_once(first, fixed):
-    frames = [f for low, high, *_ in _segments(range(12), first, fixed) for f in range(low, high)]
-    assert sorted(frames) == [f for f in range(12) if f not in fixed]
-
-
 def test_between_fixed_frames_half_is_tracked_from_each():
     assert _segments(range(2, 10), 2, (2, 9), both_ends=True) == [(3, 6, 3, 2), (6, 9, 8, 9)]
     assert _segments(range(2, 5), 2, (2, 4), both_ends=True) == [(3, 4, 3, 2)]

@@ -259,19 +259,6 @@ def test_a_drag_is_one_step_back_to_where_it_began():
     assert history.state == {"a": 4}
 
 
-def test_history_has_no_end():
-    history = History()
-    for value in range(1, 2001):
-        do(history, "a", value)
-    for value in range(2000, 0, -1):
-        assert history.state == {"a": value}
-        travel(history, history.undoing())
-    assert history.state == {} and len(history.future) == 2000
-    for value in range(1, 2001):
-        travel(history, history.redoing())
-        assert history.state == {"a": value}
-
-
 def change(folder: Path, **changed: object) -> Path:
     """Make the lease of a folder one of another program."""
     (path,) = folder.glob("lease-*.json")

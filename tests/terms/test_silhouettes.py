@@ -8,16 +8,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import (
-    HandScale,
     Observation,
     Silhouette,
     Status,
     TrackerSettings,
     load_model,
 )
-from handtrack.model.kinematics import BoneFields
-from handtrack.model.size import SizeParameters
-from handtrack.simulation.render import render_mask
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.terms.silhouettes.conic_field import ConicFieldTerm
@@ -28,7 +24,6 @@ from handtrack.tracking.frame.assessment import assess, outline_fit
 from handtrack.tracking.frame.constants import DOUBTFUL_PIECE_MM2
 from handtrack.tracking.frame.frame_terms import frame_terms
 from tests.cameras import pinhole
-from tests.derivatives import check_gradient
 from tests.terms.conic_field_reference import dense_field
 from tests.terms.silhouette_scene import (
     assert_same_system,
@@ -123,44 +118,6 @@ def test_what_nobody_knows_counts_for_nothing(rng, antisymmetric, step):
     assert_same_system(term.linearize(bones), dense)
     as_background = [replace(s, mask=np.maximum(s.mask, 0)) for s in seen]
     assert term_of(as_background).cost(bones) > 1.01 * term.cost(bones)
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_coverage_by_pose_shape_and_outline(rng, side):
-    """Pixels change hands between ellipsoids: steps are short, as for twists."""
-    size = SizeParameters(load_model("hand26", side, HandScale(1.04, {}, {"thenar": 0.5})))
-    pose = size.model.rest_params()
-    cameras = simulated_rig(3, size=(160, 120)).cameras
-    bones = size.model.bones(pose)
-    masks = [render_mask(camera, size.model.flesh["fine"].posed(bones)) for camera in cameras]
-    seen = [Silhouette(camera, mask) for camera, mask in zip(cameras, masks, strict=True)]
-    term = CoverageTerm(seen, size.model.flesh["fine"], 4.0, bones, True)
-    deviations = size.deviations(size.model.scale) + rng.normal(scale=0.7, size=len(size.names))
-    moved = pose + rng.normal(scale=0.01, size=len(pose))
-
-    wider = 0.0015
-
-    def cost(both):
-        model = size.rescaled(both[len(pose) : -1])
-        return term.wider(both[-1]).cost(model.bones(both[: len(pose)]))
-
-    model = size.rescaled(deviations)
-    placed, twists, _ = model.linearize(moved)
-    points, none = len(model.joint_names), np.zeros((len(model.groups), 6, 1))
-    fields = BoneFields.of_twists(twists @ model.transform.matrix, points)
-    fields = fields.beside(size.fields(placed, np.arange(len(size.names))))
-    fields = fields.beside(BoneFields.of_twists(none, points, np.ones(1)))
-    term = term.wider(wider)
-    system = term.linearize(placed, fields)
-    both = np.concatenate([moved, deviations, [wider]])
-    assert system.cost == pytest.approx(cost(both), rel=1e-10)
-    names = (*model.transform.names, *size.names, "outline")
-    check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=2e-3)
-    moves = (twists @ model.transform.matrix).reshape(-1, len(pose))
-    by_pose = term.linearize(placed).pull_back(moves)
-    count, largest = len(pose), np.abs(by_pose.hessian).max()
-    assert_allclose(system.hessian[:count, :count], by_pose.hessian, atol=1e-9 * largest)
-    assert_allclose(system.gradient[:count], by_pose.gradient, rtol=1e-7)
 
 
 MODEL = load_model("hand26")

@@ -294,18 +294,6 @@ def test_points_are_counted_that_lie_within_six_millimetres(share, expected):
     assert (f"{100 * share:.0f} % of the cloud's points" in note) == (expected != TRACKED)
 
 
-def test_the_worse_of_outline_and_cloud_is_told():
-    points, normals = on_surface(MODEL, POSE, 1200, np.random.default_rng(1))
-    seen = mask_views(MODEL, POSE, cameras(1, (320, 240)))
-    far = replace(seen, cloud=PointCloud(points + 0.012 * normals))
-    status, note = assessed(far, LOST_CLOUD=0.0)
-    assert status == DOUBTFUL and "of the cloud's points" in note
-    assert "overlap by 0 %" in assessed(seen, shifted(0.2))[1]
-    half = replace(covered((0.5,)), cloud=PointCloud(points))
-    status, note = assessed(half)
-    assert status == DOUBTFUL and "overlap by 50 %" in note
-
-
 # --- beside the frames before
 
 

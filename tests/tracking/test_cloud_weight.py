@@ -18,7 +18,7 @@ from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
 from handtrack.tracking.frame.constants import CLOUD_PATCH_MM
-from handtrack.tracking.frame.terms.cloud_terms import cloud_terms, see_cloud
+from handtrack.tracking.frame.terms.cloud_terms import see_cloud
 from tests.experiments.scenes.simulated_clouds import FINE, depth_views
 from tests.tracking.scenes import on_surface
 
@@ -57,39 +57,3 @@ def test_it_does_not_take_another_hands_flesh_for_another_pose():
         off = found.joint_positions - model.joint_positions(model.bones(joint))
         inside.append(np.einsum("ji,jik,jk->j", off, np.linalg.inv(found.joint_covariance), off))
     assert np.mean(np.concatenate(inside) < CHI2_90) > 0.7
-
-
-MODEL = load_model("ball6")
-BAND_MM = 6.0
-START = MODEL.bones(np.zeros(6))
-
-
-@pytest.fixture(scope="module")
-def points():
-    """A hand's whole surface, and what is none of it: a fifth of it once more, 14 mm further along its arm."""
-    rng = np.random.default_rng(0)
-    points, _ = on_surface(MODEL, np.zeros(6), 3000, rng)
-    end = points[points[:, 1] > np.quantile(points[:, 1], 0.8)]
-    return np.concatenate([points, end + [0.0, 0.014, 0.0]])
-
-
-def seen(points, share):
-    settings = TrackerSettings().with_values({"cloud.balance": share})
-    found = see_cloud(Observation(0, 0.0, cloud=PointCloud(points)), MODEL, START, settings)
-    assert found is not None
-    return found, cloud_terms(found, MODEL, settings, BAND_MM), settings
-
-
-@pytest.mark.parametrize("share", [0.2, 0.7])
-def test_both_sides_are_weighed_by_k_and_its_rest(points, share):
-    """E1 against a plain sum over the points; E2 against what it costs alone."""
-    found, (cloud_side, model_side), settings = seen(points, share)
-    sigma_mm = settings.cloud.sigma_mm
-    bones = MODEL.bones(np.array([0.004, -0.006, 0.003, 0.0, 0.0, 0.0]))
-    off = 1e3 * MetaballSurface.of(MODEL).distance(bones, points) / sigma_mm
-    scale = 4.0 * BAND_MM / sigma_mm
-    e1 = 0.5 * found.share * (off**2 * scale**2 / (off**2 + scale**2)).sum()
-    assert cloud_side.cost(bones) == pytest.approx(share * e1, rel=1e-6)
-    _, (nothing, alone), _ = seen(points, 0.0)
-    assert nothing.cost(bones) == 0.0
-    assert model_side.cost(bones) == pytest.approx((1.0 - share) * alone.cost(bones), rel=1e-9)

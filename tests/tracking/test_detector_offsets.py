@@ -5,15 +5,12 @@ import pytest
 
 from handtrack import HandScale, ImageKeypoints, load_model
 from handtrack.model.articulated import keypoint_names
-from handtrack.model.size import SizeParameters, hand_length_mm
+from handtrack.model.size import hand_length_mm
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.priors.priors import GaussianPrior
 from handtrack.tracking.size.estimate import fit_size
-from handtrack.tracking.size.person import PersonChange
-from handtrack.tracking.size.sized_problem import linearize_sized
-from tests.derivatives import check_gradient
 
 NAMES = keypoint_names()
 OFFSETS = {
@@ -46,25 +43,6 @@ def frames(rng, side="right", count=6, noise_px=0.5, lasts=False, offsets=OFFSET
         problems.append(Problem(model, terms, [GaussianPrior(model.rest, sigma)]))
         poses.append(pose)
     return problems, poses
-
-
-@pytest.mark.parametrize("side", ["right", "left"])
-def test_derivatives_by_pose_size_and_offsets(rng, side):
-    problems, poses = frames(rng, side, 1)
-    size = SizeParameters(problems[0].model, NAMES)
-    deviations = rng.normal(scale=0.5, size=len(size.names))
-    person = PersonChange(size, np.ones(len(size.names), bool), deviations)
-
-    def cost(both):
-        model = size.rescaled(both[26:])
-        terms = [KeypointTerm(model, t.observed) for t in problems[0].observation_terms]
-        return Problem(model, terms).cost(both[:26])
-
-    system = linearize_sized(problems[0], person, poses[0], np.eye(26))
-    both = np.concatenate([poses[0], deviations])
-    assert system.cost == pytest.approx(cost(both))
-    names = (*problems[0].model.transform.names, *size.names)
-    check_gradient(cost, system.gradient, both, names)
 
 
 @pytest.mark.parametrize("lasts", [False, True], ids=["new in each frame", "the same in all"])

@@ -42,21 +42,16 @@ def test_what_fits_badly_and_fingers_that_are_closed_are_known_less():
     joint, raw = HAND.rest.copy(), flat(0.002)
     fist = joint.copy()
     fist[[n.startswith(("index", "thumb")) and "flex" in n for n in HAND.parameter_names]] = 1.3
-    tip, wrist = HAND.joint_names.index("index_tip"), HAND.joint_names.index("wrist")
-    straight, bent = curls(HAND, joint), curls(HAND, fist)
-    good, bad = (calibrated_covariance(HAND, straight, raw, m, by_cloud=True) for m in (0.5, 2.0))
-    closed = calibrated_covariance(HAND, bent, raw, 2.0, by_cloud=True)
-    assert np.trace(good[tip]) < np.trace(bad[tip]) < np.trace(closed[tip])
-    for finger, joints in (
-        ("index", ("mcp", "pip", "dip", "tip")),
-        ("thumb", ("mcp", "ip", "tip")),
-    ):
-        along = [np.trace(closed[HAND.joint_names.index(f"{finger}_{j}")]) for j in joints]
+    good, bad, closed = (
+        dict(zip(HAND.joint_names, np.trace(calibrated_covariance(HAND, curls(HAND, pose), raw, m, by_cloud=True), axis1=1, axis2=2)))
+        for pose, m in ((joint, 0.5), (joint, 2.0), (fist, 2.0))
+    )  # fmt: skip
+    assert good["index_tip"] < bad["index_tip"] < closed["index_tip"]
+    for joints in ("index_mcp index_pip index_dip index_tip", "thumb_mcp thumb_ip thumb_tip"):
+        along = [closed[name] for name in joints.split()]
         assert (np.diff(along) > 0).all(), "hidden bends add up towards the tip"
-    still = HAND.joint_names.index("middle_pip")
-    assert np.trace(bad[wrist]) < np.trace(closed[wrist]) < 1.5 * np.trace(bad[wrist])
-    assert np.trace(closed[still]) < np.trace(closed[tip])
-    assert bent[1] > 0.9 > bent[2]
+    assert bad["wrist"] < closed["wrist"] < 1.5 * bad["wrist"]
+    assert closed["middle_pip"] < closed["index_tip"]
     assert misfit({"coverage": 60.0, "rest": 500.0}, 2) == pytest.approx(2.0)
     assert misfit({"keypoints": 60.0}, 2) == 1.0
 
@@ -79,20 +74,6 @@ def test_the_own_hand_s_stated_90_percent_hold(rng):
         inside.append((off * stated).sum(axis=1) < CHI2_90)
     assert np.mean(inside) > 0.85
     assert all(0 <= r.p_off_25mm <= 1 and r.p_off_10mm.shape == (6,) for r in last.values())
-
-
-def test_joints_that_noise_leaves_open_are_a_sign_of_a_gross_error(rng):
-    """Beyond the tail of what is stated: so few constraints have other minima, too."""
-    pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[0])
-    seen, bones = mask_views(HAND, pose, list(simulated_rig(2, (160, 120), 0.4))), HAND.bones(pose)
-    terms = frame_terms(HAND, TrackerSettings(), seen, bones, None)
-
-    def beside_the_tail(total_m: float) -> float:
-        found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(total_m), (), 0.0)
-        return found.p_off_25mm - probably_beyond(found.joint_covariance, 0.025).max()
-
-    assert beside_the_tail(0.003) == pytest.approx(beside_the_tail(0.001), rel=0.1)
-    assert beside_the_tail(0.009) > 2.0 * beside_the_tail(0.003)
 
 
 def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng):

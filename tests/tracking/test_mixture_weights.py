@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from scipy.integrate import dblquad, quad
+from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from handtrack import ImageKeypoints, Observation, TrackerSettings, load_model
@@ -61,24 +61,17 @@ def turned(angle, x=0.0):
 
 
 def test_two_parameters_that_err_together_are_weighed_together():
-    """The same in the plane: bells whose place and angle are correlated, one along what was seen and one across."""
-    information = np.zeros((6, 6))
-    plane = np.ix_([0, SPIN], [0, SPIN])
+    """Bells in the plane whose place and angle are correlated, one along what was seen and one across: masses in closed form."""
+    information, plane = np.zeros((6, 6)), np.ix_([0, SPIN], [0, SPIN])
     information[plane] = [[60.0, 40.0], [40.0, 60.0]]
     components, masses = [], []
     for angle, slope in ((0.0, 0.8), (0.7, -0.8)):
-        spread = np.array([[0.04, 0.04 * slope], [0.04 * slope, 0.04]])
         covariance = np.diag(np.full(6, 1e-4))
-        covariance[plane] = spread
+        covariance[plane] = 0.04 * np.array([[1.0, slope], [slope, 1.0]])
         likely = frame(BALL, CorrelatedPrior(turned(0.35), information))
         components.append(Component(belief(turned(angle), covariance), likely, 0.5))
-        bell = multivariate_normal([0.0, angle], spread)
-
-        def density(y, x, bell=bell):
-            off = np.array([x, y - 0.35])
-            return bell.pdf([x, y]) * np.exp(-0.5 * off @ information[plane] @ off)
-
-        masses.append(dblquad(density, -0.8, 0.8, -0.8, 1.6, epsabs=1e-4)[0])
+        both = covariance[plane] + np.linalg.inv(information[plane])
+        masses.append(multivariate_normal([0.0, angle], both).pdf([0.0, 0.35]))
     found = MixtureStep(BALL, settings(), STIFF).next(NOTHING, components)
     weights = dict(zip(found.parents, [h.weight for h in found.hypotheses], strict=True))
     assert weights[0] / weights[1] == pytest.approx(masses[0] / masses[1], rel=1e-2)

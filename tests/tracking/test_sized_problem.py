@@ -7,12 +7,15 @@ from handtrack import HandScale, load_model
 from handtrack.model.size import SizeParameters
 from handtrack.model.surfaces.metaballs import MetaballSurface
 from handtrack.model.surfaces.surface_mesh import surface_mesh
+from handtrack.simulation.scenes.simulated_views import mask_views
+from handtrack.simulation.simulate import simulated_rig
 from handtrack.solver.problem import Problem
 from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_cloud
 from handtrack.terms.clouds.cloud_emptiness import CloudEmptinessTerm
 from handtrack.terms.clouds.cloud_rays import CloudRaysTerm
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.loss import geman_mcclure
+from handtrack.terms.silhouettes.coverage import CoverageTerm
 from handtrack.tracking.size.person import PersonChange
 from handtrack.tracking.size.sized_problem import linearize_sized
 from tests.derivatives import check_gradient
@@ -20,34 +23,33 @@ from tests.tracking.scenes import on_surface
 
 
 @pytest.mark.parametrize("side", ["right", "left"])
-def test_a_cloud_by_pose_and_shape(rng, side):
-    """Distances, viewing rays, places without a cloud, and overlaps of a hand that is scaled and whose flesh has shifted."""
+def test_derivatives_by_pose_and_shape(rng, side):
+    """Of a hand that is scaled and whose flesh has shifted: cloud's distances, rays and places without a cloud, overlaps, outlines."""
     size = SizeParameters(load_model("hand26", side, HandScale(1.04, {}, {"thenar": 0.5})))
     hand, surface = size.model, MetaballSurface.of(size.model)
     fist = {name: 1.3 for name in hand.skeleton.parameter_names if name.endswith("_flex")}
     pose = hand.clipped(hand.params_from(fist) + rng.normal(scale=0.1, size=26))
-    centre = pose[:3] + np.array([0.05, -0.1, 0.6])
     bones = hand.bones(pose)
     points, _ = on_surface(hand, pose, 300, rng)
     points = points + rng.normal(scale=0.003, size=points.shape)
-    emptiness = CloudEmptinessTerm.at_start(points[::3], surface_mesh(surface, bones, 0.008))
-    terms = [
-        CloudDistanceTerm(prepare_cloud(points), surface, 0.004, geman_mcclure(3.0)),
-        CloudRaysTerm(points, centre, surface, along_m=0.02),
-        emptiness,
-        CollisionTerm.of(hand, slack_m=0.0),
-    ]
-    deviations = size.deviations(hand.scale) + rng.normal(scale=0.7, size=len(size.names))
-    both = np.concatenate([pose + rng.normal(scale=0.01, size=26), deviations])
-    person = PersonChange(size, np.ones(len(size.names), bool), deviations)
-    names = (*hand.transform.names, *size.names)
-    for term in terms:
-        problem = Problem(hand, [term])
+    masks = mask_views(hand, pose, simulated_rig(3, (160, 120)).cameras).silhouettes
+    mesh = surface_mesh(surface, bones, 0.008)
+    both = np.concatenate([pose, size.deviations(hand.scale)])
+    both += np.r_[rng.normal(scale=0.01, size=26), rng.normal(scale=0.7, size=len(size.names))]
+    person = PersonChange(size, np.ones(len(size.names), bool), both[26:])
+    for term, rtol in (
+        (CloudDistanceTerm(prepare_cloud(points), surface, 0.004, geman_mcclure(3.0)), 1e-4),
+        (CloudRaysTerm(points, pose[:3] + [0.05, -0.1, 0.6], surface, along_m=0.02), 1e-4),
+        (CloudEmptinessTerm.at_start(points[::3], mesh), 1e-4),
+        (CollisionTerm.of(hand, slack_m=0.0), 1e-4),
+        (CoverageTerm(masks, hand.flesh["fine"], 4.0, bones, True), 2e-3),  # pixels change hands
+    ):
 
         def cost(x, term=term):
             return term.cost(size.rescaled(x[26:]).bones(x[:26]))
 
-        system = linearize_sized(problem, person, both[:26], np.eye(26))
+        system = linearize_sized(Problem(hand, [term]), person, both[:26], np.eye(26))
         assert system.cost == pytest.approx(cost(both))
         assert np.abs(system.gradient[26:]).max() > 0
-        check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=1e-4)
+        names = (*hand.transform.names, *size.names)
+        check_gradient(cost, system.gradient, both, names, step=1e-8, rtol=rtol)
