@@ -1,5 +1,6 @@
 """Frame after frame, with searches beside: frames go on from the pose that stands, and are solved anew where a search
-finds a better one. What comes out is what stepping from frame to frame gives, to the byte.
+finds a better one. While searches do find better ones, each frame takes all cores instead. What comes out is what stepping from
+frame to frame gives, to the byte.
 """
 
 from __future__ import annotations
@@ -72,6 +73,8 @@ class SpeculativeExecution:
         self._ahead: deque[_Frame] = deque()  # solved, not yet settled
         self._again: deque[int] = deque()  # to be solved anew
         self._beside = thread_count() > 1 and control.on_iteration is None
+        # frames that may go ahead of a search; none after one that found a better pose
+        self._reach = FRAMES_AHEAD
 
     def frames(self, numbers: Iterable[int]) -> Iterator[Stepped]:
         """Yield the state after each frame, and its result; ends early when `control.should_stop`."""
@@ -90,12 +93,24 @@ class SpeculativeExecution:
 
     def _one_by_one(self, numbers: Iterable[int]) -> Iterator[Stepped]:
         for number in numbers:
-            seen = self._observe(number, self._tracker.expected_bones(self._state, number))
-            self._state, result = self._tracker.step(self._state, seen, self._control)
-            if self._control.should_stop():
+            stepped = self._stepped(number)
+            if stepped is None:
                 return
-            self._show(result)
-            yield self._state, result
+            yield stepped
+
+    def _stepped(self, number: int) -> Stepped | None:
+        """Return a frame solved with its searches; None when stopped."""
+        seen = self._observe(number, self._tracker.expected_bones(self._state, number))
+        reports: list[SearchReport] = []
+        control = replace(self._control, on_search=reports.append)
+        self._state, result = self._tracker.step(self._state, seen, control)
+        if self._control.should_stop():
+            return None
+        if reports:
+            self._learn(any(report.winner is not None for report in reports))
+        self._show(result)
+        self._report(reports)
+        return self._state, result
 
     def _pursued(self, numbers: Iterator[int], pool: ThreadPoolExecutor) -> Iterator[Stepped]:
         while True:
@@ -104,7 +119,14 @@ class SpeculativeExecution:
                 if settled is None:
                     return
                 yield settled
-            full = len(self._ahead) > FRAMES_AHEAD
+            if self._reach == 0 and not self._ahead:
+                number = self._next(numbers)
+                stepped = None if number is None else self._stepped(number)
+                if stepped is None:
+                    return
+                yield stepped
+                continue
+            full = len(self._ahead) > self._reach
             if full and not self._control.waits:
                 self._give_up(self._ahead[0])
                 continue
@@ -179,7 +201,9 @@ class SpeculativeExecution:
             found = frame.search.done.result()
             if self._control.should_stop():
                 return None
-            if _is_changed(frame.result, found[1]):
+            is_better = _is_changed(frame.result, found[1])
+            self._learn(is_better)
+            if is_better:
                 after, result = found
                 later = [other.number for other in self._ahead]
                 if not self._control.waits:
@@ -189,10 +213,18 @@ class SpeculativeExecution:
                 self._ahead.clear()
                 self._state = after
                 self._show(result)
+        self._report(reports)
+        return after, result
+
+    def _learn(self, is_better: bool) -> None:
+        """Go less far ahead of searches that find better poses, twice as far of each that finds none."""
+        if self._control.waits:
+            self._reach = 0 if is_better else min(2 * self._reach + 1, FRAMES_AHEAD)
+
+    def _report(self, reports: Iterable[SearchReport]) -> None:
         if self._control.on_search is not None:
             for report in reports:
                 self._control.on_search(report)
-        return after, result
 
     def _show(self, result: FrameResult) -> None:
         if self._control.on_provisional is not None:

@@ -38,7 +38,8 @@ class Path:
             while not self.gate.wait(0.001) and not control.should_stop():
                 pass
             if control.on_search is not None:
-                control.on_search((seen, state))
+                winner = seen if seen in self.finds else None
+                control.on_search(SimpleNamespace(frame=seen, before=state, winner=winner))
         after = state + seen + 1000 * (seen in self.finds)
         return after, self._result(seen, after)
 
@@ -84,8 +85,17 @@ def test_frames_go_on_while_a_search_runs_and_come_again(monkeypatch):
     found = poses(path, 2, monkeypatch, on_provisional=show)
     assert [f for f, _ in early[: 4 + AHEAD]] == list(range(4 + AHEAD))  # nothing waited
     assert dict(early) == dict(found)  # the last that is shown of a frame holds
-    assert path.glanced.count(5) == 2
-    assert path.glanced.count(2) == 1
+    # then each frame with its searches, since one was lost
+    assert path.glanced == list(range(4 + AHEAD))
+
+
+def test_no_frame_goes_ahead_of_searches_that_find_something(monkeypatch):
+    always, never = frozenset(range(COUNT)), frozenset[int]()
+    for finds, most in ((always, 1 + AHEAD), (never, COUNT), (frozenset({10}), COUNT + AHEAD)):
+        path = Path(always, finds)
+        path.gate.set()
+        poses(path, 2, monkeypatch)
+        assert len(path.glanced) <= most
 
 
 def test_before_a_live_camera_no_frame_waits_for_a_search(monkeypatch):
