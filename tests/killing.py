@@ -33,13 +33,14 @@ def copy_of_a_fresh_process(work: Callable[..., object], *arguments: object) -> 
     not there: measured, 2 in 25 copies hung in the limit of linear algebra's threads while another thread tracked, 58 of 60 in
     OpenBLAS where that has two threads, and each one that collected a video that was read before.
     """
-    process = _copies().Process(target=_within_two_minutes, args=(work, *arguments), daemon=True)
+    process = copies().Process(target=_within_two_minutes, args=(work, *arguments), daemon=True)
     process.start()
     return process
 
 
 @cache
-def _copies() -> Any:
+def copies() -> Any:
+    """Return the context in which processes are copies of one that is warmed."""
     copies = multiprocessing.get_context("forkserver")
     copies.set_forkserver_preload(["tests.warmed"])
     with pytest.MonkeyPatch.context() as patch:  # where this process imports from

@@ -20,7 +20,10 @@ from tests.app.waiting import eventually
 
 KILLS = int(os.environ.get("HANDTRACK_KILLS", "3"))
 SEED = int(os.environ.get("HANDTRACK_SEED", "27"))
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="signals"),
+    pytest.mark.usefixtures("quick_engines"),
+]
 
 
 class Editor:

@@ -25,7 +25,10 @@ from tests.app.waiting import eventually
 from tests.live_cameras import clip
 from tests.session.small_session import make_session
 
-pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
+pytestmark = [
+    pytest.mark.skipif(os.name != "posix", reason="signals"),
+    pytest.mark.usefixtures("quick_engines"),
+]
 
 
 class Page(Listener):

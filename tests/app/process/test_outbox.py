@@ -39,32 +39,6 @@ class Pipe:
         return [one.name for one in self.sent]
 
 
-def test_all_above_what_is_on_disk_is_repeated_in_order():
-    pipe = Pipe()
-    pipe.put("want_pictures", True, "plain")
-    pipe.pose(3, 1)
-    pipe.put("undo", 2)
-    pipe.put("accept", ((1, 2),))
-    pipe.pose(3, 3)
-    pipe.put("set_setting", "a", 1)
-    assert pipe.names == ["want_pictures", "set_pose", "undo", "accept", "set_pose", "set_setting"]
-    assert pipe.written(2) == "saving"
-    assert pipe.begins_again() == []
-    assert pipe.names == ["want_pictures", "accept", "set_pose", "set_setting"]
-    assert pipe.written(5) == "saved"
-    assert not pipe.outbox.edits
-
-
-def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one():
-    pipe = Pipe()
-    for frame in range(3):
-        pipe.pose(frame, frame)
-    pipe.outbox.ended()
-    pipe.sent.clear()
-    pipe.outbox.listen(is_anew=False)
-    assert len(pipe.sent) == 1
-
-
 def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told():
     pipe = Pipe()
     pipe.pose(7, 1)
