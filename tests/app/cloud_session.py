@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 
 from handtrack import PointCloud, load_model
-from handtrack.arrays import Floats
 from handtrack.capture.clouds.cloud_files import write_cloud
 from handtrack.model.pose_library import named_pose
 from handtrack.model.surfaces.metaballs import MetaballSurface
@@ -61,9 +60,3 @@ def cloud_recording(folder: Path) -> Path:
 
 def cloud_file(folder: Path, frame: int) -> Path:
     return folder / "clouds" / f"{frame:03d}.npz"
-
-
-def points_of(folder: Path, frame: int) -> Floats:
-    """Return (N, 3) the points in the file of a frame."""
-    with np.load(cloud_file(folder, frame)) as data:
-        return data["points"]

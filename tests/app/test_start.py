@@ -6,14 +6,12 @@ from pathlib import Path
 import pytest
 
 from handtrack import Session, bundled_session
-from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.session.bundled import bundled_names
 from handtrack_app.door.access import LARGEST_FILE
 from handtrack_app.start.found_files import find_files
 from handtrack_app.start.import_progress import ImportProgress, preview
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.start_page import StartPage
-from tests.app.commands.test_new_joints import project
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.capture.sample_files import rig_of_two, sample
@@ -40,17 +38,6 @@ def start(monkeypatch, tmp_path):
     page = StartPage("127.0.0.1", 0)
     yield page
     page.stop()
-
-
-def test_videos_are_found_by_the_calibrations_names(folder):
-    found = find_files(folder)
-    names = read_rig(BUNDLED / "calibration.toml").names
-    assert found.calibrations == (folder / "a calibration.toml",)
-    assert {name: path.name for name, path in found.videos.items()} == {
-        n: f"take3_{n}.mp4" for n in names
-    }
-    shutil.copy(folder / "take3_cam1.mp4", folder / "zoom.mp4")
-    assert [path.name for path in find_files(folder).unused] == ["zoom.mp4"]
 
 
 def test_one_opencv_file_a_camera_is_taken_whole(tmp_path, start, monkeypatch):
@@ -199,20 +186,3 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
     with WireClient(start.door.url) as client:
         client.press("Open what is done")
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
-
-
-def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):
-    """It has no videos here: joints alone will do."""
-    trial = project(tmp_path / "p")
-    monkeypatch.setattr("handtrack_app.start.start_page.has_weights", lambda: False)
-    with WireClient(start.door.url) as client:
-        client.set_value(start.folder, str(trial))
-        eventually(lambda: start.make.visible, "it is known")
-    assert "a Pose2Sim project" in start.found.content
-    assert not start.fetch.visible, "its joints need no detector"
-    asked = []
-    monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
-    start.make_session()
-    (words,) = asked
-    assert words[words.index("--project") + 1] == str(trial)
-    assert "--video" not in words and "--track" in words

@@ -46,17 +46,6 @@ def test_a17_a_log_that_others_could_read_is_closed_to_them(tmp_path):
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
-def test_a17_the_log_is_rotated(tmp_path, monkeypatch):
-    monkeypatch.setattr("handtrack_app.log._BYTES", 2000)
-    monkeypatch.setattr("handtrack_app.log._A_MINUTE", 10**6)
-    path = tmp_path / "workbench.log"
-    with logging_to(path):
-        for _ in range(200):
-            logging.getLogger("handtrack_app.test").warning("x" * 100)
-    sizes = [file.stat().st_size for file in tmp_path.iterdir()]
-    assert len(sizes) == 4 and max(sizes) <= 2000
-
-
 def test_a11_what_asyncio_viser_and_warnings_tell_goes_there(log, capfd):
     async def forgotten():
         asyncio.get_running_loop().call_exception_handler({"message": "a task failed"})

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from handtrack import HandtrackError
 from handtrack.session.layout import POSES_FILE
 from handtrack.session.session_state import decide
 from handtrack.store.spans import Span
@@ -78,30 +77,6 @@ def test_tracking_again_overwrites_nothing(tmp_path):
     assert 6 in again.document.by_hand, "as set by hand before"
     again.redo()
     assert spans(again) == (Span(1, 0, 6), Span(2, 6, FRAMES))
-
-
-def test_a_cancelled_tracking_hides_only_the_frames_that_it_has(tmp_path):
-    store = tracked(opened(tmp_path))
-    document = store.document
-    store.begin_take(range(FRAMES), 3, document.start_params(3))
-    results = document.run.track(range(FRAMES), 3, document.start_params(3))
-    for _ in range(4):
-        store.add(next(results))
-    store.end_take(finished=False)
-    assert len(document.results) == FRAMES
-    assert spans(opened(tmp_path)) == (Span(1, 0, 3), Span(2, 3, 7), Span(1, 7, FRAMES))
-
-
-def test_an_earlier_take_is_restored_and_that_is_undone(tmp_path):
-    store = tracked(opened(tmp_path))
-    tracked(store, range(6, 9), first=6)
-    assert store.do("Take restored", edits.restored(store.document, 1, None))
-    assert spans(store) == (Span(1, 0, FRAMES),)
-    assert not store.do("Take restored", edits.restored(store.document, 1, None)), "it is already"
-    store.undo()
-    assert spans(store) == (Span(1, 0, 6), Span(2, 6, 9), Span(1, 9, FRAMES))
-    with pytest.raises(HandtrackError, match="Take 7 has no frames"):
-        store.do("Take restored", edits.restored(store.document, 7, None))
 
 
 def test_a12_files_go_by_what_is_known_of_them_and_not_by_their_dates(tmp_path):
