@@ -12,6 +12,7 @@ from docs.figures import drift, measured
 from handtrack.session import bundled
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.cli import build_parser
+from tests.app.command_line import QUICK
 from tests.conftest import REPOSITORY
 
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
@@ -80,9 +81,9 @@ def test_readme_example_runs_as_written(tmp_path, monkeypatch, capsys):
     (example,) = blocks(REPOSITORY / "README.md", "python")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(bundled, "_CHECKOUT", tmp_path)
-    simulate(
-        tmp_path / "another_hand", Simulation(frames=len(SHORT), size=(320, 240), images=False)
-    )
+    simulate(tmp_path / "another_hand", Simulation(2, len(SHORT), (160, 120), images=False))
+    with (tmp_path / "another_hand" / "session.toml").open("a") as file:
+        file.write(QUICK)
     exec(compile(example, "README.md", "exec"), {"__name__": "readme"})
     assert f"({len(SHORT)}, 21, 3)" in capsys.readouterr().out
     rows = (tmp_path / "angles.csv").read_text().splitlines()

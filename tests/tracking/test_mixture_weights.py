@@ -21,6 +21,7 @@ from handtrack.tracking.hypotheses import mixture, mixture_search
 from handtrack.tracking.hypotheses.mixture import MixtureStep
 from handtrack.tracking.hypotheses.mixture_search import (
     Component,
+    NextHypotheses,
     ReferenceCamera,
     coarse,
     pulled,
@@ -124,6 +125,25 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     assert weights["index jumped"] / weights["followed"] == pytest.approx(
         jumped / followed, rel=0.01
     )
+
+
+def test_a_chain_jumps_as_probably_as_it_is_voted_for(rng, monkeypatch):
+    """The prior of its jumps is in proportion to its vote."""
+    camera, rest = simulated_rig(1, (320, 240)).cameras[0], HAND.rest_params()
+    pixels = camera.project(HAND.joint_positions(HAND.bones(rest)))
+    seen = ImageKeypoints(camera, HAND.joint_names, pixels, 1.0)
+    eye = ReferenceCamera.of(HAND, Observation(0, 0.0, keypoints=(seen,)))
+    two = [prepare(HAND, chain) for chain in chains_of(HAND) if chain.name in ("index", "ring")]
+    last = Component(belief(rest, 1e-4 * np.eye(26)), frame(HAND), 1.0)
+
+    def log_priors(votes):
+        monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
+        following = NextHypotheses(HAND, settings(**{"mixture.draws": 8}), two, eye, rng, [last])
+        return {c.origin: c.source.log_prior for c in following.each_jumped_along_chains([], 0)}
+
+    even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
+    for name, factor in (("index jumped", 0.4), ("ring jumped", 1.6)):
+        assert uneven[name] - even[name] == pytest.approx(np.log(factor))
 
 
 def test_where_nothing_is_seen_weights_stay_and_what_looks_alike_gives_way(monkeypatch):
