@@ -119,14 +119,6 @@ def test_thinning_keeps_a_fixed_number_per_cell_and_is_the_same_each_time(rng):
         assert (left == count).all()
 
 
-def test_outliers_stand_off(rng):
-    points = np.vstack([patch(rng, (0, 0, 0.5)), [[0, 0, 0.55], [0.2, 0, 0.5]]])
-    keep = filters.inliers(points, 8, 2.5)
-    assert not keep[-2:].any()
-    assert keep[:-2].mean() > 0.97
-    assert filters.inliers(points[:5], 8, 2.5).all()
-
-
 def test_the_nearest_and_the_largest_part(rng):
     hand, body = patch(rng, (0, 0, 0.5), 1500), patch(rng, (0.1, 0, 0.9), 20_000, 0.5)
     stray = np.array([[0, 0, 0.2], [0.3, 0, 0.3]])

@@ -141,32 +141,17 @@ def test_a_wrong_calibration_is_noticed(texture):
 # ---------------------------------------------------------------- data with truth
 
 
-def truth_pair(data_dir, name):
+@pytest.mark.parametrize(
+    ("method", "density", "within_1", "within_2"),
+    [("sgbm", 0.84, 0.91, 0.93), ("correlation", 0.72, 0.87, 0.90)],
+)
+def test_a_real_pair_with_true_disparity(method, density, within_1, within_2, data_dir):
     folder = data_dir / "stereo_pairs_truth"
     if not folder.is_dir():
         pytest.skip("no stereo_pairs_truth among the shared data")
-    if name == "motorcycle":
-        truth = np.load(folder / "motorcycle_disp.npz")["arr_0"]
-        images = [cv2.imread(str(folder / f"motorcycle_{side}.png")) for side in ("left", "right")]
-        return *images, np.where(np.isfinite(truth), truth, np.nan), 64
-    truth = cv2.imread(str(folder / "aloeGT.png"), cv2.IMREAD_GRAYSCALE).astype(float)
-    images = [cv2.imread(str(folder / f"aloe{side}.jpg")) for side in "LR"]
-    # half of its rows, for speed
-    part = slice(300, 700)
-    return images[0][part], images[1][part], np.where(truth > 0, truth, np.nan)[part], 216
-
-
-@pytest.mark.parametrize(
-    ("name", "method", "density", "within_1", "within_2"),
-    [
-        ("motorcycle", "sgbm", 0.84, 0.91, 0.93),
-        ("motorcycle", "correlation", 0.72, 0.87, 0.90),
-        ("aloe", "sgbm", 0.74, 0.85, 0.93),
-    ],
-)
-def test_real_pairs_with_true_disparity(name, method, density, within_1, within_2, data_dir):
-    left, right, truth, most = truth_pair(data_dir, name)
-    found, _ = matches(left, right, 0, most, StereoSettings(method))
+    truth = np.load(folder / "motorcycle_disp.npz")["arr_0"]
+    left, right = (cv2.imread(str(folder / f"motorcycle_{side}.png")) for side in ("left", "right"))
+    found, _ = matches(left, right, 0, 64, StereoSettings(method))
     known = np.isfinite(truth)
     error = np.abs(found - truth)[known & np.isfinite(found)]
     assert np.isfinite(found)[known].mean() > density

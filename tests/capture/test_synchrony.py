@@ -46,15 +46,6 @@ def two_stretches(
     return ImageMotion(seen_by, frames[:half]), ImageMotion(seen_by, frames[half:])
 
 
-@pytest.mark.parametrize(("turn", "late"), [(0.2, -4), (0.9, 0), (2.4, 0.5), (0.2, 1.7), (2.4, 3)])
-def test_the_offset_is_found_between_frames_too(late, turn):
-    found = time_offsets([two_stretches("a", 0.0, 0), two_stretches("b", turn, late)])
-    assert found[0].frames == 0
-    assert found[1].frames == pytest.approx(late, abs=0.2)
-    assert found[1].is_sure == (late != 0)
-    assert not found[1].at_edge
-
-
 @pytest.mark.parametrize("offsets", [(0, -0.4, 2.4, 0), (0,) * 5, (0, 5, 0, 0), (2, 0)])
 def test_all_cameras_are_told_to_a_tenth_or_two(offsets):
     """And those that are late beside the most are sure, or of a pair the second."""

@@ -163,17 +163,15 @@ def test_signs_of_trunk_and_head(body):
         assert placed(body, "nose", **{f"{bone}_twist": 30})[0] > 0.03
 
 
-def test_eight_proportions_move_hips_clavicles_and_skull(body):
-    assert len(body.proportion_names) == 8
+def test_proportions_move_hips_clavicles_and_skull(body):
+    parts = {"hip": "hip", "clavicle": "shoulder", "skull": "head_top"}
+    places = body.joint_positions(body.bones(np.zeros(34)))
     for name in body.proportion_names:
         changed = load_model("body34", scale=HandScale(1.0, {}, {name: 2.0}))
-        bones, other = body.bones(np.zeros(34)), changed.bones(np.zeros(34))
-        moved = np.abs(body.joint_positions(bones) - changed.joint_positions(other)).max(axis=1)
-        part = {"hip": "hip", "clavicle": "shoulder", "skull": "head_top"}[name.split("_")[0]]
-        for joint, by in zip(body.joint_names, moved, strict=True):
-            assert (by > 0.005) == (by > 0), joint
-            if joint.endswith(part):
-                assert by > 0.005, (name, joint)
+        moved = np.abs(changed.joint_positions(changed.bones(np.zeros(34))) - places).max(axis=1)
+        assert ((moved > 0.005) == (moved > 0)).all(), name
+        own = [joint.endswith(parts[name.split("_")[0]]) for joint in body.joint_names]
+        assert moved[own].min() > 0.005, name
     wide = load_model("body34", scale=HandScale(1.0, {}, {"hip_width": 1.0}))
     assert placed(wide, "left_hip")[0] - placed(body, "left_hip")[0] == pytest.approx(0.007)
     assert placed(wide, "right_hip")[0] == pytest.approx(-placed(wide, "left_hip")[0])

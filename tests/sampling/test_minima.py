@@ -7,9 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from handtrack import ImageKeypoints, Keypoints, load_model
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, rotation_vector
 from handtrack.model.root_turn_kernels import turn_root
-from handtrack.sampling.chains import chains_of
 from handtrack.sampling.diffusion import covariance_scaled, projected
-from handtrack.sampling.interpretation_tree import interpretation_tree
 from handtrack.sampling.keypoint_kernels import keypoint_cost, keypoint_system, workspace
 from handtrack.sampling.keypoint_problem import keypoint_problem
 from handtrack.sampling.polish import PolishSettings, polish
@@ -19,7 +17,7 @@ from handtrack.solver.problem import Problem
 from handtrack.terms.collision import CollisionTerm
 from handtrack.terms.keypoints import KeypointTerm
 from handtrack.terms.loss import geman_mcclure, huber, quadratic, uniform_outliers
-from handtrack.terms.priors.priors import GaussianPrior, LinearPrior, body_priors
+from handtrack.terms.priors.priors import GaussianPrior, LinearPrior
 from tests.cameras import FACING, pinhole
 from tests.derivatives import check_gradient, check_jacobian
 
@@ -90,34 +88,6 @@ def test_it_ends_at_limits_that_narrow_where_the_plain_solver_does(rng):
     ).any()  # else it tests nothing
     known = [solve(plain, start, FAR).cost for start in starts]
     assert_allclose(ends.cost, known, rtol=1e-6)
-
-
-def test_the_flips_of_an_arm_are_its_minima(rng):
-    """All leaves of an arm's tree are minima of their own, each with its joints where they are seen."""
-    model = load_model("body34")
-    held = {
-        "shoulder_abd": 65.0,
-        "shoulder_flex": 6.0,
-        "shoulder_twist": -97.0,
-        "elbow_flex": 26.0,
-    }
-    truth = model.params_from({f"left_{name}": np.deg2rad(value) for name, value in held.items()})
-    camera = front_camera(4.0, 1100.0)
-    names = [n for n in model.joint_names if "toe" not in n and "hand" not in n and n != "nose"]
-    points = model.joint_positions(model.bones(truth))[[model.joint_names.index(n) for n in names]]
-    seen = [ImageKeypoints(camera, tuple(names), camera.project(points), 1.0)]
-    priors = body_priors(model)
-    arm = [chain for chain in chains_of(model) if chain.name == "left_arm"]
-    leaves = interpretation_tree(model, truth, arm, camera).params
-    assert len(leaves) == 3  # the fourth is beyond a limit
-    ends = polish(model, leaves, seen, priors)
-    assert ends.is_minimum.all()
-    for n, params in enumerate(ends.params):
-        others = np.delete(ends.params, n, axis=0)
-        assert np.linalg.norm(others - params, axis=1).min() > 1.0
-        found = model.joint_positions(model.bones(params))
-        off = camera.project(found[[model.joint_names.index(n) for n in names]]) - seen[0].pixels
-        assert np.abs(off).max() < 1.0
 
 
 def test_what_is_no_minimum_is_not_called_one(rng):

@@ -1,7 +1,6 @@
 """Results written and read, what they say of their model, versions, tracks as takes, and what a take is made from."""
 
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -249,13 +248,6 @@ def made_from(folder: Path, frames: range = range(4), **overrides: object) -> di
 
 def changed(before: dict[str, str], after: dict[str, str]) -> set[str]:
     return {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
-
-
-def test_the_same_is_the_same_wherever_it_lies(folder, tmp_path_factory):
-    before = made_from(folder)
-    assert made_from(folder) == before
-    copy = tmp_path_factory.mktemp("copy") / "session"
-    assert made_from(Path(shutil.copytree(folder, copy))) == before
 
 
 def test_whatever_may_change_poses_is_another_beginning(folder):

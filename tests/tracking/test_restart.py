@@ -1,6 +1,7 @@
 """Recovery: a lost hand is found again, and nothing else ever changes."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from handtrack.model.pose_library import named_pose
 from handtrack.simulation.scenes.simulated_views import mask_views
 from handtrack.simulation.simulate import simulated_rig
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.reason import Reason
 from handtrack.tracking.search import lost_hand
 from handtrack.tracking.search.global_search import GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
@@ -108,50 +108,23 @@ def test_a_hand_whose_joints_two_cameras_see_there_is_not_lost_nor_looked_for(kn
     assert looked_for(*joints[:2]) == (False, Status.DOUBTFUL)
 
 
-NO_SEARCH = TrackerSettings().with_values({"tracker.recovery": False, "tracker.escape": False})
-TRUTH = MODEL.rest_params()
-TRUTH[1] = -0.09
-SEEN = mask_views(MODEL, TRUTH, simulated_rig(2, (160, 120)).cameras, 1)
+def tried(said):
+    """Return which frames of a row are looked at again, after one that is tracked. t: tracked, d: in doubt, u: nothing seen."""
+    kinds = {"t": (True, 1.0), "d": (False, 1.0), "u": (False, np.nan)}
+    frames = [SimpleNamespace(fits=kinds[k][0], energy=kinds[k][1], clutters=False, note="") for k in "t" + said]  # fmt: skip
+    return [n for n in range(1, len(frames)) if why_hand_may_be_lost(frames[n], frames[:n])]
 
 
-def aside(metres):
-    params = TRUTH.copy()
-    params[0] += metres
-    return params
-
-
-@pytest.fixture(scope="module")
-def before():
-    begun = TrackerState.beginning_at(TRUTH)
-    return Tracker(MODEL, NO_SEARCH).step(begun, replace(SEEN, frame=0))[1]
-
-
-@pytest.fixture(scope="module")
-def standing(before):
-    """A doubtful frame 15 mm aside."""
-    there = MODEL.joint_params(aside(0.015))
-    return replace(before, frame=1, status=Status.DOUBTFUL, parameters=there)
-
-
-def tried(results, first):
-    """Return which of these frames, after a first one, are looked at again."""
-    rows, previous = [], [first]
-    for row, result in enumerate(results, 1):
-        if why_hand_may_be_lost(result, previous):
-            rows.append(row)
-        previous.append(result)
-    return rows
-
-
-def test_a_row_of_doubts_is_tried_ever_more_rarely(standing, before):
-    unseen = replace(standing, energy=float("nan"), status=Status.LOST)
-    assert tried([standing] * 33, before) == [1, 2, 4, 8, 16, 32]
-    assert tried([before] * 5, before) == []
-    # a frame that fits begins the row anew; one that only leaves something open fits
-    assert tried([standing] * 3 + [before] + [standing] * 3, before) == [1, 2, 5, 6]
-    opened = replace(standing, reason=Reason("open", part="hand", number=20.0))
-    assert tried([standing] * 3 + [opened] + [standing] * 3, before) == [1, 2, 5, 6]
-    # a frame in which nothing was seen ends the row of those with a picture; a row of its own is looked at every fifth time
-    assert tried([standing, standing, standing, unseen, standing], before) == [1, 2, 4, 5]
-    assert tried([unseen] * 12, before) == [1, 2, 4, 5, 8, 10]
-    assert tried([*[unseen] * 6, standing], before)[-1] == 7
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        ("d" * 33, [1, 2, 4, 8, 16, 32]),
+        ("t" * 5, []),
+        ("dddtddd", [1, 2, 5, 6]),  # a frame that fits begins the row anew
+        ("dddud", [1, 2, 4, 5]),  # so does one in which nothing was seen
+        ("u" * 12, [1, 2, 4, 5, 8, 10]),  # of which every fifth is looked at as well
+        ("uuuuuud", [1, 2, 4, 5, 7]),
+    ],
+)
+def test_a_row_of_doubts_is_tried_ever_more_rarely(said, expected):
+    assert tried(said) == expected

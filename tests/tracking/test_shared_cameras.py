@@ -28,10 +28,10 @@ def camera_at(k, turn=0.0, zoom=1.0):
     return Camera(f"cam{k}", (640, 480), matrix, np.zeros(5), away, place)
 
 
-def waving_poses():
+def waving_poses(frames=FRAMES):
     """Return poses (F, P) of a hand that waves and closes."""
-    way = np.linspace(0.0, 2.0 * np.pi, FRAMES)
-    poses = np.tile(HAND.rest_params(), (FRAMES, 1))
+    way = np.linspace(0.0, 2.0 * np.pi, frames)
+    poses = np.tile(HAND.rest_params(), (frames, 1))
     poses[:, 0] += 0.06 * np.sin(way)
     poses[:, 2] += 0.03 * np.sin(2.0 * way)
     poses[:, 4] += 0.4 * np.sin(way + 1.0)

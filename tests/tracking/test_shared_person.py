@@ -35,11 +35,12 @@ from handtrack.tracking.whole.recording_estimate import refine
 from handtrack.tracking.whole.refinement import Refinement
 from tests.derivatives import check_gradient
 from tests.tracking.scenes import on_surface
-from tests.tracking.test_shared_cameras import FPS, FRAMES, SIGMA_PX, camera_at, waving_poses
+from tests.tracking.test_shared_cameras import FPS, SIGMA_PX, camera_at, waving_poses
 
 HAND = load_model("hand26")
 WHO = OpenPerson(lambda scale: load_model("hand26", scale=scale))
 OTHER = HandScale(1.06, {"thumb": 0.95, "index": 1.05})
+POSES = waving_poses(20)
 
 
 def _observed(poses, person, cameras, late=(0, 0, 0)):
@@ -63,16 +64,16 @@ def _observed(poses, person, cameras, late=(0, 0, 0)):
 @cache
 def _refined(late=(0, 0, 0), who=WHO):
     """Return what refining says that all share, the frames, and the true points; the live pass has the mean adult's hand."""
-    observe, truth = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)], late)
+    observe, truth = _observed(POSES, OTHER, [camera_at(k) for k in range(3)], late)
     tracker, told = Tracker(HAND, TrackerSettings()), []
-    live = list(track_frames(tracker, observe, 0, waving_poses()[0], range(FRAMES)))
+    live = list(track_frames(tracker, observe, 0, POSES[0], range(len(POSES))))
     control = Control(on_shared=told.append)
     frames = refine(Recording(HAND, tracker.settings, observe, control, who=who), live)
     return Refinement.read(told[0]), frames, truth
 
 
 def test_a_frames_system_has_the_derivatives_of_its_cost_by_pose_cameras_and_person(rng):
-    poses = waving_poses()[:3]
+    poses = POSES[:3]
     observe, _ = _observed(poses, OTHER, [camera_at(k) for k in range(3)])
     evidence = Evidence(HAND, TrackerSettings(), observe, dict(enumerate(poses)), 1 / FPS)
     looks = [(observe(0, None), HAND.bones(poses[0]).position.mean(axis=0))] * 4
@@ -121,8 +122,8 @@ def test_a_camera_that_is_late_is_put_right_though_the_hand_was_of_another_size(
 
 
 def test_one_camera_tells_no_size():
-    place = HAND.bones(waving_poses()[0]).position.mean(axis=0)
-    observe, _ = _observed(waving_poses(), OTHER, [camera_at(k) for k in range(3)])
+    place = HAND.bones(POSES[0]).position.mean(axis=0)
+    observe, _ = _observed(POSES, OTHER, [camera_at(k) for k in range(3)])
     one = replace(observe(0, None), keypoints=observe(0, None).keypoints[:1])
     assert PersonChange.of(HAND, [(one, place)], WHO).count == 0
     assert PersonChange.of(HAND, [(observe(0, None), place)], WHO).free.all()
@@ -205,7 +206,7 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
     )
     who = OpenPerson(lambda scale: load_model("hand26", "left", scale))
     person = who.build(HandScale(proportions=told))
-    poses = waving_poses()[::3]
+    poses = POSES[::3]
     near = [poses[0, :3] + np.array([[0.05, 0.1, z]]) for z in (0.5, -0.5)]
 
     def found(views):
@@ -236,7 +237,7 @@ def test_a_cloud_tells_what_it_shows_of_a_hands_shape(rng):
 
 def test_masks_of_one_camera_that_are_too_wide_make_no_thicker_hand():
     """A segmentation that takes a rim of background for hand does so in all frames."""
-    poses = waving_poses()[::10]
+    poses = POSES[::10]
     cameras = [camera_at(k) for k in range(3)]
     flesh = HAND.flesh["fine"]
     seen = []
