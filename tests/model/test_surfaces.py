@@ -195,18 +195,3 @@ def test_meshes_of_the_body_are_closed_and_turned_outwards():
         middle = parts.centre[part]
         outwards = (mesh.normal[part * count : (part + 1) * count] * (vertices - middle)).sum(1)
         assert (outwards > 0).mean() > 0.95, parts.name[part]
-
-
-def test_a_bend_carries_whole_cross_sections_around_the_circles_centre():
-    """What lies towards the centre comes nearer to it and is squeezed along the axis; what lies beyond it is stretched."""
-    turn, towards, half = 0.8, 0.3, 0.15
-    part = superquadric(bend=(turn, towards))
-    radius = 2.0 * half / turn
-    inwards = np.array([np.cos(towards), np.sin(towards), 0.0])
-    aside = np.array([-inwards[1], inwards[0], 0.0])
-    for across, beside, z in ((0.03, 0.0, 0.15), (-0.03, 0.02, 0.1), (0.02, -0.01, -0.12)):
-        angle = z / radius
-        given = across * inwards + beside * aside + [0.0, 0.0, z]
-        inner, along = radius - (radius - across) * np.cos(angle), (radius - across) * np.sin(angle)
-        expected = inner * inwards + beside * aside + [0.0, 0.0, along]
-        assert_allclose(part.deformed(0, given[None])[0], expected, atol=1e-12)

@@ -158,18 +158,6 @@ def test_the_order_of_rotations_is_that_of_the_channels(tmp_path):
     assert_allclose(second, [0.3, -0.4, 0], atol=1e-12)
 
 
-def test_positions_of_a_joint_add_to_its_offset_or_replace_it(tmp_path):
-    text = HEADER.replace(
-        "3 Zrotation Xrotation Yrotation",
-        "6 Xposition Yposition Zposition Zrotation Xrotation Yrotation",
-        1,
-    )
-    text += "MOTION\nFrames: 1\nFrame Time: 0.05\n0 0 0 0 0 0 1 -38 2 0 0 0\n"
-    path = written(tmp_path, text)
-    assert_allclose(read_bvh(path, "add").positions[0, 1], [0.01, -0.78, 0.02])
-    assert_allclose(read_bvh(path, "replace").positions[0, 1], [0.01, -0.38, 0.02])
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -1,7 +1,6 @@
 """Edges and texture in plain NumPy: what the compiled loops must agree with."""
 
 import numpy as np
-from scipy.ndimage import map_coordinates
 
 from handtrack.terms.rows import Rows, motion_row
 from tests.terms.plain_rows import system_of
@@ -37,21 +36,16 @@ def edges_system(term, bones):
 
 def bilinear(image, pixels):
     """Return values (N, 3) and slopes (N, 3, 2) of an image (H, W, 3), the border going on beyond it."""
-    at = pixels[:, ::-1].T
-    stack = [
-        map_coordinates(image[..., c].astype(float), at, order=1, mode="nearest") for c in range(3)
-    ]
-    height, width = image.shape[:2]
-    low = np.clip(np.floor(pixels), 0, [width - 2, height - 2])
-    inside = (pixels >= 0) & (pixels <= [width - 1, height - 1])
+    last = np.array(image.shape[1::-1]) - 1
+    low = np.clip(np.floor(pixels), 0, last - 1)
     share = np.clip(pixels - low, 0, 1)
     x, y = low.astype(int).T
-    f00, f01, f10, f11 = (
-        image[y + i, x + j].astype(float) for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))
-    )
-    across = (1 - share[:, 1:]) * (f01 - f00) + share[:, 1:] * (f11 - f10)
-    down = (1 - share[:, :1]) * (f10 - f00) + share[:, :1] * (f11 - f01)
-    return np.stack(stack, axis=1), np.stack([across, down], axis=2) * inside[:, None]
+    a, b, c, d = (image[y + v, x + u].astype(float) for v in (0, 1) for u in (0, 1))
+    u, v = share[:, :1], share[:, 1:]
+    values = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
+    slopes = [(1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)]
+    inside = (pixels >= 0) & (pixels <= last)
+    return values, np.stack(slopes, axis=2) * inside[:, None]
 
 
 def texture_system(term, bones):

@@ -66,7 +66,7 @@ def test_ellipsoids_behind_around_and_beside_the_camera_are_skipped(rng):
     assert_same_system(system, dense_field(seen, flesh, bones).system())
 
 
-@pytest.mark.parametrize("line", [(1, 0, -10), (-1, 0, 10), (0, 1, -20), (0, -1, 20), (0.3, -1.1, 7), (-2, 0.7, 31), (0, 0, -1), (0, 0, 1)])  # fmt: skip
+@pytest.mark.parametrize("line", [(1, 0, -10), (0, -1, 20), (0.3, -1.1, 7), (-2, 0.7, 31), (0, 0, -1), (0, 0, 1)])  # fmt: skip
 def test_spans_are_cut_where_the_line_says(rng, line):
     valid = silhouettes_of(rng, 1)[0].valid
     u, v = np.arange(96), np.arange(72)[:, None]

@@ -127,7 +127,7 @@ def test_a_jump_weighs_what_a_flat_prior_over_the_chains_range_holds(monkeypatch
     )
 
 
-def test_a_chain_jumps_as_probably_as_it_is_voted_for(rng, monkeypatch):
+def test_a_chain_jumps_as_probably_as_it_is_voted_for(monkeypatch):
     """The prior of its jumps is in proportion to its vote."""
     camera, rest = simulated_rig(1, (320, 240)).cameras[0], HAND.rest_params()
     pixels = camera.project(HAND.joint_positions(HAND.bones(rest)))
@@ -138,7 +138,8 @@ def test_a_chain_jumps_as_probably_as_it_is_voted_for(rng, monkeypatch):
 
     def log_priors(votes):
         monkeypatch.setattr(mixture_search, "chain_votes", lambda *_: np.array(votes))
-        following = NextHypotheses(HAND, settings(**{"mixture.draws": 8}), two, eye, rng, [last])
+        rng, chosen = np.random.default_rng(3), settings(**{"mixture.draws": 16})
+        following = NextHypotheses(HAND, chosen, two, eye, rng, [last])
         return {c.origin: c.source.log_prior for c in following.each_jumped_along_chains([], 0)}
 
     even, uneven = log_priors([0.5, 0.5]), log_priors([0.2, 0.8])
