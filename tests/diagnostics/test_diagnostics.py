@@ -91,16 +91,6 @@ def test_the_terms_cost_is_half_the_sum_of_squared_residuals(scene, kind):
     assert term.cost(bones) == pytest.approx(cost, rel=1e-9)
 
 
-def test_a_piece_beside_the_model_is_outlined(scene):
-    bones, flesh, seen = scene
-    camera, posed = seen[0].camera, flesh.posed(bones)
-    image, mask = np.full((72, 96, 3), 100, np.uint8), ri.model_mask(camera, posed).astype(float)
-    assert not (ri.residual_picture(image, camera, posed, mask) == ri.OUTLINE).all(axis=-1).any()
-    mask[50:70, 70:94] = 1.0
-    drawn = (ri.residual_picture(image, camera, posed, mask) == ri.OUTLINE).all(axis=-1)
-    assert drawn[69, 75:90].all(), "the piece's lower edge"
-
-
 def test_a_mask_is_shown_with_what_nobody_knows(scene):
     seen = scene[2][0]
     mask = seen.mask.copy()

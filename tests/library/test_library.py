@@ -23,6 +23,7 @@ from handtrack import (
 )
 from handtrack.model.articulated import keypoint_names
 from handtrack.terms.priors.priors import GaussianPrior
+from tests.cameras import pinhole
 from tests.derivatives import check_observation_term
 from tests.sample_track import hand_track
 
@@ -43,16 +44,13 @@ def points(params: np.ndarray, frame: int = 0) -> Observation:
 
 
 def test_a_camera_of_opencvs_numbers_projects_as_opencv_does(rng):
-    matrix = np.array([[600.0, 0, 320], [0, 610, 240], [0, 0, 1]])
-    flat, rvec, tvec = np.array([[-0.2, 0.05, 1e-3, 2e-3, 0.01]]), np.array([[0.1], [-0.4], [0.2]]), np.array([[10.0], [20], [500]])  # fmt: skip
+    matrix = [[600.0, 0, 320], [0, 610, 240], [0, 0, 1]]
+    lens, turn, place = np.array([[-0.2, 0.05, 1e-3, 2e-3, 0.01]]), np.array([[0.1], [-0.4], [0.2]]), np.array([[10.0], [20], [500]])  # fmt: skip
     world = rng.uniform(-50, 50, (20, 3))
-    expected = cv2.projectPoints(world, rvec, tvec, matrix, flat)[0][:, 0]
-    vector = Camera.from_opencv(matrix, flat, rvec, tvec, name="c", size=(640, 480), unit_m=0.001)
-    turned = Camera.from_opencv(
-        matrix, flat, cv2.Rodrigues(rvec)[0], tvec, name="c", size=(640, 480), unit_m=0.001
-    )
-    assert_allclose(vector.project(world / 1000), expected, atol=1e-9)
-    assert_allclose(turned.project(world / 1000), expected, atol=1e-9)
+    expected = cv2.projectPoints(world, turn, place, np.array(matrix), lens)[0][:, 0]
+    for given in (turn, cv2.Rodrigues(turn)[0]):
+        camera = Camera.from_opencv(matrix, lens, given, place, name="c", size=(640, 480), unit_m=0.001)  # fmt: skip
+        assert_allclose(camera.project(world / 1000), expected, atol=1e-9)
 
 
 def test_calibrations_are_read_in_metres(tmp_path):
@@ -161,16 +159,13 @@ def test_terms_and_priors_of_ones_own_count():
 
 
 def test_a_recording_of_masks_becomes_observations_in_one_call():
-    cameras = [
-        Camera.from_opencv([[50, 0, 10], [0, 50, 8], [0, 0, 1]], name=name, size=(20, 16))
-        for name in ("left", "right")
-    ]
-    masks = {name: np.zeros((3, 16, 20), np.uint8) for name in ("left", "right")}
+    names = ("left", "right")
+    cameras = [pinhole(name, (20, 16), 50) for name in names]
+    masks = {name: np.zeros((3, 16, 20), np.uint8) for name in names}
     masks["left"][1, 4:9, 5:11] = 255
     sequence = Observation.sequence(cameras, masks, fps=10.0)
     assert [(o.frame, o.time_s) for o in sequence] == [(0, 0.0), (1, 0.1), (2, 0.2)]
     assert sequence[1].silhouettes[0].mask.sum() == 30
-    with pytest.raises(HandtrackError, match="left 3, right 2"):
-        Observation.sequence(cameras, {**masks, "right": masks["right"][:2]})
-    with pytest.raises(HandtrackError, match="middle"):
-        Observation.sequence(cameras, {"middle": masks["left"]})
+    for wrong, words in (({**masks, "right": masks["right"][:2]}, "left 3, right 2"), ({"middle": masks["left"]}, "middle")):  # fmt: skip
+        with pytest.raises(HandtrackError, match=words):
+            Observation.sequence(cameras, wrong)

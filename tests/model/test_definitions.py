@@ -38,15 +38,14 @@ def test_flexion_bends_to_the_palm(finger):
 
 def test_signs_of_abduction():
     model = load_model()
+
+    def moved(name, **angles):
+        return tip(model, name, **angles) - tip(model, name)
+
     for finger, sign in (("index", -1), ("middle", -1), ("ring", 1), ("little", 1)):
-        moved = tip(model, f"{finger}_tip", **{f"{finger}_mcp_abd": 0.3}) - tip(
-            model, f"{finger}_tip"
-        )
-        assert np.sign(moved[0]) == sign, finger
-    thumb = tip(model, "thumb_tip", thumb_cmc_abd=0.3) - tip(model, "thumb_tip")
-    assert thumb[2] < -0.01  # away from the palm: to its side
-    crossed = tip(model, "thumb_tip", thumb_cmc_flex=0.5) - tip(model, "thumb_tip")
-    assert crossed[0] > 0.01  # flexed: across the palm
+        assert np.sign(moved(f"{finger}_tip", **{f"{finger}_mcp_abd": 0.3})[0]) == sign, finger
+    assert moved("thumb_tip", thumb_cmc_abd=0.3)[2] < -0.01  # away from the palm: to its side
+    assert moved("thumb_tip", thumb_cmc_flex=0.5)[0] > 0.01  # flexed: across the palm
 
 
 def test_wrist_flexion_brings_palm_and_forearm_together():
@@ -76,16 +75,10 @@ def test_the_left_hand_is_the_exact_mirror_image(rng):
 
 
 def test_scale_per_hand_and_per_finger():
-    big, plain = load_model(scale=HandScale(1.1, {"thumb": 1.2})), load_model()
-    a, b = (
-        big.joint_positions(big.bones(np.zeros(26))),
-        plain.joint_positions(plain.bones(np.zeros(26))),
-    )
-    names = plain.joint_names
-    i, j = names.index("index_mcp"), names.index("index_tip")
-    assert_allclose(a[j] - a[i], 1.1 * (b[j] - b[i]))
-    i, j = names.index("thumb_cmc"), names.index("thumb_tip")
-    assert_allclose(a[j] - a[i], 1.1 * 1.2 * (b[j] - b[i]))
+    models = load_model(scale=HandScale(1.1, {"thumb": 1.2})), load_model()
+    big, plain = (dict(zip(m.joint_names, m.joint_positions(m.bones(np.zeros(26))), strict=True)) for m in models)  # fmt: skip
+    for start, end, factor in (("index_mcp", "index_tip", 1.1), ("thumb_cmc", "thumb_tip", 1.32)):
+        assert_allclose(big[end] - big[start], factor * (plain[end] - plain[start]))
 
 
 def test_spread_shrinks_as_the_knuckle_bends():
@@ -114,25 +107,21 @@ def placed(model, joint, **degrees):
 def test_left_and_right_are_mirror_images(name, rng):
     """The same angles left and right, and opposite leans and twists of the trunk, give the mirrored pose."""
     body = load_model(name)
+
+    def other(side_and_part):
+        side, _, part = side_and_part.partition("_")
+        return {"left": f"right_{part}", "right": f"left_{part}"}.get(side, side_and_part)
+
     low, high = body.limits.interval[6:].T
-    joint = np.zeros(len(body.parameter_names))
-    joint[6:] = rng.uniform(low, high)
-    mirrored = joint.copy()
-    for i, name in enumerate(body.parameter_names):
-        if name.startswith("left_"):
-            j = body.skeleton.parameter(name.replace("left_", "right_"))
-            mirrored[i], mirrored[j] = joint[j], joint[i]
-        elif name.startswith(("spine", "neck")) and not name.endswith("flex"):
-            mirrored[i] = -joint[i]
-    a, b = body.bones(joint), body.bones(mirrored)
-    swapped = [
-        body.joint_names.index(
-            n.replace("left_", "R_").replace("right_", "left_").replace("R_", "right_")
-        )
-        for n in body.joint_names
+    joint = np.r_[np.zeros(6), rng.uniform(low, high)]
+    mirrored = joint[[body.skeleton.parameter(other(n)) for n in body.parameter_names]]
+    turned = [
+        n.startswith(("spine", "neck")) and not n.endswith("flex") for n in body.parameter_names
     ]
-    flip = np.array([-1.0, 1.0, 1.0])
-    assert_allclose(body.joint_positions(a) * flip, body.joint_positions(b)[swapped], atol=1e-12)
+    mirrored[turned] *= -1.0
+    a, b = (body.joint_positions(body.bones(pose)) for pose in (joint, mirrored))
+    swapped = [body.joint_names.index(other(n)) for n in body.joint_names]
+    assert_allclose(a * [-1.0, 1.0, 1.0], b[swapped], atol=1e-12)
 
 
 def test_signs_of_limbs(body):
@@ -275,15 +264,6 @@ def test_reduced_sets(coupling, count, rng):
         for finger in ("index", "middle", "ring", "little"):
             assert value[f"{finger}_dip_flex"] == pytest.approx(2 / 3 * value[f"{finger}_pip_flex"])
         assert value["thumb_ip_flex"] == pytest.approx(2 / 3 * value["thumb_mcp_flex"])
-
-
-def test_a_persons_own_spread():
-    model = load_model(coupling="18", spread={"little": 2.0})
-    params = np.zeros(18)
-    params[model.transform.names.index("spread")] = 0.1
-    value = dict(zip(model.parameter_names, model.joint_params(params), strict=True))
-    assert value["little_mcp_abd"] == pytest.approx(0.2)
-    assert value["index_mcp_abd"] == pytest.approx(0.1)
 
 
 def test_a_leaders_bounds_are_the_intersection():
