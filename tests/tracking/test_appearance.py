@@ -1,16 +1,13 @@
 """Tracking by images alone: no masks, two cameras, a patterned hand before clutter."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from handtrack import Observation, Status, Tracker, TrackerSettings, TrackerState, load_model
+from handtrack import Observation, Status, Tracker, TrackerSettings, load_model
 from handtrack.model.surfaces.surface_mesh import model_mesh
 from handtrack.observation.observation import ImageView
 from handtrack.simulation.motion import motion
 from handtrack.simulation.simulate import simulated_rig
-from handtrack.tracking.frame.terms.appearance_terms import Before
 from handtrack.tracking.sequence import track_frames
 from tests.experiments.scenes.textured_mesh import Pattern, cluttered_background, textured_picture
 
@@ -76,15 +73,3 @@ def test_the_hand_is_followed_without_any_mask(forward):
     assert {r.status for r in forward[1:]} == {Status.TRACKED}  # of the first, a finger is doubted
     assert set(forward[0].energies) >= {"edges"}
     assert set(forward[3].energies) >= {"edges", "intensity"}
-
-
-def test_a_frame_redone_gives_the_same(seen, forward):
-    """The state is all that counts, texture too: any frame can be tracked again."""
-    tracker = Tracker(MODEL, BOTH)
-    first = Before(seen[0], MODEL.bones(forward[0].parameters))
-    last = Before(seen[4], MODEL.bones(forward[4].parameters), first)
-    state = replace(TrackerState.resumed(forward[:5]), texture=last)
-    _, one = tracker.step(state, seen[5])
-    np.testing.assert_array_equal(one.parameters, forward[5].parameters)
-    _, plain = tracker.step(replace(state, texture=replace(last, first=None)), seen[5])
-    assert not np.array_equal(plain.parameters, forward[5].parameters)
