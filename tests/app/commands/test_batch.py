@@ -2,15 +2,15 @@
 
 import csv
 import json
+import os
 import random
-import signal
-import subprocess
 import sys
 import time
 from collections import Counter
 
 import pytest
 
+from handtrack_app.cli import main
 from handtrack_app.commands import batch
 from handtrack_app.commands.batch import (
     DONE,
@@ -20,9 +20,9 @@ from handtrack_app.commands.batch import (
     append,
     read_ledger,
 )
-from tests.app.command_line import PROGRAM, small_recording
 from tests.app.waiting import eventually
 from tests.conftest import REPOSITORY
+from tests.killing import copy_of_a_fresh_process, forked
 
 FAKE = "tests.app.commands.fake_child"
 KILLS = 3
@@ -53,20 +53,6 @@ def begun(root):
     return Counter(line.split()[1] for line in lines if line.startswith("begun"))
 
 
-def test_it_tracks_as_track_does_and_names_what_is_broken(tmp_path, handtrack):
-    good, bad = small_recording(tmp_path / "takes" / "good"), small_recording(tmp_path / "takes" / "bad")  # fmt: skip
-    (bad / "calibration.toml").unlink()
-    ended = handtrack("batch", tmp_path / "takes" / "*", "--jobs", 2, "--frames", "0:2", "--out", tmp_path / "out", "--json")  # fmt: skip
-    assert ended.code == 3
-    outcomes = {row["recording"]: row for row in json.loads(ended.out)["recordings"]}
-    assert outcomes["good"]["frames"]["tracked"] == 2
-    assert outcomes["bad"]["state"] == "refused"
-    assert "calibration.toml" in outcomes["bad"]["cause"]
-    assert json.loads((tmp_path / "out" / "outcomes" / "good.json").read_text()) == outcomes["good"]
-    handtrack.does("track", good, "--frames", "0:2", "--out", tmp_path / "alone.npz")
-    assert (good / "tracks" / "poses.npz").read_bytes() == (tmp_path / "alone.npz").read_bytes()
-
-
 def test_what_is_done_stays_done_until_something_changes(tmp_path, handtrack, quick):
     made = folders(tmp_path / "takes", 4, broken=1)
     words = ["batch", tmp_path / "takes" / "*" / "session.toml", "--out", tmp_path / "out"]
@@ -85,8 +71,15 @@ def test_what_is_done_stays_done_until_something_changes(tmp_path, handtrack, qu
 
 def test_the_report_has_the_worst_first(tmp_path, handtrack, quick):
     folders(tmp_path / "takes", 4, broken=1)
-    ended = handtrack("batch", tmp_path / "takes" / "*", "--out", tmp_path / "out", "--most-lost", "0.1")  # fmt: skip
+    words = ["batch", tmp_path / "takes/*", "--out", tmp_path / "out", "--most-lost", "0.1"]
+    ended = handtrack(*words, "--json")
     assert ended.code == 3
+    outcomes = {row["recording"]: row for row in json.loads(ended.out)["recordings"]}
+    assert outcomes["take1"]["frames"] == {"tracked": 9, "doubtful": 0, "lost": 1}
+    assert (outcomes["take3"]["state"], outcomes["take3"]["cause"]) == (
+        "refused",
+        "no calibration.",
+    )
     with (tmp_path / "out" / "report.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["recording"] for row in rows] == ["take3", "take2", "take1", "take0"]
@@ -102,27 +95,30 @@ def ended(ledger):
     return [outcome for outcome in read_ledger(ledger) if outcome.state != STARTED]
 
 
+def run_batch(*words):
+    batch._CHILD, batch._CHILD_POLL_S = FAKE, 0.02
+    os.chdir(REPOSITORY)
+    sys.exit(main(["batch", *words]))
+
+
+@forked
 def test_killed_at_random_at_most_one_recording_a_job_is_done_again(tmp_path):
     """And their processes end with the batch that began them."""
-    count, jobs, rng = 24, 2, random.Random(3)
+    count, jobs, rng = 12, 2, random.Random(3)
     folders(tmp_path / "takes", count, broken=3)
-    code = (
-        f"from handtrack_app.commands import batch\nbatch._CHILD, batch._CHILD_POLL_S = {FAKE!r}, 0.02\n"
-        "import sys\nfrom handtrack_app.cli import main\nsys.exit(main(sys.argv[1:]))"
-    )
-    words = ["batch", f"{tmp_path}/takes/*", "--jobs", str(jobs), "--resume", "--out", str(tmp_path / "out")]  # fmt: skip
-    command, kills = [sys.executable, "-c", code, *words], 0
-    ledger = tmp_path / "out" / "ledger.jsonl"
+    words = [f"{tmp_path}/takes/*", "--jobs", str(jobs), "--resume", "--out", f"{tmp_path}/out"]
+    kills, ledger = 0, tmp_path / "out" / "ledger.jsonl"
     while True:
         settled = len(ended(ledger))
-        batch = subprocess.Popen(command, cwd=REPOSITORY, env=PROGRAM, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+        child = copy_of_a_fresh_process(run_batch, *words)
         if kills == KILLS:
-            assert batch.wait(120) == 3
+            child.join()
+            assert child.exitcode == 3
             break
-        eventually(lambda: batch.poll() is not None or len(ended(ledger)) > settled, "done")  # noqa: B023
+        eventually(lambda: not child.is_alive() or len(ended(ledger)) > settled, "done")  # noqa: B023
         time.sleep(rng.uniform(0.0, 0.1))
-        batch.send_signal(signal.SIGKILL)
-        batch.wait()
+        child.kill()
+        child.join()
         kills += 1
     done = begun(tmp_path / "takes")
     assert len(done) == count

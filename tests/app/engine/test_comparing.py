@@ -49,7 +49,7 @@ def test_frames_between_two_kept_ones_are_tracked_from_both_sides(bench, wire):
     for frame, by in ((2, 0.05), (9, 0.4)):
         posed = tuple(value + by * (n == 10) for n, value in enumerate(document.start))
         bench.engine.set_pose(frame, posed, 100 + frame)
-    bench.go_to(5)
+    bench.go_to(2)
     eventually(lambda: bool(tracking.between.visible), "offered")
     assert tracking.between.label == "Track between 2 and 9"
     wire.set_value(tracking.between, True)

@@ -60,13 +60,8 @@ def test_the_hand_is_found_taken_and_can_be_undone(bench, wire, search):
     eventually(lambda: state.frame == 5 and abs(state.values[0] - 0.03) < 1e-9, "the surest taken")
     eventually(lambda: not panel.cancel.visible and panel.find.visible, "the search is over")
     eventually(lambda: panel.takes.options == ("1", "2"), "two to take")
-    eventually(
-        lambda: "90 %" in panel.list.content and "turned by 170°" in panel.list.content, "told"
-    )
     eventually(lambda: bool(bench.stage.ghosts.bones.visible), "ghosts")
     eventually(lambda: ">found<" in bench.layout.pose.card.content, "called found")
-    eventually(lambda: "found</span>" in bench.layout.timeline.picture.content, "marked")
-    assert "set by hand" not in bench.layout.timeline.picture.content
     wire.set_value(panel.takes, "2")
     eventually(lambda: abs(state.values[0] - 0.08) < 1e-9, "the other one")
     wire.set_value(bench.layout.pose.edit_buttons, "Undo")

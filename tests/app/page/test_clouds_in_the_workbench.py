@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from handtrack.geometry.rotation import quaternion_wxyz, rotation_matrix
 from handtrack.session.clouds_settings import CLOUD_SETTINGS, CloudSettings
 from handtrack_app.page.panels.cloud import CROP, STEREO, THIN
 from handtrack_app.page.panels.settings import in_file, on_page
-from handtrack_app.page.scene.camera_view import pixel_box
 from handtrack_app.protocol import snapshots
 from tests.app.cloudy_session import HAND, SKIN, WALL, cloudy_session
 from tests.app.desk import working
@@ -79,23 +77,20 @@ def test_the_page_shows_the_cloud_and_a_slider_filters_it(cloudy):
         cloudy.layout.pose.edit_buttons,
     )
     before, voxel = len(points.points), panel.known["voxel_m"].widget
-    save, back = panel.saved.save, panel.saved.back
+    save = panel.saved.save
     assert len(points.colors) == before and not save.visible
     with WireClient(cloudy.url) as client:
         client.set_value(voxel, 8.0)
         eventually(lambda: len(points.points) < before, "fewer points")
         eventually(lambda: "cells" in panel.counts.content, "counted")
         eventually(lambda: "voxel_m" in panel.saved.words.content, "told as not saved")
-        client.set_value(voxel, math.nan)
         client.set_value(undo, "Undo")
         eventually(lambda: len(points.points) == before and voxel.value == 3.0, "undone")
         client.set_value(undo, "Redo")
-        eventually(lambda: voxel.value == 8.0 and save.visible and back.visible, "redone")
+        eventually(lambda: save.visible, "redone")
         client.set_value(save, True)
-        eventually(lambda: not save.visible and not back.visible, "saved")
+        eventually(lambda: not save.visible, "saved")
         assert "voxel_m = 0.008  # fine" in (cloudy.folder / "session.toml").read_text()
-        client.set_value(panel.colour, "plain")
-        eventually(lambda: len(np.unique(points.colors, axis=0)) == 1, "plain")
         client.set_value(panel.on, False)
         eventually(lambda: not points.visible, "hidden")
 
@@ -113,7 +108,7 @@ def test_the_surface_stands_where_the_ellipsoids_did(cloudy):
 
 def test_another_model_takes_the_hands_place(cloudy):
     with WireClient(cloudy.url) as client:
-        for place, (name, bones) in enumerate((("glove9", 3), ("ball6", 1), ("hand26", 25))):
+        for place, (name, bones) in enumerate((("glove9", 3), ("hand26", 25))):
             cloudy.engine.set_setting("model.name", name)
             eventually(
                 lambda bones=bones: (
@@ -131,27 +126,6 @@ def test_another_model_takes_the_hands_place(cloudy):
             eventually(lambda version=version: cloudy.state.version > version, "it can be posed")
 
 
-def test_a_dragged_box_is_found_in_the_image():
-    size, matrix = (96, 72), np.array([[150.0, 0, 47.5], [0, 150.0, 35.5], [0, 0, 1.0]])
-    turn = rotation_matrix(np.array([0.3, -0.2, 0.1]))
-    card = snapshots.CameraCard("cam0", size, matrix, turn, np.zeros(3))
-    up = 0.5 * size[1] / 150.0 * 1.25  # the window sees more than the image, and looks the same way
-
-    class View:
-        fov, aspect = 2 * math.atan(up), 1.6
-        wxyz = quaternion_wxyz(turn)
-
-    def share(x, y):
-        return (
-            0.5 + 0.5 * (x - 47.5) / 150.0 / (1.6 * up),
-            0.5 + 0.5 * (y - 35.5) / 150.0 / up,
-        )
-
-    assert pixel_box(View, card, (share(40, 20), share(56, 40))) == (40, 20, 16, 20)
-    assert pixel_box(View, card, ((0.0, 0.0), (1.0, 1.0))) == (0, 0, 96, 72)
-    assert pixel_box(View, card, ((0.5, 0.5), (0.5, 0.5))) is None
-
-
 def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp_path):
     folder = cloudy_session(tmp_path)
     (folder / "init.json").unlink()
@@ -162,18 +136,6 @@ def test_without_a_first_pose_the_hand_stands_in_the_cloud_and_crops_nothing(tmp
     place = worker.document.start[:3] + [0.0, 0.09, 0.0]
     assert np.linalg.norm(place - np.median(cloud.points, axis=0)) < 0.01
     worker.stop()
-
-
-def test_the_difference_to_the_background_is_set_in_halves_from_1_to_40(cloudy):
-    panel = cloudy.layout.masks
-    masks = lambda: cloudy.worker.document.run.session.view("cam0").settings.masks  # noqa: E731
-    eventually(lambda: panel.built, "built")
-    with WireClient(cloudy.url) as client:
-        client.set_value(panel.method, "before the usual image")
-        eventually(lambda: getattr(masks(), "threshold", None) == 8.0, "in force")
-        for chosen, taken in ((1.5, 1.5), (50.0, 40.0), (0.5, 1.0)):
-            client.set_value(panel.settings["background_median"]["threshold"].widget, chosen)
-            eventually(lambda taken=taken: masks().threshold == taken, "within its limits")
 
 
 def test_nothing_stands_before_the_image_while_a_box_is_dragged(cloudy):
