@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from handtrack import Session, bundled_session, read_npz, write_npz
+from handtrack import bundled_session, read_npz, write_npz
 from handtrack.diagnostics.flexion import BENT_JOINTS
 from handtrack.export.registry import export_format
 from handtrack.model.model_file import scale_table
@@ -156,23 +156,6 @@ def test_a_disk_that_fills_up_does_not_cost_the_result(handtrack, session, monke
 
 
 # ---- new, simulate, doctor, bench ------------------------------------------------------------------
-
-
-def test_new_makes_a_session_that_opens(handtrack, tmp_path):
-    source = bundled_session()
-    out = tmp_path / "made"
-    out.mkdir()  # empty: fine
-    words = ["new", "--out", out, "--calibration", source / "calibration.toml", "--side", "left"]
-    videos = [w for n in (1, 0) for w in ("--video", f"cam{n}={source / f'cam{n}.mp4'}")]
-    handtrack.does(*words, *videos)
-    assert {path.name for path in out.iterdir()} == {
-        *("calibration.toml", "cam0.mp4", "cam1.mp4", "session.toml")
-    }
-    session = Session.open(out)
-    assert session.camera_names == ("cam1", "cam0")
-    assert (session.name, session.fps, session.file.hand.side) == ("made", 25.0, "left")
-    assert session.mask("cam0", 0) is not None
-    assert list(tmp_path.iterdir()) == [out]
 
 
 SLURM = REPOSITORY / "docs" / "cluster" / "slurm_array.sh"

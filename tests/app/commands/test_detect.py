@@ -1,6 +1,5 @@
 """`handtrack detect` and `handtrack detector`: files that the session reads, and nothing of others written over."""
 
-import json
 import shutil
 import signal
 
@@ -11,12 +10,11 @@ import pytest
 from handtrack import Session
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.detector.hand_detector import DetectedHand, HandDetector
-from handtrack.detector.weights import read_weights
 from tests.app.command_line import refused
 from tests.detector.fake_detector import FakeDetector
 from tests.session.small_session import FRAMES, edit, keypoints, make_session
 
-MINE, OTHER = np.zeros(3), np.array([0.09, 0.05, 0.02])
+MINE = np.zeros(3)
 STEP = 40  # between the grey values of small_session's frames
 
 
@@ -103,19 +101,6 @@ def test_masks_by_the_joints_are_told_of_and_written_where_that_is_said(
     assert "seeded" not in handtrack("detect", folder, "--write", "--masks").out
 
 
-def test_of_two_hands_the_sessions_is_written(handtrack, folder, scene):
-    scene.places = {"left": OTHER, "right": MINE}
-    for side, place in (("right", MINE), ("left", OTHER)):
-        ended = handtrack("detect", folder, "--write", "--json")
-        table = json.loads(ended.out)
-        assert table["cameras"]["cam0"]["found"] == FRAMES - 1
-        view = Session.open(folder).views[0]
-        (joints,) = view.keypoints(0, 5.0)
-        true = view.camera.project(0.5 * keypoints() + place)
-        assert joints.pixels[joints.names.index("wrist")] == pytest.approx(true[0], abs=1e-3), side
-        edit(folder / "session.toml", f'side = "{side}"', 'side = "left"')
-
-
 def test_a_hand_of_the_other_side_is_left_out_and_told(handtrack, folder, scene):
     scene.places = {"left": MINE}
     ended = handtrack.does("detect", folder, "--write")
@@ -174,13 +159,3 @@ def test_cameras_that_do_not_exist_or_have_no_images_are_refused(handtrack, fold
     for camera in ("cam7", "cam1"):
         refused(handtrack, folder, ["detect", folder, "--camera", camera], [f"'{camera}'"])
     assert "cam1" not in handtrack("detect", folder).out
-
-
-def test_weights_are_installed_whole(handtrack, data_dir, tmp_path, monkeypatch):
-    file = data_dir / "hand_detector" / "hand_landmarker.task"
-    if not file.is_file():
-        pytest.skip(f"no detector's weights at {file}")
-    monkeypatch.setenv("HANDTRACK_HOME", str(tmp_path / "home"))
-    handtrack.does("detector", "install", file)
-    installed = read_weights(tmp_path / "home/detector/hand_landmarker.task")
-    assert installed.palm == read_weights(file).palm

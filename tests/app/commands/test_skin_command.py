@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from handtrack import HandtrackError, Session
-from handtrack.capture.clouds.skin_ellipse import SkinEllipse, chromaticity
+from handtrack import Session
+from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.capture.masks.mask_correction import AS_IT_IS
 from handtrack.session.sources.corrected_masks import encoded
 from handtrack_app.engine import opening
@@ -78,11 +78,3 @@ def test_what_was_painted_is_enough(handtrack, folder):
     settings, words = skin_in_force(document, 0, "cam0", None, 2.5)
     assert settings.filters.skin == ellipse(folder)
     assert "of 2 painted images" in words
-
-
-def test_a_box_is_taken_as_before(folder):
-    settings, _ = skin_in_force(opening.document(opening.opened(folder)), 0, "cam0", BOX, 2.5)
-    found = settings.filters.skin
-    np.testing.assert_allclose(found.mean, chromaticity(np.array([SKIN]))[0][0], atol=0.02)
-    with pytest.raises(HandtrackError, match="no camera 'cam9'"):
-        skin_in_force(opening.document(opening.opened(folder)), 0, "cam9", BOX, 2.5)

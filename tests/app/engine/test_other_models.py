@@ -6,8 +6,6 @@ from numpy.testing import assert_allclose
 from handtrack.session.session_state import decide
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.engine.store import edits
-from handtrack_app.protocol import snapshots
-from tests.app.desk import a_desk
 from tests.app.fake_run import FRAMES
 from tests.app.opened import did, opened, posed, tracked
 
@@ -80,17 +78,3 @@ def test_a_session_opens_with_the_arm_that_its_track_has(tmp_path, held_by_anoth
     assert sorted(document.results) == list(range(FRAMES))
     if other is not None:
         other.close()
-
-
-def test_a_track_that_cannot_show_is_told_and_shown_when_asked(tmp_path):
-    _arm_decided_while_tracking(tmp_path)
-    store = opened(tmp_path)
-    did(store, decide(setting={"model.forearm": "false"}))
-    store.close()
-    for worker, listener in a_desk(tmp_path, step_s=0.0):
-        assert not worker.document.results, "a setting says that there is no forearm"
-        (span,) = listener.wait(snapshots.TimelineSnapshot).hidden
-        assert (span.take, span.first, span.stop) == (1, 0, FRAMES)
-        worker.engine.show_take(1)
-        strip = listener.wait(snapshots.TimelineSnapshot, lambda s: not s.hidden)
-        assert len(worker.document.results) == FRAMES and (strip.status >= 0).all()

@@ -130,20 +130,6 @@ def test_an_accepted_frame_is_not_fitted_until_it_is_let_go(desk, worker, listen
     eventually(lambda: bool(_told(listener, "Frame 4 is fitted")), "fitted")
 
 
-def test_what_is_accepted_is_undone_and_comes_back(tmp_path, left_open):
-    store = tracked(opened(tmp_path))
-    document = store.document
-    store.do("Accepted", edits.accepted(document, range(2, 5), on=True))
-    store.do("Accepted", edits.accepted(document, range(7, 8), on=True))
-    assert document.accepted == {2, 3, 4, 7}
-    store.undo()
-    assert document.accepted == {2, 3, 4}
-    store.do("Let go", edits.accepted(document, range(3, 4), on=False))
-    assert document.state.accepted == ((2, 3), (4, 5))
-    again = opened(tmp_path)
-    assert again.document.accepted == {2, 4}
-
-
 def test_frames_without_a_pose_cannot_be_accepted(tmp_path, left_open):
     store = tracked(opened(tmp_path), range(3, 6))
     edit = edits.accepted(store.document, range(FRAMES), on=True)

@@ -54,18 +54,6 @@ def test_the_file_before_is_kept_and_the_journal_gives_way(store):
     assert again.document.run.settings.solver.iterations == 30
 
 
-def test_a_session_opens_with_what_was_saved(tmp_path):
-    folder = cloudy_session(tmp_path)
-    text = (folder / "session.toml").read_text(encoding="utf-8")
-    store = Persistence.open(opening.document(opening.opened(folder)))
-    did(store, decide(setting={"silhouettes.bands_mm": (6.0, 2.0)}))
-    saving.save_settings(store)
-    assert (folder / "session.toml").read_text(encoding="utf-8").startswith(text)
-    again = opening.document(opening.opened(folder))
-    assert again.run.settings.silhouettes.bands_mm == (6.0, 2.0)
-    assert again.own_settings == again.run.settings.flat()
-
-
 @pytest.mark.parametrize("text", [TEXT, "[session\nformat = 1\n", "tracking = 3\n", None])
 def test_a_file_that_cannot_be_changed_is_left_alone_and_nothing_is_lost(store, text, monkeypatch):
     path = store.folder / "session.toml"

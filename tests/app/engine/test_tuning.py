@@ -11,10 +11,8 @@ from handtrack.session.session_state import decide
 from handtrack.tracking.frame.methods import METHODS
 from handtrack_app.engine import tuning_service
 from handtrack_app.engine.store import edits
-from handtrack_app.engine.store.persistence import Persistence
 from handtrack_app.page.panels.settings import to_be_said
 from handtrack_app.protocol import snapshots
-from tests.app.fake_run import fake_document
 from tests.app.opened import did, opened
 from tests.app.waiting import eventually
 
@@ -41,17 +39,6 @@ def test_a_method_sets_all_that_it_has_and_undo_takes_all_back(tuned, name):
     assert now.edges.sigma_px == 3.0  # no method says it
     tuned.undo()
     assert document.run.settings == before
-
-
-def test_what_is_changed_beside_a_method_holds_when_the_session_opens_again(
-    tuned,
-):
-    did(tuned, edits.method(tuned.document, "paper2004"))
-    did(tuned, decide(setting={"cloud.crop_mm": 40.0}))
-    again = Persistence.open(fake_document(tuned.folder))
-    again.restore()
-    assert again.document.run.settings == tuned.document.run.settings
-    assert again.document.run.settings.cloud.crop_mm == 40.0
 
 
 def test_the_command_line_is_told_no_more_than_it_needs(tuned):

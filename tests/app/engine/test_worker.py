@@ -14,7 +14,6 @@ from handtrack.store.store import Store
 from handtrack.tracking.frame.reason import Reason
 from handtrack_app.engine import open_session
 from handtrack_app.engine.store import persistence
-from handtrack_app.page.panels.tracking import frozen_ends
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.calls import Mailbox
 from tests.app.calls import call
@@ -228,22 +227,6 @@ def test_a_corrected_frame_stays_and_the_next_ones_follow_it(tmp_path):
         np.testing.assert_allclose(document.pose_at(8), values)
         assert document.results[9].parameters[ring] > 0.9  # tracked from the corrected pose
         assert document.results[7].parameters[ring] < 0.9
-
-
-@pytest.mark.parametrize(
-    ("by_hand", "accepted", "frame", "ends"),
-    [
-        ((2,), {8}, 5, (2, 8)),
-        ((2,), {8}, 2, (2, 8)),
-        ((2,), {8}, 8, None),
-        ((2, 3), set(), 2, None),
-        ((), set(), 4, None),
-    ],
-)
-def test_between_which_frames(by_hand, accepted, frame, ends):
-    none = np.full(12, np.nan)
-    strip = snapshots.TimelineSnapshot(0, np.zeros(12, int), none, none, by_hand, marked={"accepted": frozenset(accepted)})  # fmt: skip
-    assert frozen_ends(strip, frame) == ends
 
 
 def test_c66_without_any_keyframe_all_goes_on_and_forgetting_is_undone_after_a_restart(
