@@ -36,6 +36,8 @@ from tests.sample_track import posed_frame
 
 FRAMES = 12
 MATRIX = np.array([[90.0, 0.0, 48.0], [0.0, 90.0, 36.0], [0.0, 0.0, 1.0]])
+SPOT = (41, 29)
+"""the middle of a white square of 3 px in the front camera's dark images"""
 TURNS = {"front": [[1, 0, 0], [0, -1, 0], [0, 0, -1]], "side": [[0, 0, 1], [0, -1, 0], [1, 0, 0]]}
 
 
@@ -52,7 +54,11 @@ class FakeView(View):
         return None
 
     def image(self, frame):
-        return np.full((72, 96, 3), 10 * frame, np.uint8) if self.name == "front" else None
+        if self.name != "front":
+            return None
+        image = np.full((72, 96, 3), 10 * frame, np.uint8)
+        image[SPOT[1] - 1 : SPOT[1] + 2, SPOT[0] - 1 : SPOT[0] + 2] = 255
+        return image
 
 
 class FakeSession(Session):

@@ -1,17 +1,24 @@
-"""The workbench in a real browser. What a gesture edits: a click nothing, a drag one step that undo names, a key behind a dialog nothing.
-A click on the lanes goes to the frame that stands there, also when zoomed in."""
+"""The workbench in a real browser, opened once: how large scene and hand are; what a gesture edits, and undo names; all of one frame while
+it plays; the lanes; what is said to the user; where model and picture are drawn; and a narrow window."""
 
 import contextlib
 import re
 import threading
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import viser.transforms as vtf
 
+from handtrack.export.registry import export_format
 from handtrack_app.engine.store import persistence
+from handtrack_app.page.panels.export import card_words
+from handtrack_app.page.panels.view import DARK, LIGHT, WIDTH
+from handtrack_app.page.scene.model_view import hand_balls
+from handtrack_app.page.scene.zoom import Zoom, pixel_ray
 from tests.app.desk import in_threads
-from tests.app.fake_run import FRAMES, fake_document
+from tests.app.fake_run import FRAMES, SPOT, fake_document
 from tests.app.page.test_review_panel import _tracked
 from tests.app.waiting import eventually
 from tests.experiments.workbench.chromium import CHROMIUM, DRAWN, PROJECT, chromium, there_is_one
@@ -90,43 +97,100 @@ HOLD_BACK = """() => {
 """no click on the button of the lanes arrives: they are counted"""
 
 
+SAMPLE = """() => {
+  const card = [...document.querySelectorAll('b')].find((one) => /^Frame \\\\d+$/.test(one.textContent));
+  const lanes = document.querySelector('.handtrack-timeline').closest('.mantine-Paper-root');
+  const grey = (image) => {
+    const canvas = document.createElement('canvas'), ink = canvas.getContext('2d');
+    [canvas.width, canvas.height] = [image.naturalWidth || image.width, image.naturalHeight || image.height];
+    ink.drawImage(image, 0, 0);
+    return Math.round(ink.getImageData(12, 12, 1, 1).data[0] / 10);
+  };
+  const sheet = [...document.querySelectorAll('img')].find((one) => one.naturalWidth === 620);
+  return {card: card ? Number(card.textContent.slice(6)): null, word: card ? card.nextElementSibling.textContent : null,
+          cursor: Number(lanes.querySelector('.mantine-Slider-thumb').getAttribute('aria-valuenow')),
+          lanes: lanes.innerText, sheet: sheet ? grey(sheet): null};
+}""".replace("\\\\", "\\")
+"""the frame that each part of the page is of, by its words and by the grey of the pictures"""
+
+
+NOTICE = """() => {
+  const r = document.querySelector('.mantine-Notification-root')?.getBoundingClientRect();
+  return r ? [r.left, r.top, r.right, r.bottom] : null;
+}"""
+BELOW = """() => {
+  const below = [...document.querySelectorAll('.mantine-Paper-root')].find((one) =>
+    one.style.position === 'absolute' && one.querySelector('.handtrack-timeline'));
+  const r = below?.getBoundingClientRect();
+  return r && [r.left, r.right, innerHeight - r.bottom];
+}"""
+"""where the timeline stands"""
+LAYOUT = """() => {
+  const slider = document.querySelector('.mantine-Paper-root:has(.handtrack-timeline) .mantine-Slider-thumb').getBoundingClientRect();
+  return {below: (%s)(), thumb: slider.width,
+          ground: getComputedStyle(document.querySelector('canvas').closest('div[style*="background-color"]')).backgroundColor};
+}""".replace("%s", BELOW)
+NAMELESS = """() => [...document.querySelectorAll('button, input, img, [role="slider"], [role="progressbar"]')].filter((one) =>
+  one.offsetParent !== null && !one.getAttribute('aria-label') && !one.alt && !one.textContent.trim() && !one.labels?.length)
+  .map((one) => one.outerHTML.slice(0, 150))"""
+LONG = " ".join(f"Word{n} of a reason that has to be read to its end." for n in range(12))
+CUT = """() => [...document.querySelectorAll('.mantine-Notification-root')].filter((one) => one.innerText.includes('Word11')).map(
+  (root) => [root, ...root.querySelectorAll('*')].some((one) => getComputedStyle(one).overflow !== 'visible'
+    && (one.scrollHeight > one.clientHeight + 1 || one.scrollWidth > one.clientWidth + 1)))"""
+KEPT = "() => Object.values(localStorage).some((kept) => kept.includes('light'))"
+CANVAS = """() => {
+  const r = window.__viserMutable.canvas.getBoundingClientRect();
+  return [r.left, r.top, r.width, r.height];
+}"""
+NODES = "() => Object.keys(window.__viserMutable.nodeRefFromName)"
+
+
 @pytest.mark.browser
-def test_what_a_gesture_edits(tmp_path, monkeypatch):
+def test_a_user_s_way_through_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(persistence, "_MERGE_S", 0.1)
     held = threading.Event()
     opener = lambda f: fake_document(f, stuck=lambda frame: frame == 8 and held.is_set())  # noqa: E731
     bench = in_threads(tmp_path, opener=opener)
-    with browsing(bench) as view:
+    with browsing(bench, size=(1280, 800)) as view:
+        _scene_and_hand_are_the_largest_things(bench, view)
         _keys_behind_a_dialog_do_nothing_and_escape_closes_it(bench, view)
         _moves_of_a_slider_with_rests_are_one_step(bench, view)
         _a_click_on_the_handle_is_no_edit_and_a_drag_is_one_step(bench, view)
         _what_would_be_gripped_is_named_under_the_pointer(bench, view)
+        _played_however_slowly_all_is_of_one_frame(bench, view)
         _a_click_on_the_lanes_goes_there(bench, view)
         held.set()
         _tracking_is_cancelled(bench, view)
+        _has_names_for_a_screen_reader(bench, view)
+        _keeps_its_style_whatever_is_folded(bench, view)
+        _picture_and_model_are_drawn_as_one_however_large(bench, view)
+        _shows_what_matters_whole_until_it_is_put_away(bench, view)
+        view.page.set_viewport_size({"width": 853, "height": 533})  # at 150 %
+        _panel_hides_nothing_of_a_narrow_and_low_scene(view)
 
 
 def _keys_behind_a_dialog_do_nothing_and_escape_closes_it(bench, view):
-    before, keys = bench.state.values, view.page.keyboard
-    dialog = view.page.get_by_role("dialog")
+    state, keys = bench.state, view.page.keyboard
+    before, dialog = (state.frame, state.version), view.page.get_by_role("dialog")
 
     def closes():
         keys.press("Escape")
         dialog.wait_for(state="detached")
-        assert (bench.state.values, bench.state.version) == (before, 0)
+        assert (state.frame, state.version) == before
 
     keys.press("Shift+H")
     dialog.wait_for()
-    for key in ("k", "k", "Shift+K", "n"):
+    for key in ("ArrowRight", "End", "Shift+N", "Control+z"):
         keys.press(key)
     closes()
     keys.press("Control+k")  # the palette: what is typed before it takes the letters
     keys.type("track", delay=5)
     view.page.wait_for_timeout(1000)
     closes()
-    keys.press("k")
-    eventually(lambda: bench.state.version == 1, "keys count again")
-    assert bench.state.values != before
+    keys.press("ArrowRight")
+    eventually(lambda: state.frame == before[0] + 1, "keys count again")
+    keys.press("ArrowLeft")
+    eventually(lambda: bench.stage.pose.frame == state.frame == before[0], "and back")
 
 
 def _what_would_be_gripped_is_named_under_the_pointer(bench, view):
@@ -205,8 +269,37 @@ def _drag_with_rests(view, start, stop):
     view.page.wait_for_timeout(200)
 
 
-def _a_click_on_the_lanes_goes_there(bench, view):
+def _played_however_slowly_all_is_of_one_frame(bench, view):
     _tracked(bench)
+    bench.page.go_to(5)
+    eventually(lambda: bench.stage.pose.frame == 5, "another frame")
+    bench.page.edit_pose({"root_tx": 0.02}, "Move")
+    by_hand = lambda: bench.layout.timeline.strip.by_hand  # noqa: E731
+    eventually(lambda: 5 in by_hand(), "set by hand")
+    words = {7: "low confidence"} | dict.fromkeys(by_hand(), "set by hand")
+    slow = view.page.context.new_cdp_session(view.page)
+    slow.send("Emulation.setCPUThrottlingRate", {"rate": 2})
+    bench.page.play(True)
+    rng, samples = np.random.default_rng(0), list[dict[str, Any]]()
+    for tab in ("Pose", "View"):
+        view.show_tab(tab)
+        for _ in range(5):
+            view.page.wait_for_timeout(float(rng.uniform(100, 500)))
+            samples.append(view.page.evaluate(SAMPLE))
+    bench.page.play(False)
+    slow.send("Emulation.setCPUThrottlingRate", {"rate": 1})
+    for one in samples:
+        frame = one["cursor"]
+        word = words.get(frame, "tracked")
+        assert one["card"] in (None, frame) and one["sheet"] in (None, frame), one
+        assert one["word"] in (None, word)
+        assert word in one["lanes"].splitlines()
+    for part in ("card", "sheet"):
+        assert sum(one[part] is not None for one in samples) >= 4, f"the {part} is shown"
+    assert len({one["cursor"] for one in samples}) >= 3, "it plays"
+
+
+def _a_click_on_the_lanes_goes_there(bench, view):
     mouse, picture = view.page.mouse, view.page.locator(".handtrack-timeline svg")
     for frame in (8, 2, 11):
         box = eventually(picture.bounding_box, "the lanes are there")  # they are sent anew
@@ -237,6 +330,10 @@ def _a_click_on_the_lanes_goes_there(bench, view):
     view.press("Export …")  # the next step
     opened = view.page.get_by_role("tab", name="Export", exact=True, selected=True)
     eventually(opened.count, "its tab is opened")
+    with view.page.expect_download() as download:
+        view.press(card_words(export_format("csv")))
+    rows = download.value.path().read_text(encoding="utf-8").splitlines()
+    assert sum(row[:1].isdigit() for row in rows) == FRAMES
 
 
 def _tracking_is_cancelled(bench, view):
@@ -248,3 +345,162 @@ def _tracking_is_cancelled(bench, view):
     # how soon it stops is asked of the worker alone (test_worker.py): beside other tests the page may be late
     eventually(lambda: bench.layout.tracking.progress.state == "idle", "cancelled")
     view.page.get_by_text("Cancelled").first.wait_for()
+
+
+def _scene_and_hand_are_the_largest_things(bench, view):
+    eventually(lambda: share(view) >= 0.7, "the scene has 70 % of the window, with the panel open")
+    eventually(lambda: is_large(bench, view), "freely")
+    view.page.keyboard.press("1")
+    eventually(lambda: stands(bench), "it looks through a camera")
+    eventually(lambda: is_large(bench, view), "through a camera")
+    low, high = hand_in_page(bench, view)
+    bench.page.notify("done", "Something", "was to be said.")
+    notice = eventually(lambda: view.page.evaluate(NOTICE), "a notice")
+    assert notice[0] > high[0] or notice[2] < low[0] or notice[3] < low[1], "beside the hand"
+    view.page.keyboard.press("0")
+    view.page.locator(".mantine-Notification-closeButton").first.click()
+
+
+def _keeps_its_style_whatever_is_folded(bench, view):
+    (client,) = bench.server.get_clients().values()
+    looks, room = lambda: view.page.evaluate(LAYOUT), bench.layout.room
+    is_light = lambda: sum(map(int, re.findall(r"\d+", looks()["ground"])[:3])) > 382  # noqa: E731
+    eventually(lambda: room.tastes, "it has the system's colours, whichever these are")
+    for chosen in (DARK, LIGHT):
+        room.change(client, colours=chosen)
+        eventually(lambda chosen=chosen: is_light() == (chosen == LIGHT), chosen)
+    eventually(lambda: view.page.evaluate(KEPT), "the browser keeps them")
+    before = looks()
+    room.fold(client, folded=True)
+    rail = view.page.get_by_role("tab", name="Review", exact=True)
+    eventually(lambda: not rail.is_visible(), "folded")
+    assert looks() == before
+    room.fold(client, folded=False)
+
+
+def _panel_hides_nothing_of_a_narrow_and_low_scene(view):
+    ends = lambda: sum(view.page.evaluate(CANVAS)[::2])  # noqa: E731
+    panel = view.page.get_by_role("tab", name="Review", exact=True)
+    eventually(lambda: 853 - ends() >= WIDTH, "it ends where the panel begins")
+    assert panel.is_visible()
+    assert share(view, (853, 533)) >= 0.55
+    view.page.keyboard.press("t")
+    eventually(lambda: not panel.is_visible(), "the panel is hidden by a key")
+    eventually(lambda: ends() > 800, "and leaves its place to the scene")
+
+
+def _has_names_for_a_screen_reader(bench, view):
+    for tab in ("Track", "View", "Export", "Masks", "Pose"):
+        view.show_tab(tab)
+        eventually(lambda: view.page.evaluate(NAMELESS) == [], f"names in {tab}")
+    assert view.page.get_by_role("main").get_by_role("heading", level=1).count() == 1
+    bench.page.go_to(5)
+    eventually(lambda: "Frame 5 " in view.page.title(), "for screen readers, too")
+
+
+def _shows_what_matters_whole_until_it_is_put_away(bench, view):
+    page, notify = view.page, bench.page.notify
+    bench.layout.messages.see_pose(False)  # as where there is no first pose
+    notify("guide", "What to do first", "Press the button that finds the hand.")
+    notify("warning", "Frame 3 fits, with low confidence", "Frame 4 as well.")
+    (client,) = bench.server.get_clients().values()
+    tab = page.get_by_role("tab", name="Review", exact=True)
+    bench.layout.room.fold(client, folded=True)
+    eventually(lambda: not tab.is_visible(), "the panel is hidden")
+    notify("error", "A title that is longer than some", LONG.replace("Word", "Cause"))
+    eventually(tab.is_visible, "an error is read in the panel")
+    notify("info", "Nothing to undo", "The history ends here.")
+    notify("done", "Saved", LONG)
+    assert eventually(lambda: page.evaluate(CUT), "a notice") == [False]
+    for told in ("What to do first", "low confidence", "A title that"):
+        notice = page.locator(".mantine-Notification-root", has_text=told)
+        assert not notice.count(), "notices tell what is done, and nothing else"
+    notices = page.locator(".mantine-Notification-closeButton")
+    while notices.count():
+        notices.first.click()
+        page.wait_for_timeout(500)
+
+    def read(text):
+        return page.locator(".handtrack-note:visible", has_text=text).count() == 1
+
+    assert read("Cause11"), "gone from the scene, not from the page"
+    view.press("Put away")
+    eventually(lambda: read("Frame 4") and not read("Cause11"), "the one before it")
+    view.press("Put away")
+    eventually(lambda: read("Press the button") and not read("Frame 4"), "the one before it")
+    bench.page.edit_pose({"root_tx": 0.01}, "Move")
+    eventually(lambda: not read("Press the button"), "it has done its work")
+    notify("warning", "Frame 7 does not fit well", "Frame 9 does.")
+    page.locator("a[data-frame='9']:visible").first.click()
+    eventually(lambda: bench.state.frame == 9, "a link leads to its frame")
+    view.show_tab("Messages")
+    eventually(lambda: read("Press the button") and read("Cause11"), "all can be read again")
+
+
+def share(view, window=(1280, 800)):
+    _, _, width, height = view.page.evaluate(CANVAS)
+    return float(width * height / (window[0] * window[1]))
+
+
+def is_large(bench, view):
+    low, high = hand_in_page(bench, view)
+    return bool(high[1] - low[1] >= 0.25 * view.page.evaluate(CANVAS)[3])
+
+
+def hand_in_page(bench, view):
+    """Return the corners of the box that the hand's ellipsoids have on the page [px]."""
+    session, pose = bench.stage.session, bench.stage.pose
+    points, _ = hand_balls(session, pose)
+    places = np.array([view.page.evaluate(PROJECT, ["/hand", p.tolist()]) for p in points])
+    return places.min(axis=0), places.max(axis=0)
+
+
+def _picture_and_model_are_drawn_as_one_however_large(bench, view):
+    (client,) = bench.server.get_clients().values()
+    looking, scene = bench.stage.looking, bench.server.scene
+    looking.set_paint(client.client_id, "plain")
+    view.page.keyboard.press("1")
+    looks = eventually(lambda: looking.views.of(client.client_id), "it looks")
+    eventually(lambda: "/screen" in str(view.page.evaluate(NODES)), "its picture")
+    bench.stage._marking = True  # nothing stands before the picture
+    bench.redraw()
+    view.page.set_viewport_size({"width": 900, "height": 1000})
+    times = 12.0
+    zoom = Zoom((SPOT[0] + 3 / times, SPOT[1] - 2 / times), times)
+    looking.views._change(client, lambda _: zoom)
+    plain = screenshot(view)
+    radius = 0.36 / looks.card.matrix[0, 0] * 0.9 / times
+    place = looks.card.centre + 0.36 * pixel_ray(looks.card, SPOT)
+    ball = scene.add_icosphere(
+        "/ball", radius, color=(255, 0, 255), position=place, cast_shadow=False
+    )
+    drawn = cv2.absdiff(plain, screenshot(view)).max(axis=2) > 8
+    ball.remove()
+    scale = view.page.evaluate(CANVAS)[3] / 2 / looks.eye.half / looks.card.matrix[1, 1]
+    ball_at = middle(drawn)
+    spot = plain.min(axis=2) > 150
+    rows, columns = np.indices(spot.shape)
+    near = np.hypot(columns - ball_at[0], rows - ball_at[1]) < 6 * scale  # px of the image
+    off = np.linalg.norm(ball_at - middle(spot & near)) / scale
+    assert off < 0.5
+    bench.stage._marking = False
+    bench.redraw()
+
+
+def screenshot(view):
+    """Return the page once it stands still (H, W, 3) BGR."""
+    before = b""
+    for _ in range(40):
+        now = view.page.screenshot()
+        if now == before:
+            break
+        before = now
+        view.page.wait_for_timeout(400)
+    return cv2.imdecode(np.frombuffer(before, np.uint8), cv2.IMREAD_COLOR)
+
+
+def middle(seen):
+    """Return where the largest patch has its middle [px]."""
+    _, _, boxes, centres = cv2.connectedComponentsWithStats(seen.astype(np.uint8))
+    assert len(boxes) > 1, "it is drawn"
+    return centres[1 + int(np.argmax(boxes[1:, cv2.CC_STAT_AREA]))]

@@ -1,63 +1,29 @@
 """Lanes and plots: what stands where, zoom, the worst of frames in one place, speed and range; the score and its ink on the card."""
 
 import dataclasses
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
+from handtrack.session.session_state import decide
+from handtrack.store.current_track import TakeFrames
 from handtrack.store.spans import Span
-from handtrack_app.engine.document_snapshots import timeline_snapshot
+from handtrack_app.engine.document_snapshots import timeline_change, timeline_snapshot
 from handtrack_app.engine.posing_service import LiveScore
 from handtrack_app.engine.posing_service import pose as pose_edit
 from handtrack_app.page.panels.plots import plot_data, range_and_speed, speed_of
 from handtrack_app.page.panels.pose import ink_on
 from handtrack_app.page.panels.tracking import nearest_posed
-from handtrack_app.page.time.lanes import Window, extremes, lanes_of, lanes_picture, whole
+from handtrack_app.page.time.lanes import Window, lanes_of, lanes_picture, whole
 from handtrack_app.protocol import snapshots
 from handtrack_app.protocol.palette import STATUS
-from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, ScoreSnapshot, TimelineSnapshot
+from handtrack_app.protocol.snapshots import Curve, CurvesSnapshot, ScoreSnapshot
 from tests.app.fake_run import fake_document
 from tests.app.opened import opened, posed, tracked
 from tests.app.page.test_review_panel import _tracked
 from tests.app.waiting import eventually
-
-COUNT = 18_000
-
-
-def long_strip(count=COUNT, **changed):
-    rng = np.random.default_rng(0)
-    lanes = {
-        name: rng.random(count) * size
-        for name, size in ((snapshots.PROBABILITY, 1.0), (snapshots.VIEWS, 3.0), (snapshots.AT_LIMITS, 6.0), (snapshots.MOVED, 20.0))
-    }  # fmt: skip
-    terms = {name: rng.random(count) for name in ("silhouettes", "cloud→model", "keypoints")}
-    strip = TimelineSnapshot(
-        0, rng.integers(0, 3, count), rng.random(count), np.full(count, np.nan), (3, 700), terms, (), lanes,
-        frozenset(range(100, 300)), (), (Span(1, 0, 500), Span(2, 500, count)),
-    )  # fmt: skip
-    return replace(strip, **changed)
-
-
-def test_frames_stand_where_the_slider_has_them():
-    """viser's slider has its first and its last value at its ends."""
-    window = Window(100, 200)
-    assert (window.place(100), window.place(150), window.place(200)) == (0.0, 500.0, 1000.0)
-
-
-def test_zoomed_in_each_frame_is_told_apart():
-    status = np.zeros(COUNT, int)
-    status[9_000] = 2
-    strip = long_strip(status=status)
-    window = whole(range(COUNT)).zoomed(1 / 256, 9_000, range(COUNT))
-    assert window.count == 70 and window.first < 9_000 < window.last
-    lane = lanes_of(strip, window, every=False)[1]
-    lost = [re.findall(r"\bx='([\d.]+)'", part)[0] for part in lane.parts if "#d55e00" in part]
-    (x,) = lost
-    assert float(x) == pytest.approx(window.place(9_000) - window.half, abs=0.1)
-    assert lane.value(9_000) == "lost" and lane.value(8_999) == "tracked"
 
 
 def test_a_frame_stays_where_it_stands_while_zooming():
@@ -75,14 +41,6 @@ def test_the_window_goes_along_with_the_frame_shown():
     assert window.around(200, frames) == Window(190, 289)
     assert window.around(999, frames) == Window(900, 999)
     assert window.around(0, frames) == Window(0, 99)
-
-
-def test_extremes_of_columns_and_of_frames_that_are_not_there():
-    values = np.arange(1000.0)
-    values[:500] = np.nan
-    place, low, high = extremes(values, 0, Window(0, 1999))
-    assert len(place) == 400 and np.isnan(low[:100]).all() and np.isnan(high[200:]).all()
-    assert (low[100], high[100], high[199]) == (500.0, 504.0, 999.0)
 
 
 def _strip(**changed):
@@ -192,3 +150,22 @@ def test_the_engine_scores_the_pose_that_is_shown(tmp_path, left_open):
     assert not live.is_due
     live.since = float("inf")  # it has not rested
     assert live.is_due, "what was seen of this frame is at hand"
+
+
+def test_a18_what_is_told_of_the_timeline_adds_up_to_the_whole(tmp_path):
+    document = fake_document(tmp_path)
+    take = TakeFrames(document.model.parameter_names)
+    document.takes.put(1, take)
+    document.apply(decide(spans=(Span(1, 0, len(document.frames)),)))
+    strip = timeline_snapshot(document)
+    result = document.run._result  # type: ignore[attr-defined]
+    document.apply(pose_edit(document, 5, (document.start + 0.01).tolist()))
+    for frame in (3, 4, 5, 4):
+        take.put(replace(result(frame, document.model.rest_params(), 0), energies={"rest": 2.0}), None)  # fmt: skip
+        strip = timeline_change(document).over(strip)
+    whole = timeline_snapshot(document)
+    for name in ("status", "energy", "error_mm"):
+        assert_array_equal(getattr(strip, name), getattr(whole, name))
+    assert_array_equal(strip.terms["priors"], whole.terms["priors"])
+    other = replace(timeline_change(document), frames=range(99))
+    assert other.over(strip) is strip, "of a recording that is counted anew meanwhile"
