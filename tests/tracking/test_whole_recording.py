@@ -14,7 +14,7 @@ from handtrack.tracking.frame.control import Control
 from handtrack.tracking.sequence import track_frames, track_recording
 from handtrack.tracking.size.motion import Motion
 from handtrack.tracking.whole.evidence import Recording
-from handtrack.tracking.whole.recording_estimate import refine, refine_near
+from handtrack.tracking.whole.recording_estimate import _bridged, refine, refine_near
 
 HAND = load_model("hand26")
 FRAMES, FPS, SIGMA_M = 40, 30.0, 0.004
@@ -163,6 +163,14 @@ def test_a_hand_that_nobody_sees_goes_on_from_both_sides_with_growing_doubt():
     assert wrist[HIDDEN].max() < 0.6 * _off_mm(live, truth)[HIDDEN, 0].max()  # 2.8 of 6.0 mm
     assert {refined[n].status for n in HIDDEN} == {Status.LOST}
     assert np.isinf(refined[middle].parameter_std).all()
+
+
+def test_a_gap_is_bridged_by_the_shorter_turn():
+    """A turn that passes half a circle is written from the other side: straight between the vectors would be the way round."""
+    poses = np.zeros((3, 26))
+    poses[0, 3:6], poses[2, 3:6] = [3.1, 0.0, 0.0], [-3.1, 0.0, 0.0]
+    middle = _bridged(poses, np.array([True, False, True]))[1, 3:6]
+    assert_allclose(middle, [np.pi, 0.0, 0.0], atol=1e-9)
 
 
 OUTER = [
