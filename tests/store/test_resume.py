@@ -69,8 +69,8 @@ def test_a1_a_refined_recording_is_refined_again(tmp_path):
     poses = [SCENE.model.transform.solver_params(joint) for joint in SCENE.joint_params]
     whole = TrackerSettings().with_values({"tracker.estimate": "whole"})
     tracker = Tracker(SCENE.model, whole)
-    results = check_every_cut(tmp_path, tracker, SCENE.observations, poses, 1, range(4))
-    assert len(results) == 8
+    results = check_every_cut(tmp_path, tracker, SCENE.observations, poses, 1, range(3))
+    assert len(results) == 6
 
 
 def test_a1_hypotheses_are_carried_on(tmp_path):
