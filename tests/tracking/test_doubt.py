@@ -76,6 +76,20 @@ def test_the_own_hand_s_stated_90_percent_hold(rng):
     assert all(0 <= r.p_off_25mm <= 1 and r.p_off_10mm.shape == (6,) for r in last.values())
 
 
+def test_joints_that_noise_leaves_open_are_a_sign_of_a_gross_error(rng):
+    """Beyond the tail of what is stated: so few constraints have other minima, too."""
+    pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[0])
+    seen, bones = mask_views(HAND, pose, list(simulated_rig(2, (160, 120), 0.4))), HAND.bones(pose)
+    terms = frame_terms(HAND, TrackerSettings(), seen, bones, None)
+
+    def beside_the_tail(total_m: float) -> float:
+        found = frame_confidence(terms, pose, 10.0, {"coverage": 10.0}, flat(total_m), (), 0.0)
+        return found.p_off_25mm - probably_beyond(found.joint_covariance, 0.025).max()
+
+    assert beside_the_tail(0.003) == pytest.approx(beside_the_tail(0.001), rel=0.1)
+    assert beside_the_tail(0.009) > 2.0 * beside_the_tail(0.003)
+
+
 def test_detected_joints_that_agree_lower_the_doubt_of_a_closed_hand(rng):
     """Of two cameras; where they see them elsewhere they confirm nothing."""
     pose = HAND.transform.solver_params(motion(HAND, "open_fist_open", 8, rng)[4])
