@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandScale, Status, Tracker, TrackerSettings, TrackerState, load_model
 from handtrack.simulation.motion import motion
 from handtrack.tracking.frame.control import Control
-from handtrack.tracking.frame.terms.cloud_terms import agreement, see_cloud
+from handtrack.tracking.frame.terms.cloud_terms import agreement, cloud_terms, see_cloud
 from handtrack.tracking.search.engine import SearchReport
 from handtrack.tracking.search.frame_solve import poor_cloud_settings
 from handtrack.tracking.sequence import track_frames
@@ -108,6 +108,25 @@ def test_depths_are_doubted_not_directions(poor):
     assert wrong.mean() > 0.2
     assert palm_mm(found(deeper), TRUTH[1]) < 6.0
     assert palm_mm(found(aside), TRUTH[1]) > 9.0
+
+
+def test_what_no_line_of_sight_meets_may_be_a_hole(poor, good):
+    """A patch of the hand beside all lines costs log 2, however far; deeper or nearer on them it costs nothing."""
+    calm, params = poor_cloud_settings(TrackerSettings()), MODEL.transform.solver_params(TRUTH[0])
+    seen = see_cloud(good[0], MODEL, MODEL.bones(params), calm)
+    _, holes = cloud_terms(seen, MODEL, calm, 1.2)
+    patches = holes.weight * len(holes.bone)
+    sight = TRUTH[0][:3] - poor[0].cloud_views[0][0]
+
+    def cost(place):
+        return holes.cost(MODEL.bones(params + np.r_[place, np.zeros(len(params) - 3)])) / patches
+
+    here, near, *far = (cost([aside, 0.0, 0.0]) for aside in (0.0, 0.015, 0.3, 0.5))
+    assert 20.0 < patches < 60.0
+    assert here < 0.05 < near
+    assert_allclose(far, np.log(2.0), rtol=1e-6)
+    for along in (-0.02, 0.02):
+        assert cost(along * sight / np.linalg.norm(sight)) < 0.1
 
 
 POSE = MODEL.rest_params()
