@@ -102,6 +102,12 @@ def test_colours_may_be_shares(tmp_path):
 EYE = np.zeros((1, 3))
 
 
+def test_what_any_camera_has_in_range_stays():
+    points, second = np.array([[0, 0, 0.05], [0, 0, 0.5], [0, 0, 2.0]]), [[0, 0, 0], [0, 0, 3.0]]
+    assert filters.within_range(points, EYE, 0.1, 1.5).tolist() == [False, True, False]
+    assert filters.within_range(points, np.array(second), 0.1, 1.5).tolist() == [False, True, True]
+
+
 def patch(rng: np.random.Generator, centre, count=2000, side=0.1):
     """A square of points facing the camera."""
     flat = rng.uniform(-side / 2, side / 2, (count, 2))

@@ -35,6 +35,14 @@ def folder_of(folder: Path, names: list[str]) -> list[Path]:
     return paths
 
 
+@pytest.mark.parametrize(
+    ("name", "frame"),
+    [("000018.png", 18), ("cam1_frame_7.png", 7), ("2024-03-01_12.png", 12), ("a9b10c.jp2", 10)],
+)
+def test_the_frame_is_the_last_group_of_digits(name, frame):
+    assert frame_number(name) == frame
+
+
 def test_gaps_are_misses_and_shift_nothing(tmp_path):
     source = ImageFiles(folder_of(tmp_path, ["f2.png", "f10.png", "f3.png"]), MASK)
     assert source.frames == range(11)

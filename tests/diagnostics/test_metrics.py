@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from handtrack import Status, evaluate, load_model
 from handtrack.diagnostics import metrics
-from handtrack.diagnostics.flexion import flexion_errors
+from handtrack.diagnostics.flexion import BENT_JOINTS, flexion_deg, flexion_errors
 from handtrack.diagnostics.metrics import similarity
 from handtrack.geometry.rotation import rotation_matrix
 from handtrack.model.articulated import keypoint_names
@@ -42,6 +42,16 @@ def test_a_perfect_track(rng):
     assert found["pck_auc_50mm"] == 1
     assert found["coverage90"] == 1
     assert found["lost_frames"] == 0
+
+
+def test_a_hinge_that_is_bent_more_by_an_angle_is_off_by_that_angle():
+    hand = load_model("hand26")
+    pip = hand.params_from({"index_pip_flex": 0.3})
+    more = hand.params_from({"index_pip_flex": 0.5})
+    points = np.array([hand.keypoints21(hand.bones(pose)) for pose in (pip, more)])
+    off = dict(zip(BENT_JOINTS, np.diff(flexion_deg(points), axis=0)[0], strict=True))
+    assert off.pop("index_pip") == pytest.approx(np.rad2deg(0.2), abs=0.2)
+    assert max(map(abs, off.values())) < 1e-6
 
 
 def test_wrong_frames_are_so_beside_constant_offsets_and_counted_with_their_confidence(rng):

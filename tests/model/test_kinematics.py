@@ -54,3 +54,17 @@ def test_twist_jacobian_is_the_derivative_of_points_on_bones(rng, spread):
         behind = bone_poses(model.skeleton, params - step).to_world(every, local)
         predicted = jacobian[:, :3, s] + np.cross(jacobian[:, 3:, s], points - bones.reference)
         assert_allclose(predicted, (ahead - behind) / 2e-6, atol=2e-9, err_msg=name)
+
+
+def test_the_surface_of_each_ellipsoid_is_carried_by_its_bone(rng):
+    model = load_model()
+    bones = model.bones(model.clipped(model.rest_params() + 0.3 * rng.normal(size=26)))
+    towards = rng.normal(size=(20, 3))
+    towards /= np.linalg.norm(towards, axis=1)[:, None]
+    for flesh in model.flesh.values():
+        posed = flesh.posed(bones)
+        for e, bone in enumerate(flesh.bone):
+            on_it = flesh.centre[e] + (towards * flesh.radii[e]) @ flesh.rotation[e].T
+            expected = bones.to_world(int(bone), on_it)
+            found = posed.centre[e] + (towards * posed.radii[e]) @ posed.rotation[e].T
+            assert_allclose(found, expected, atol=1e-14)

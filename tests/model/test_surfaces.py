@@ -143,18 +143,30 @@ def test_a_sphere_has_its_area_and_volume():
     assert np.abs(away - RADIUS).max() < 2e-3
 
 
+def test_noise_gives_closed_and_consistently_turned_surfaces():
+    field = np.random.default_rng(0).normal(size=(20, 20, 20))
+    field[[0, -1]] = field[:, [0, -1]] = field[:, :, [0, -1]] = 1.0
+    assert closed(*marching_cubes(field)).volume == pytest.approx((field < 0).sum(), rel=0.3)
+
+
 @pytest.fixture
 def flesh(rng):
     return ellipsoids_of(rng, 3)
 
 
-def test_it_is_closed_and_turned_outwards(flesh):
+def test_it_is_closed_turned_outwards_and_its_faces_go_through_the_surface(flesh):
     mesh = ellipsoid_mesh(flesh)
     assert mesh.faces.shape == (3 * 320, 3)
     assert closed(mesh.local, mesh.faces).volume > 0
     around = vertex_normals(mesh.local, mesh.faces)
     assert ((around * mesh.normal).sum(axis=1) > 0.9).all()
-    assert (mesh.bone[mesh.faces] == mesh.bone[mesh.faces[:, :1]]).all()
+    part = np.repeat(np.arange(3), len(mesh.bone) // 3)
+    own = np.einsum("vji,vj->vi", flesh.rotation[part], mesh.local - flesh.centre[part])
+    own /= flesh.radii[part]
+    height = np.linalg.norm(own, axis=1)
+    assert_allclose(height, height[0])
+    assert 1.004 < height[0] < 1.012
+    assert np.linalg.norm(own[mesh.faces].mean(axis=1), axis=1).min() < 1.0
 
 
 def superquadric(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):
@@ -168,6 +180,21 @@ def superquadric(exponents=(1.0, 1.0), taper=(0.0, 0.0), bend=(0.0, 0.0)):
         np.array([taper]),
         np.array([bend]),
     )
+
+
+def test_a_bend_carries_whole_cross_sections_around_the_circles_centre():
+    """What lies towards the centre comes nearer to it and is squeezed along the axis; what lies beyond it is stretched."""
+    turn, towards, half = 0.8, 0.3, 0.15
+    part = superquadric(bend=(turn, towards))
+    radius = 2.0 * half / turn
+    inwards = np.array([np.cos(towards), np.sin(towards), 0.0])
+    aside = np.array([-inwards[1], inwards[0], 0.0])
+    for across, beside, z in ((0.03, 0.0, 0.15), (-0.03, 0.02, 0.1), (0.02, -0.01, -0.12)):
+        angle = z / radius
+        given = across * inwards + beside * aside + [0.0, 0.0, z]
+        inner, along = radius - (radius - across) * np.cos(angle), (radius - across) * np.sin(angle)
+        expected = inner * inwards + beside * aside + [0.0, 0.0, along]
+        assert_allclose(part.deformed(0, given[None])[0], expected, atol=1e-12)
 
 
 def test_with_both_exponents_1_it_is_an_ellipsoid():

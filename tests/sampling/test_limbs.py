@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 from handtrack import load_model
 from handtrack.sampling.chains import chain_along, chain_votes, chains_of, prepare
 from handtrack.sampling.interpretation_tree import extended, interpretation_tree, rooted
+from handtrack.sampling.limb_ik_kernels import pierce
 from tests.cameras import FACING, pinhole
 
 X, Y, Z = np.eye(3)
@@ -122,6 +123,17 @@ def _pixels(model, camera, params, joints):
     return camera.project(model.joint_positions(model.bones(params)))[index]
 
 
+def test_ray_and_sphere_by_hand():
+    points, missed = np.zeros((2, 2, 3)), np.zeros((2, 2), dtype=np.int8)
+    starts = np.array([[0.0, 0.6, 5.0], [0.0, 3.0, 5.0]])
+    pierce(starts, np.zeros(3), Z, 1.0, points, missed, True)
+    assert_allclose(points[0], [[0, 0, 4.2], [0, 0, 5.8]])
+    assert_allclose(points[1, 0], [0, 2, 5])  # missed: the sphere's point nearest to the ray
+    assert missed.tolist() == [[0, 0], [1, 2]]
+    pierce(starts, 4.5 * Z, Z, 1.0, points, missed, False)
+    assert missed.tolist() == [[2, 0], [2, 2]]  # the nearer one lies behind the camera
+
+
 def test_one_flipped_link_by_hand(body):
     """A thigh lifted 30° to the camera flips to 30° away from it, as seen from far off."""
     far = _distant(3600.0)
@@ -218,6 +230,15 @@ def test_fingers_follow_as_far_as_their_hinges_let_them(rng):
     assert len(near) > 2
     assert near.exact.sum() == 1
     assert within_limits(model.limits, near.params).all()
+
+
+def test_what_a_coupling_takes_is_not_a_fingers_own():
+    linked = chains_of(load_model("hand26", coupling="18"))[1]
+    # all four fingers spread together
+    assert linked.parameters == ("index_mcp_flex", "index_pip_flex")
+    ready = prepare(load_model("hand26", coupling="18"), linked)
+    assert ready.turns.leader.tolist() == [0, -1, 2, 2]
+    assert_allclose(ready.turns.ratio[3], 2 / 3)
 
 
 def _along(model, **direction):
