@@ -39,6 +39,16 @@ class Pipe:
         return [one.name for one in self.sent]
 
 
+def test_calls_that_may_have_ended_an_engine_are_repeated_one_by_one():
+    pipe = Pipe()
+    for frame in range(3):
+        pipe.pose(frame, frame)
+    pipe.outbox.ended()
+    pipe.sent.clear()
+    pipe.outbox.listen(is_anew=False)
+    assert len(pipe.sent) == 1
+
+
 def test_a_pose_repeated_is_no_older_than_what_the_engine_is_told():
     pipe = Pipe()
     pipe.pose(7, 1)
