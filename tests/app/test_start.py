@@ -12,6 +12,7 @@ from handtrack_app.start.found_files import find_files
 from handtrack_app.start.import_progress import ImportProgress, preview
 from handtrack_app.start.recent import recent_sessions, remember
 from handtrack_app.start.start_page import StartPage
+from tests.app.commands.test_new_joints import project
 from tests.app.waiting import eventually
 from tests.app.wire import WireClient
 from tests.capture.sample_files import rig_of_two, sample
@@ -186,3 +187,20 @@ def test_an_import_that_ends_early_offers_what_is_done(start, folder, monkeypatc
     with WireClient(start.door.url) as client:
         client.press("Open what is done")
         eventually(lambda: start.chosen == folder.parent / "my take_handtrack", "opened")
+
+
+def test_a_pose2sim_project_is_known(start, tmp_path, monkeypatch):
+    """It has no videos here: joints alone will do."""
+    trial = project(tmp_path / "p")
+    monkeypatch.setattr("handtrack_app.start.start_page.has_weights", lambda: False)
+    with WireClient(start.door.url) as client:
+        client.set_value(start.folder, str(trial))
+        eventually(lambda: start.make.visible, "it is known")
+    assert "a Pose2Sim project" in start.found.content
+    assert not start.fetch.visible, "its joints need no detector"
+    asked = []
+    monkeypatch.setattr(start, "_run", lambda _title, args, *_: asked.append(args))
+    start.make_session()
+    (words,) = asked
+    assert words[words.index("--project") + 1] == str(trial)
+    assert "--video" not in words and "--track" in words

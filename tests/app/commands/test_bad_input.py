@@ -55,11 +55,21 @@ def test_a_session_that_cannot_be_used(case, handtrack, session):
     refused(handtrack, session.parent, ["track", session], [word])
 
 
-def test_a_truth_in_millimetres_is_asked_about(handtrack, tracked, tmp_path):
+def test_a_truth_that_says_nothing_is_refused_and_one_in_millimetres_asked_about(
+    handtrack, tracked, tmp_path
+):
     path = tmp_path / "truth.npz"
+    words = ["evaluate", tracked / "tracks/poses.npz", "--truth", path]
+    for truth, word in (
+        ({"joint_names": np.array(["elbow"]), "joint_positions": np.zeros((5, 1, 3))}, "elbow"),
+        ({"keypoints21": np.full((5, 21, 3), np.nan)}, "truth.npz"),
+        ({"keypoints21": np.zeros((2, 21, 3)), "frame": np.array([70, 71])}, "70 to 71"),
+    ):
+        np.savez(path, **truth)
+        refused(handtrack, tmp_path, words, [word])
     with np.load(tracked / "truth.npz") as truth:
         np.savez(path, keypoints21=1000 * truth["keypoints21"])
-    ended = handtrack.does("evaluate", tracked / "tracks/poses.npz", "--truth", path)
+    ended = handtrack.does(*words)
     assert "truth.npz" in ended.err
 
 

@@ -1,5 +1,6 @@
 """`handtrack new` with videos that do not simply go together, with images, depth, others' calibrations and fisheye lenses."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from handtrack_app.commands import detection, track
 from tests.app.command_line import refused
 from tests.capture.calibration_forms.hostile import HOSTILE
 from tests.capture.calibration_forms.test_calibration_forms import fisheyes
-from tests.capture.sample_files import sample
+from tests.capture.sample_files import rig_of_two, sample
 from tests.session.small_session import edit
 from tests.session.test_truth import moving
 
@@ -176,6 +177,23 @@ def test_a_calibration_that_cannot_be_taken_is_refused_in_a_sentence(
     (tmp_path / "out").mkdir()
     words = ["new", "--out", tmp_path / "out", *videos, "--calibration", path]
     refused(handtrack, tmp_path / "out", words, expected)
+
+
+def test_four_coefficients_are_taken_where_their_lens_is_said(handtrack, videos, tmp_path):
+    rig = rig_of_two()
+    (path,) = sample("calibration/json", tmp_path)
+    tables = json.loads(path.read_text())
+    for table in tables.values():
+        table["dist"] = table["dist"][:4]
+    path.write_text(json.dumps(tables))
+    words = ["new", *videos, "--calibration", path, "--out"]
+    for more in ([], ["--yes"]):
+        assert handtrack(*words, tmp_path / "no", *more).code == 2
+        assert not (tmp_path / "no").exists()
+    handtrack.does(*words, tmp_path / "out", "--lens", "plain")
+    kept = Session.open(tmp_path / "out").rig
+    for camera in rig:
+        assert np.allclose(kept[camera.name].distortions, [*camera.distortions[:4], 0.0])
 
 
 SPOTS = np.array([[0.0, 0.0, 0.5], [0.12, 0.05, 0.5], [-0.2, 0.1, 0.6], [0.05, -0.15, 0.45]])

@@ -19,7 +19,7 @@ from tests.app.command_line import refused
 from tests.capture.joints import people
 from tests.capture.joints.hostile import HDF5, HOSTILE
 from tests.capture.joints.people import in_order, openpose, pixels
-from tests.capture.sample_files import rig_of_two, sample
+from tests.capture.sample_files import hand, rig_of_two, sample
 from tests.session.small_session import keypoints
 
 RIG = ["--calibration", bundled_session() / "calibration.toml", "--fps", 30]
@@ -75,6 +75,16 @@ def test_masks_are_made_by_the_joints_of_most_images(new, tmp_path):
     assert [type(camera.masks) for camera in session.file.cameras] == [SkinYCrCb] * 2
 
 
+def test_shares_are_of_the_camera_s_image(new, tmp_path):
+    (path,) = sample("hands/mediapipe", tmp_path)
+    session, _ = new(*RIG, "--side", "left", cam0=path)
+    assert session.file.hand.side == "left"
+    assert session.file.cameras[0].keypoint_layout == "mediapipe21"
+    camera, seen = session.rig["cam0"], session.view("cam0").keypoints(0, 1.0)[0]
+    assert camera.size == (640, 480)
+    assert abs(seen.pixels - camera.undistort_points(hand()[0, :, :2])).max() < 1e-3
+
+
 @pytest.mark.parametrize("kind", [*HOSTILE, *HDF5])
 def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
     kind, handtrack, tmp_path, monkeypatch
@@ -92,24 +102,42 @@ def test_joints_that_cannot_be_taken_are_refused_in_a_sentence(
     assert not (tmp_path / "harmed").exists()
 
 
-def test_joints_tell_the_unit(handtrack, new, tmp_path):
-    """Of a rig in centimetres, which cameras alone leave open."""
+@pytest.mark.parametrize(("form", "factor", "said"), [
+    ("json", 100.0, "unit: in its unit, the joints make a hand 1"),
+    ("colmap_text", 3.0, "unit: 0.4 m."),
+])  # fmt: skip
+def test_joints_tell_the_unit(form, factor, said, handtrack, new, tmp_path):
+    """Of a rig in centimetres, which cameras alone leave open; and of one that has no unit, a proposal that `--yes` takes."""
     rig = rig_of_two()
     hand_m = keypoints() - keypoints().mean(axis=0) + [0.0, 0.0, 0.5]
-    (path,) = sample("calibration/json", tmp_path)
-    tables = json.loads(path.read_text())
-    for table in tables.values():
-        table["t"] = [100.0 * x for x in table["t"]]
-    path.write_text(json.dumps(tables))
+    (path,) = sample(f"calibration/{form}", tmp_path)
+    scaled(path, factor)
     words, joints = ["--fps", 30, "--calibration", path], {}
     for camera in rig:
         points = np.column_stack([camera.project(hand_m), np.ones(21)])
         joints[camera.name] = tmp_path / camera.name
         write_joints({0: points, 1: points}, "hand_right", joints[camera.name])
-    session, _ = new(*words, **joints)
-    assert_allclose(session.rig["cam1"].translation, rig["cam1"].translation, atol=1e-9)
+    session, told = new(*words, "--yes", **joints)
+    assert said in told
+    found = session.rig["cam1"].translation / rig["cam1"].translation
+    assert found == pytest.approx(1.0, abs=1e-9 if form == "json" else 0.25)
     wrong = [*words, *given(joints), "--out", tmp_path / "wrong", "--world-unit-m", 1]
     assert "expected 6 to 25 cm" in handtrack("new", *wrong).err
+
+
+def scaled(path, factor):
+    """Write another unit of length into a calibration: JSON, or COLMAP's text."""
+    if path.is_file():
+        tables = json.loads(path.read_text())
+        for table in tables.values():
+            table["t"] = [factor * x for x in table["t"]]
+        path.write_text(json.dumps(tables))
+        return
+    rows = [line.split() for line in (path / "images.txt").read_text().splitlines()]
+    for row in rows:
+        if len(row) == 10 and row[0] != "#":
+            row[5:8] = [str(factor * float(x)) for x in row[5:8]]
+    (path / "images.txt").write_text("\n".join(map(" ".join, rows)) + "\n")
 
 
 def test_own_markers_are_refused_with_a_table_that_then_names_them(handtrack, new, tmp_path):
