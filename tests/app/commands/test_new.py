@@ -70,6 +70,9 @@ def test_image_folders_and_depth_make_a_session(handtrack, tmp_path):
     assert session.image("cam0", 2)[0, 0, 0] == 16
     assert session.view("cam1").depth_m(1)[5, 5] == 1.0
     assert session.has_clouds
+    damaged = min((tmp_path / "made/depth").rglob("*.png"))
+    damaged.write_bytes(damaged.read_bytes()[:100])
+    assert [session.measured_cloud(frame) is None for frame in range(3)] == [True, False, True]
     assert [camera.masks is None for camera in session.file.cameras] == [False, True]
 
 
