@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from handtrack import Camera, HandtrackError, Silhouette
 from handtrack.arrays import Array
 from handtrack.observation.agreement import outline_errors_px, suspected
+from handtrack.observation.lens_maps import longest_runs
 from handtrack.observation.observation import UNKNOWN
 from handtrack.observation.undistortion import undistort_image, undistort_silhouette
 from tests.cameras import pinhole
@@ -114,6 +115,13 @@ def test_a_disc_lands_where_its_points_project(distortions):
     assert silhouette.mask.sum() == pytest.approx(np.pi * 15**2, rel=0.01)
     assert not silhouette.camera.is_distorted
     assert silhouette.camera.size == camera.size
+
+
+def test_longest_runs_of_rows():
+    rows = ["..###.##", "########", "........", "##.##...", ".......#"]
+    inside = np.array([[sign == "#" for sign in row] for row in rows])
+    expected = [[2, 5], [0, 8], [0, 0], [0, 2], [7, 8]]
+    assert_array_equal(longest_runs(inside), expected)
 
 
 def test_an_image_is_straightened_as_a_mask_is(rng):
