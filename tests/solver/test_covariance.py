@@ -91,6 +91,18 @@ def test_what_is_not_seen_is_stated_as_infinite(model, bent):
     assert np.trace(spread.joint_covariance[tip]) > 100 * np.trace(spread.joint_covariance[wrist])
 
 
+def test_a_coupling_carries_what_is_known_to_the_follower(bent, model):
+    """With the distal joint coupled, the middle joint's point tells both."""
+    coupled = load_model(coupling="21")
+    params = coupled.transform.solver_params(model.joint_params(bent))
+    names = [n for n in coupled.joint_names if not n.endswith("_tip")]
+    problem = seen_joints(coupled, params, names=names)
+    spread = uncertainty(coupled, params, problem.linearize(params).hessian)
+    std = dict(zip(coupled.parameter_names, spread.parameter_std, strict=True))
+    assert std["index_dip_flex"] == pytest.approx(2 / 3 * std["index_pip_flex"])
+    assert np.isfinite(list(std.values())).all()
+
+
 @pytest.mark.parametrize(("noise", "lasting"), [(4.0, 0.8), (4.0, 0.0), (0.2, 0.95)])
 def test_errors_that_last_are_not_counted_twice(rng, noise, lasting):
     """Against a filter run on a random walk that is measured with lasting errors."""
