@@ -73,6 +73,14 @@ def test_a_pose_is_taken_only_where_it_is_better_by_the_rows_gain():
         assert places([found]) == ([2.6] if taken else [start])
 
 
+def test_it_goes_on_from_a_better_pose_as_often_as_the_row_says():
+    rounds = (Round((Propose(grid),), keep=0, fits=(Fit(half, 1),)),)
+    told = []
+    search = Search("a line", "", rounds, "distance", repeats=3)
+    improved(search, Line(), candidate(9.0), Control(on_search=told.append), 7, "asked")
+    assert [report.winner is not None for report in told] == [True, False]
+
+
 @pytest.mark.parametrize(("costs", "made"), [((5, 4, 3), 3), ((5, 4.5, 3), 2), ((5, 6, 3), 2)])
 def test_a_round_is_made_again_while_its_best_is_better_by_the_margin(costs, made):
     """Margin 0.9: 5 → 4 is better, 4.5 is not; and never more often than the row says."""
