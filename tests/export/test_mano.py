@@ -1,6 +1,7 @@
 """MANO exchange, with a stand-in of MANO's form made of our own hand: its licence keeps the real one out of tests."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import scipy.sparse
 from numpy.testing import assert_allclose, assert_array_equal
 
 from handtrack import HandtrackError
-from handtrack.export.mano import ManoModel, write_init
+from handtrack.export.mano import ManoModel, fit_mano, write_init
 from handtrack.export.registry import export_format
 from handtrack.export.table import ResultsTable
 from handtrack.model.articulated import keypoint_names
@@ -68,6 +69,22 @@ def stand_in() -> dict[str, np.ndarray]:
 def model_file(tmp_path: Path) -> Path:
     np.savez(tmp_path / "MANO_RIGHT.npz", **stand_in())
     return tmp_path / "MANO_RIGHT.npz"
+
+
+def test_known_shape_and_poses_come_back(model_file):
+    model = ManoModel.read(model_file)
+    rng = np.random.default_rng(0)
+    betas = np.array([1.2, 0.0])
+    pose = np.cumsum(0.05 * rng.normal(size=(24, 16, 3)), axis=0) + 0.1 * rng.normal(size=(16, 3))
+    place = np.array([0.1, -0.2, 0.5]) + 0.002 * np.arange(24)[:, None]
+    keypoints = model.keypoints21(betas, pose, place)
+    _, track = sample_sequence("right")
+    table = ResultsTable(replace(track, keypoints21=keypoints))
+    fit = fit_mano(model, table)
+    pose = np.concatenate([fit["global_orient"], fit["hand_pose"]], axis=1).reshape(24, 16, 3)
+    found = model.keypoints21(fit["betas"], pose, fit["transl"])
+    assert np.linalg.norm(found - keypoints, axis=2).mean() < 1e-3
+    assert 0.6 < fit["betas"][0] < 1.4  # of 1.2, which its population holds back
 
 
 def test_a_tracked_hand_is_exported_as_mano_near_its_keypoints(model_file, tmp_path):
