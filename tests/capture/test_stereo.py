@@ -9,6 +9,7 @@ from handtrack.capture.calibration.rig_file import read_rig
 from handtrack.capture.clouds.disparity import (
     StereoSettings,
     consistent,
+    correlate,
     matches,
     without_speckles,
 )
@@ -103,6 +104,11 @@ def test_only_masked_pixels_are_matched(texture):
     assert (pixels < (180, 140)).all()
     assert len(cloud_of(StereoMatcher(first, second), *images, mask, 0 * other)) == 0
     assert len(cloud_of(StereoMatcher(first, second), *images, 0 * mask, other)) == 0
+
+
+def test_blank_images_say_nothing():
+    blank = np.full((60, 160), 90, np.uint8)
+    assert np.isnan(correlate(blank, blank, 0, 15)[0]).all()
 
 
 def test_left_right_check_and_speckles():
