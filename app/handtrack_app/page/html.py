@@ -221,6 +221,8 @@ div:has(> .handtrack-card) + div .mantine-Button-root:hover { background: rgba(1
 .handtrack-thumbnails { display: flex; flex-wrap: wrap; gap: .5em; padding: .3em .9em; }
 .handtrack-thumbnails figure { margin: 0; font-size: 13px; }
 .handtrack-thumbnails img { height: 180px; border-radius: 4px; display: block; }
+.handtrack-picture figure { flex: 1 1 20em; }
+.handtrack-picture img { width: 100%; height: auto; }
 """
 _SCRIPT = """
 if (document.getElementById("handtrack-style") === null) {

@@ -15,7 +15,7 @@ from handtrack_app.engine.document_snapshots import session_snapshot
 from handtrack_app.engine.pictures.camera_pictures import CLOSE_SIZE, close_up, smaller
 from handtrack_app.page.scene import looking
 from handtrack_app.page.scene import viewpoint as vp
-from handtrack_app.page.scene.looking import CLOSE, cells, plane_of
+from handtrack_app.page.scene.looking import CLOSE, plane_of
 from handtrack_app.page.scene.model_view import ball, capsule, rod
 from handtrack_app.page.scene.zoom import (
     MOST,
@@ -145,7 +145,7 @@ def in_picture(view, points):
 
 def test_all_cameras_are_in_an_overview(overlooked):
     hand = np.array([0.0, 0.09, 0.0])
-    view = vp.overview(overlooked, hand)
+    view = vp.hand_view(overlooked, hand, everything=True)
     for card in overlooked.cameras:
         assert (np.abs(in_picture(view, vp.frustum_corners(card, hand)[1:])) <= 1.0).all()
 
@@ -163,39 +163,19 @@ def test_a_session_whose_cameras_look_down_has_a_view(overlooked):
         assert np.isfinite(view.position).all() and np.isfinite(view.look_at).all()
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 6, 9])
-@pytest.mark.parametrize("aspect", [0.5, 1.0, 1.4, 2.2])
-def test_pictures_fill_the_window_and_none_covers_another(count, aspect):
-    places, width = cells(count, aspect)
-    height = width * 3 / 4
-    assert len(places) == count
-    for i, (x, y) in enumerate(places):
-        assert abs(x) + width / 2 <= aspect / 2 + 1e-9
-        assert abs(y) + height / 2 <= 0.5 + 1e-9
-        for other_x, other_y in places[:i]:
-            assert abs(x - other_x) >= width - 1e-9 or abs(y - other_y) >= height - 1e-9
-    # no other arrangement in rows has larger ones
-    best = max(min(aspect / c, 4 / 3 / -(-count // c)) for c in range(1, count + 1))
-    assert width == pytest.approx(best)
-
-
-def test_a_page_sees_all_cameras_and_a_click_leads_into_one(bench, wire, page):
+def test_a_page_sees_all_cameras_until_it_looks_elsewhere(bench, page):
     page.press("See the hand in all cameras")
-    walls = bench.stage.looking.walls
-    eventually(lambda: page.number in walls._walls, "the wall stands")
-    wall = walls._walls[page.number]
-    eventually(lambda: all(bool(image.visible) for image in wall.images.values()), "painted")
+    close_ups = bench.stage.looking.close_ups
+    eventually(lambda: page.number in close_ups._opened, "the panel is there")
+    _, shown = close_ups._opened[page.number]
+    eventually(lambda: shown.content.count("<img") == 2 and "side" in shown.content, "painted")
     assert {one for one in bench.stage.wanted()["want_pictures"][2] if one[1] == CLOSE} == {
         ("front", CLOSE), ("side", CLOSE),
     }  # fmt: skip
-    assert np.asarray(wall.images["front"].image).shape == (*CLOSE_SIZE[::-1], 3)
-    wire.send({
-        "type": "SceneNodeClickMessage", "name": "/wall/side", "owner": str(page.number), "instance_index": None,
-        "ray_origin": [0.0, 0.0, 0.0], "ray_direction": [0.0, 0.0, 1.0], "screen_pos": [0.5, 0.5], "modifier": None,
-    })  # fmt: skip
+    page.press("Camera view: side")
     eventually(lambda: page.view is not None, "it looks through a camera")
     assert page.view is not None and page.view.card.name == "side"
-    assert not wall.images["side"].visible
+    assert page.number not in close_ups._opened
     eventually(lambda: CLOSE not in str(bench.stage.wanted()["want_pictures"]), "painted no more")
 
 

@@ -146,7 +146,6 @@ class SessionPanel:
             ("See the {kind} in all cameras", "B", partial(self._show_look, ALL)),
         ):
             self.page.key(words, key, act, by_page=True)
-        self.stage.looking.walls.chosen = self._show_look
 
     def show_pictures(self, pictures: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import html
 import json
-import math
 import threading
 import time
 from collections import deque
@@ -17,7 +17,8 @@ import viser.transforms as vtf
 
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.page import Look, Page
+from handtrack_app.page.html import picture as as_html
+from handtrack_app.page.page import Look, Page, put
 from handtrack_app.page.scene.camera_view import CameraNames, Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
 from handtrack_app.page.scene.zoom import (
@@ -62,9 +63,9 @@ class Screen:
 class Looking:
     """The pages' looks and screens; asked by the threads of viser and by the view thread."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Page, names: CameraNames) -> None:
         self._page = page
-        self.views, self.walls = Views(page), Walls(page)
+        self.views, self.close_ups = Views(page), CloseUps(page, names)
         self._cards: dict[str, CameraCard] = {}
         self._screens: dict[int, Screen] = {}
         self._lock = threading.RLock()  # each page has one screen, whichever thread redraws
@@ -100,10 +101,7 @@ class Looking:
             internals.show_node(client, name, card is None)
         if card is None:
             self.views.leave(client)
-        if camera == ALL:
-            self.walls.enter(client, tuple(self._cards))
-        else:
-            self.walls.leave(client)
+        (self.close_ups.enter if camera == ALL else self.close_ups.leave)(client)
         if card is not None:
             self.views.enter(client, card)
 
@@ -212,7 +210,7 @@ class Looking:
 
     def show(self, images: dict[Picture, Bytes[H, W, D3]], frame: int) -> None:
         """Show the pictures of a frame that came."""
-        self.walls.show(images, frame)
+        self.close_ups.show(images, frame)
         for screen in self._screens.values():
             if screen.picture in images:
                 screen.image.image = images[screen.picture]
@@ -221,7 +219,7 @@ class Looking:
 
     def clear_late(self, moments: Moments) -> None:
         """Hide pictures of frames that were shown too long ago."""
-        self.walls.clear_late(moments)
+        self.close_ups.clear_late(moments)
         for screen in list(self._screens.values()):
             if screen.image.visible and not moments.fits(screen.frame):
                 screen.image.visible = False
@@ -244,10 +242,10 @@ def _pixel(card: CameraCard, depth: float, eye: Floats[D3], through: Floats[D3])
     return float(seen[0] / seen[2]), float(seen[1] / seen[2])
 
 
-def _add_screen(client: viser.ClientHandle, name: str = _SCREEN) -> viser.ImageHandle:
+def _add_screen(client: viser.ClientHandle) -> viser.ImageHandle:
     """Add a picture to one page's own scene, hidden until it comes."""
     return client.scene.add_image(
-        name, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
+        _SCREEN, np.full((48, 64, 3), 30, np.uint8), 0.1, 0.1, format="jpeg", cast_shadow=False,
         receive_shadow=False, visible=False,
     )  # fmt: skip
 
@@ -506,145 +504,63 @@ class Views:
         return 0.5 < through.zoom.times / wanted.times < 2.0
 
 
-# ---- All cameras at once: close pictures of the hand, side by side and as large as the window allows; a click leads
-# into one
+# ---- All cameras at once: close pictures of the hand in a panel over the scene
 
 
 ALL = "*"
 """what a page looks through that sees all cameras"""
 CLOSE = "close"
 """what such a picture is called among what is painted over a camera's image"""
-_PLACE = np.array(
-    [0.0, 0.0, 1000.0]
-)  # [m] where the eye stands: the scene is far behind it, and not drawn
-_FOV, _FILLED = 0.6, 0.96  # of the eye [rad]; share of a cell that its picture takes
-_SHAPE = 4 / 3  # width by height of a picture, as the engine makes them
-_NODE = "/wall"
 
 
 @dataclass
-class _Wall:
-    """One page's pictures."""
-
-    images: dict[str, viser.ImageHandle]
-    labels: dict[str, viser.LabelHandle]
-    aspect: float = 0.0
-    shown: bool = True
-    frame: int | None = None
-    """what the pictures are of"""
-
-
-@dataclass
-class Walls:
-    """The pages that see all cameras, or did. Called by viser's threads and the view thread."""
+class CloseUps:
+    """The pages that see all cameras. Called by viser's threads and the view thread."""
 
     page: Page
-    chosen: Callable[[str, viser.ClientHandle], None] = lambda camera, client: None
-    """a camera's picture was clicked"""
-    _walls: dict[int, _Wall] = field(default_factory=dict)
-    _names: CameraNames = field(default_factory=CameraNames)
-    _lock: threading.RLock = field(default_factory=threading.RLock)
-    """a picture that comes while its page leaves must not be shown after"""
+    names: CameraNames
+    _opened: dict[int, tuple[viser.PanelHandle, viser.GuiHtmlHandle]] = field(default_factory=dict)
+    """by client"""
+    _pictures: dict[str, str] = field(default_factory=dict)
+    """by camera, as HTML"""
+    _frame: int | None = None
+    """what the pictures are of"""
 
-    def enter(self, client: viser.ClientHandle, cameras: Sequence[str]) -> None:
+    def enter(self, client: viser.ClientHandle) -> None:
         """Show a page all cameras."""
-        with self._lock:
-            self._walls = self.page.present(self._walls)
-            wall = self._walls.get(client.client_id)
-            if wall is None:
-                wall = self._walls[client.client_id] = self._built(client, cameras)
-            wall.shown, wall.aspect = True, 0.0
-            self._names.write(wall.labels)
-            self._lay_out(client, wall)
+        self._opened = self.page.present(self._opened)
+        if client.client_id not in self._opened:
+            panel = client.gui.add_panel()
+            with panel.add_tab("All cameras"):
+                self._opened[client.client_id] = panel, client.gui.add_html("")
+            panel.float(x=16, y=16, width=560)
+            self.draw()
 
     def leave(self, client: viser.ClientHandle) -> None:
         """Show it no more."""
-        with self._lock:
-            wall = self._walls.get(client.client_id)
-            if wall is not None and wall.shown:
-                wall.shown = False
-                for node in (*wall.images.values(), *wall.labels.values()):
-                    node.visible = False
+        if (opened := self._opened.pop(client.client_id, None)) is not None:
+            opened[0].remove()
 
-    def show(self, pictures: dict[tuple[str, str], Bytes[H, W, D3]], frame: int) -> None:
+    def show(self, images: dict[Picture, Bytes[H, W, D3]], frame: int) -> None:
         """Show the pictures of a frame that came."""
-        with self._lock:
-            for wall in self._walls.values():
-                for camera, image in wall.images.items():
-                    picture = pictures.get((camera, CLOSE))
-                    if picture is not None and wall.shown:
-                        image.image = picture
-                        image.visible = wall.labels[camera].visible = True
-                        wall.frame = frame
+        close = {camera: as_html(one) for (camera, paint), one in images.items() if paint == CLOSE}
+        if close:
+            self._pictures, self._frame = close, frame
+            self.draw()
 
     def clear_late(self, moments: Moments) -> None:
-        """Hide pictures of frames that were shown too long ago."""
-        with self._lock:
-            for wall in self._walls.values():
-                for image in wall.images.values() if wall.shown else ():
-                    if image.visible and not moments.fits(wall.frame):
-                        image.visible = False
+        """Hide pictures of a frame that was shown too long ago."""
+        if self._pictures and not moments.fits(self._frame):
+            self._pictures = {}
+            self.draw()
 
-    def name(self, names: CameraNames) -> None:
-        """Write beside the pictures what stands beside the small ones."""
-        with self._lock:
-            self._names = names
-            for wall in self._walls.values():
-                if wall.shown:
-                    names.write(wall.labels)
-
-    def _built(self, client: viser.ClientHandle, cameras: Sequence[str]) -> _Wall:
-        wall = _Wall({}, {})
-        for camera in cameras:
-            name = f"{_NODE}/{camera}"
-            image = _add_screen(client, name)
-            image.on_click(lambda event, camera=camera: self.chosen(camera, event.client))
-            wall.images[camera] = image
-            wall.labels[camera] = client.scene.add_label(f"{name}/label", camera, visible=False)
-
-        @client.camera.on_update
-        def _(_camera: viser.CameraHandle) -> None:
-            with self._lock:
-                if wall.shown:
-                    self._lay_out(client, wall)
-
-        return wall
-
-    def _lay_out(self, client: viser.ClientHandle, wall: _Wall) -> None:
-        """Stand the pictures so that they fill the window, if that has another shape now."""
-        shape = client.camera.image_width, client.camera.image_height
-        aspect = shape[0] / shape[1] if all(shape) else 1.0
-        if abs(aspect - wall.aspect) < 1e-3:
-            return
-        wall.aspect = aspect
-        half = math.tan(_FOV / 2)
-        places, width = cells(len(wall.images), aspect)
-        with client.atomic():
-            for (camera, image), (x, y) in zip(wall.images.items(), places, strict=True):
-                image.render_width = 2 * half * width * _FILLED
-                image.render_height = image.render_width / _SHAPE
-                image.position = _PLACE + (2 * half * x, 2 * half * y, 1.0)
-                corner = (-0.47 * image.render_width, 0.46 * image.render_height, 0.0)
-                wall.labels[camera].position = corner
-        look_from(client, Viewpoint(_PLACE, _PLACE + (0, 0, 1.0), np.array([0, -1.0, 0]), _FOV))
-
-
-def cells(count: int, aspect: float) -> tuple[list[tuple[float, float]], float]:
-    """Return the middles (from the window's own, x right and y down) and the width of as many pictures as large as they can be.
-
-    In heights of the window. aspect: its width by its height.
-    """
-    best = max(range(1, max(count, 1) + 1), key=lambda columns: _width(count, columns, aspect))
-    width, rows = _width(count, best, aspect), math.ceil(count / best)
-    places = []
-    for i in range(count):
-        row, column = divmod(i, best)
-        across = min(best, count - row * best)  # pictures of this row
-        places.append(
-            ((column - (across - 1) / 2) * width, (row - (rows - 1) / 2) * width / _SHAPE)
+    def draw(self) -> None:
+        """Show the pictures, with the cameras' names."""
+        shown = "".join(
+            f"<figure>{one}<figcaption>{html.escape(self.names.of(camera))}</figcaption></figure>"
+            for camera, one in self._pictures.items()
         )
-    return places, width
-
-
-def _width(count: int, columns: int, aspect: float) -> float:
-    return min(aspect / columns, _SHAPE / math.ceil(count / columns))
+        for _, widget in list(self._opened.values()):
+            put(
+                widget, content=f"<div class='handtrack-picture handtrack-thumbnails'>{shown}</div>"
+            )

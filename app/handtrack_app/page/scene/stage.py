@@ -54,7 +54,6 @@ from handtrack_app.page.scene.viewpoint import (
     first_view,
     hand_view,
     look_from,
-    overview,
     upward,
 )
 from handtrack_app.protocol.snapshots import (
@@ -95,9 +94,9 @@ class Stage:
         """by client: what waits for that box"""
         self.take_guess: Callable[[int], None] = lambda rank: None
         self.stopped_painting: Callable[[], None] = lambda: None
-        self.looking = Looking(page)
-        self.grips = Grips(page, self._grasped)
         self.names = CameraNames()
+        self.looking = Looking(page, self.names)
+        self.grips = Grips(page, self._grasped)
         self.ghosts = Ghosts(
             page.server,
             "/ghosts",
@@ -247,7 +246,7 @@ class Stage:
     def _name_cameras(self) -> None:
         if self.cameras is not None:
             self.names.write(self.cameras.labels)
-            self.looking.walls.name(self.names)
+            self.looking.close_ups.draw()
 
     def _fits(self, pose: PoseSnapshot) -> bool:
         """Whether a pose is of the model that stands in the scene, and not of the one before."""
@@ -360,8 +359,7 @@ class Stage:
             self.stopped_painting()
         self.looking.set_through(client, camera)
         if camera is None and self.session and self.pose is not None:
-            view = overview if everything else hand_view
-            look_from(client, view(self.session, self.pose.middle))
+            look_from(client, hand_view(self.session, self.pose.middle, everything))
         self.page.redraw()
 
     def paint_on(

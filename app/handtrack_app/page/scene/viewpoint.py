@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import product
 
@@ -28,60 +27,34 @@ class Viewpoint:
     fov: float = _FOV
 
 
+_RAISES, _TURNS = (0.35, 0.2, 0.6, 0.9, 1.3), range(-75, 76, 15)
+"""views that are tried: raised by a share of the way to the cameras, and turned about what is upright [°]"""
+
+
 def first_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
     """Return the view to begin with: with the cameras, unless they stand so far off that the hand would be small."""
-    wide = overview(session, hand)
+    wide = hand_view(session, hand, everything=True)
     return wide if _size(wide, hand, session.reach_m) >= _LEAST else hand_view(session, hand)
 
 
-def hand_view(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
-    """Return a close view of the hand. hand: its middle [m]."""
-    frusta = [frustum_corners(card, hand) for card in session.cameras]
+def hand_view(session: SessionSnapshot, hand: Floats[D3], everything: bool = False) -> Viewpoint:
+    """Return the view that shows the hand, and everything else where that is asked for, as large as can be, with no camera before it.
 
-    def score(view: Viewpoint, axes: Floats, raised: float, turn: float) -> float:
-        hidden = sum(_hides(view, axes, corners, hand, session.reach_m) for corners in frusta)
-        return -abs(turn) - abs(raised - 0.35) - 2.0 * hidden
-
-    points = hand + session.reach_m * _corners()
-    return _best(
-        session, hand, points, (0.35, 0.6, 0.2, 0.9), (0, 20, -20, 40, -40, 60, -60), score
-    )
-
-
-def overview(session: SessionSnapshot, hand: Floats[D3]) -> Viewpoint:
-    """Return a view of hand and cameras that shows the hand as large as can be, with no camera before it.
-
-    From the cameras' side and above, so that their pictures are seen upright, not from their backs.
+    From the cameras' side and above, so that their pictures are seen upright, not from their backs. hand: its middle [m].
     """
     frusta = [frustum_corners(card, hand) for card in session.cameras]
-
-    def score(view: Viewpoint, axes: Floats, _: float, turn: float) -> float:
-        score = _size(view, hand, session.reach_m) - 0.04 * abs(turn)
+    images = [corners[1:] for corners in frusta] if everything else []
+    points = np.concatenate([hand + session.reach_m * _corners(), *images])
+    up = upward(session)
+    tried = list[tuple[float, Viewpoint]]()
+    for raised, turn in product(_RAISES, np.deg2rad([*_TURNS])):
+        axes = _axes(session, hand, up, raised, turn)
+        view = _fitted(points, axes, up)
+        score = _size(view, hand, session.reach_m) - 0.04 * (abs(turn) + abs(raised - _RAISES[0]))
         for card, corners in zip(session.cameras, frusta, strict=True):
             score -= 0.5 * _hides(view, axes, corners, hand, session.reach_m)
             score += 0.15 * min(float(-axes[2] @ card.rotation[:, 2]), 0.6) / len(frusta)
-        return score
-
-    images = [corners[1:] for corners in frusta]
-    points = np.concatenate([hand + session.reach_m * _corners(), *images])
-    return _best(session, hand, points, (0.2, 0.4, 0.6, 0.9, 1.3), range(-75, 76, 15), score)
-
-
-def _best(
-    session: SessionSnapshot,
-    hand: Floats[D3],
-    points: Floats,
-    raises: Iterable[float],
-    turns: Iterable[float],
-    score: Callable[[Viewpoint, Floats, float, float], float],
-) -> Viewpoint:
-    """Return the view of points with the highest score, of those raised and turned [°] so; score(view, axes, raised, turn [rad])."""
-    up = upward(session)
-    tried = list[tuple[float, Viewpoint]]()
-    for raised, turn in product(raises, np.deg2rad([*turns])):
-        axes = _axes(session, hand, up, raised, turn)
-        view = _fitted(points, axes, up)
-        tried.append((score(view, axes, raised, turn), view))
+        tried.append((score, view))
     return max(tried, key=lambda one: one[0])[1]
 
 
