@@ -135,18 +135,11 @@ def let_drag(client: viser.ClientHandle, node: str, bindings: tuple[DragBinding,
     send(client, messages.SetSceneNodeDragBindingsMessage(node, bindings))
 
 
-def place_panel(
-    client: viser.ClientHandle, gui: viser.GuiApi, panel: Any, *, folded: bool | None = None, width: float | None = None,
-) -> None:  # fmt: skip
-    """Fold a panel or open it, or set its width [px], for one client."""
-    if folded is not None:
-        send(client, messages.GuiSetPanelCollapsedMessage(
-            panel._placement_uuid, folded, gui._next_layout_counter(), gui._layout_run_id
-        ))  # fmt: skip
-    if width is not None:
-        send(client, messages.GuiSetPanelWidthMessage(
-            panel._placement_uuid, width, gui._next_layout_counter(), gui._layout_run_id
-        ))  # fmt: skip
+def fold_panel(client: viser.ClientHandle, gui: viser.GuiApi, panel: Any, folded: bool) -> None:
+    """Fold a panel or open it, for one client."""
+    send(client, messages.GuiSetPanelCollapsedMessage(
+        panel._placement_uuid, folded, gui._next_layout_counter(), gui._layout_run_id
+    ))  # fmt: skip
 
 
 def ask_storage(server: viser.ViserServer, name: str, question: str) -> None:

@@ -186,10 +186,9 @@ class OpenSession:
         self._travel(self.store.redo, "Redone", "Nothing to redo")
 
     @command(edits=True, words="take {number}")
-    def restore_take(self, number: int, span: tuple[int, int] | None = None) -> None:
-        """Make a take the current track, or some of its frames: first to last."""
-        frames = None if span is None else range(span[0], span[1] + 1)
-        again = edits.restored(self.document, number, frames)
+    def restore_take(self, number: int) -> None:
+        """Make a take the current track."""
+        again = edits.restored(self.document, number)
         if self._lay(f"Take {number} restored", again):
             self._say("done", f"Take {number} is the track again", "")
 

@@ -169,7 +169,6 @@ class PageLayout:
         self.timeline.show_timeline(strip)
         self.messages.see_pose(strip.is_posed)
         self.review.show_timeline(strip)
-        self.takes.show_timeline(strip)
         self.tracking.show_timeline(strip)
         self.next.show()
 

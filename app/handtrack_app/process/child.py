@@ -164,8 +164,6 @@ class EngineChild:
             log.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if log.is_file() and log.stat().st_size > _LARGEST_LOG:
                 log.replace(log.with_name(f"{log.name}.1"))
-        self.log_from = log.stat().st_size if log.is_file() else 0
-        """where in the log its own words begin [bytes]"""
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._sending, self._is_over = threading.Lock(), False

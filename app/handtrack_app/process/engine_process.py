@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import logging
-import re
 import signal
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, cast
 from uuid import uuid4
 
@@ -28,18 +26,13 @@ from handtrack_app.protocol.snapshots import (
     WorkSnapshot,
 )
 
-_TAIL = 20_000  # bytes of the log in which the last words of a crash stand, with the stacks of all threads
-_MEMORY = re.compile(
-    rb"out of memory|bad_alloc|MemoryError|cannot allocate|insufficient memory", re.I
-)
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGILL", "SIGFPE", "SIGABRT", "SIGSYS", "SIGTRAP"}
 
 
-def ending_words(code: int, memory: int | None, log: Path, since: int) -> str:
+def ending_words(code: int, memory: int | None) -> str:
     """Return how the engine's process ended, in a sentence.
 
-    code: its exit code, or the number of a signal below 0. memory: what it was allowed [bytes]. since: where in the log its
-    words begin [bytes]; what ended one before it does not count.
+    code: its exit code, or the number of a signal below 0. memory: what it was allowed [bytes].
     """
     limit = "" if memory is None else f" It may use {memory / GB:.1f} GB (--memory)."
     name = _signal_name(-code) if code < 0 else ""
@@ -47,9 +40,7 @@ def ending_words(code: int, memory: int | None, log: Path, since: int) -> str:
         return f"The engine was ended from outside (SIGKILL), as the system does when memory runs out.{limit}"
     if name in _CRASHES or code > 0:
         how = f"crashed ({name})" if name else f"ended with exit code {code}"
-        if _MEMORY.search(_tail(log, since)):
-            return f"The engine {how}, for want of memory.{limit}"
-        return f"The engine {how}, a mistake in handtrack or in a library."
+        return f"The engine {how}: a mistake in handtrack or in a library, or for want of memory.{limit}"
     if code == 0:
         return "The engine was asked to end (SIGTERM), by a person or by a guard of the memory."
     return f"The engine was ended from outside ({name})."
@@ -62,7 +53,6 @@ def again_notice(
     recording: str,
     edits: str,
     given_up: str,
-    log: Path,
 ) -> Notice:
     """Return what the user is told when the engine begins again.
 
@@ -78,10 +68,10 @@ def again_notice(
         text += f" What ran was cut off ({job}); begin it again."
     if recording:
         text += f" The recording in {recording} was cut off: its videos are there, its session.toml is not."
-    return Notice("error", "The engine was ended", f"{text} Details: {log}")
+    return Notice("error", "The engine was ended", f"{text} Details: {ENGINE_LOG}")
 
 
-def down_notice(how: str, times: int, edits: str, given_up: str, log: Path) -> Notice:
+def down_notice(how: str, times: int, edits: str, given_up: str) -> Notice:
     """Return what the user is told when the engine stays ended. edits: what is not on disk; given_up: what is not done again."""
     often = f" That was {times} times within a minute." if times > 1 else ""
     waits = f" Not on disk yet: {edits}; done again then." if edits else ""
@@ -89,7 +79,7 @@ def down_notice(how: str, times: int, edits: str, given_up: str, log: Path) -> N
     return Notice(
         "error",
         "The engine stays ended",
-        f"{how}{often} It does not begin again by itself: 'Start again' (at the top) opens what is on disk.{waits}{lost} Details: {log}",
+        f"{how}{often} It does not begin again by itself: 'Start again' (at the top) opens what is on disk.{waits}{lost} Details: {ENGINE_LOG}",
     )
 
 
@@ -98,15 +88,6 @@ def _signal_name(number: int) -> str:
         return signal.Signals(number).name
     except ValueError:
         return f"signal {number}"
-
-
-def _tail(log: Path, since: int) -> bytes:
-    try:
-        with log.open("rb") as file:
-            file.seek(max(since, log.stat().st_size - _TAIL))
-            return file.read()
-    except OSError:
-        return b""
 
 
 log = logging.getLogger(__name__)
@@ -137,7 +118,6 @@ class EngineProcess:
         self._failure: Exception | None = None
         self._ends: deque[float] = deque(maxlen=_MOST_AGAIN + 1)
         self._life: EngineChild | None = None
-        self._log_from = 0
         self._is_down = False
         self._thread = threading.Thread(target=self._live, name="engine", daemon=True)
 
@@ -215,7 +195,7 @@ class EngineProcess:
     def _one_life(self, plan: EnginePlan) -> int:
         """Let a process be the engine; return how it ended."""
         child, self._child = self._child or EngineChild(ENGINE_LOG), None
-        self._life, self._log_from = child, child.log_from
+        self._life = child
         if self._stopping.is_set():  # which saw no life yet
             child.kill()
         child.send(plan)
@@ -256,17 +236,17 @@ class EngineProcess:
         self._tell_work(self._is_down)
         if self._failure is not None:
             return False  # that was told
-        how = ending_words(code, self._plan.memory, ENGINE_LOG, self._log_from)
+        how = ending_words(code, self._plan.memory)
         if not self._is_down:
             self._publish(
                 again_notice(
-                    how, outbox.stopped_at, outbox.job, outbox.recording, named(outbox.edits), named(given_up), ENGINE_LOG
+                    how, outbox.stopped_at, outbox.job, outbox.recording, named(outbox.edits), named(given_up)
                 )
             )  # fmt: skip
             self._publish(ProgressSnapshot("opening", _AGAIN))
             return True
         notice = down_notice(
-            how, len(self._ends) if often else 1, named(outbox.edits), named(given_up), ENGINE_LOG
+            how, len(self._ends) if often else 1, named(outbox.edits), named(given_up)
         )
         if not self._shown.is_set():
             self._failure = HandtrackError(notice.text)

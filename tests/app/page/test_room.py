@@ -5,7 +5,7 @@ import json
 import pytest
 
 from handtrack_app.page.help import TOUR
-from handtrack_app.page.panels.view import LARGE, LIGHT, Taste
+from handtrack_app.page.panels.view import LIGHT, Taste
 from tests.app.fake_run import FRAMES
 from tests.app.waiting import eventually
 from tests.app.wire import Browser, WireClient
@@ -28,10 +28,9 @@ def folds(bench, wire):
 
 
 def test_a_page_gets_what_its_browser_remembers(bench, wire):
-    answer(wire, json.dumps({"folded": True, "colours": LIGHT, "text": LARGE}))
+    answer(wire, json.dumps({"folded": True, "colours": LIGHT}))
     eventually(lambda: folds(bench, wire) == [True], "folded")
     eventually(lambda: said(wire, "ThemeConfigurationMessage")[-1]["dark_mode"] is False, "light")
-    eventually(lambda: "--mantine-scale" in str(said(wire, "RunJavascriptMessage")[1:]), "large")
 
 
 def test_keys_fold_and_the_browser_is_told_and_other_pages_keep_theirs(bench):

@@ -38,23 +38,15 @@ def accepted(document: Document, frames: Iterable[int], on: bool) -> Edit:
     return NOTHING if now == document.accepted else marking("accepted", now)
 
 
-def restored(document: Document, number: int, frames: range | None) -> Edit:
-    """Make a take current again, whole (None) or some of its frames; accepted frames stay. Raises HandtrackError."""
+def restored(document: Document, number: int) -> Edit:
+    """Make a take current again; accepted frames stay. Raises HandtrackError."""
     take, state, frames_of = document.takes.get(number), document.state, document.takes.frames_of
     if take is None or not len(take):
         raise HandtrackError(f"Take {number} has no frames that could be shown.")
-    model = model_of_take(document, number)
-    first, stop = min(take), max(take) + 1
     shown = resolved(state.spans, frames_of)
-    laid = resolved([Span(number, first, stop)], frames_of)
-    if frames is not None:
-        some = range(max(frames.start, first), min(frames.stop, stop))
-        if not some:
-            raise HandtrackError(
-                f"Take {number} has the frames {first} to {stop - 1}, none of {frames.start} to {frames.stop - 1}."
-            )
-        laid = resolved([*shown, Span(number, some.start, some.stop)], frames_of)
-    return in_turn(model, decide(spans=beside_accepted(laid, shown, state.accepted)))
+    laid = resolved([Span(number, min(take), max(take) + 1)], frames_of)
+    spans = beside_accepted(laid, shown, state.accepted)
+    return in_turn(model_of_take(document, number), decide(spans=spans))
 
 
 def model_of_take(document: Document, number: int) -> Edit:

@@ -23,7 +23,6 @@ from handtrack_app.protocol.snapshots import (
 
 _SIZE = "model.fit_size"
 _AGAIN: tuple[str, ...] = ("from the first pose", "from this frame")
-_ENDS: tuple[str, ...] = ("from here", "to here", "all")
 _NAMED = 12  # frames that are named one by one
 
 
@@ -126,9 +125,6 @@ class TrackingPanel:
             self.range = gui.add_multi_slider(
                 "Frames", session.start, last, 1, initial_value=(session.start, last), min_range=0
             )
-            page.buttons(
-                "Reaches", _ENDS, self._reach, "From the frame shown, to the frame shown, or over the whole recording."
-            )  # fmt: skip
             page.button(
                 "Track range", lambda: self.start("range"), "arrows-horizontal",
                 "From the frame shown, if it has a pose of its own; else from the nearest frame of the range that has one.",
@@ -228,21 +224,6 @@ class TrackingPanel:
                 self.page.state.frame if from_here else self.session.first_frame
             )
             self._follow(True)
-
-    def _reach(self, end: str) -> None:
-        """Let the range begin or end at the frame shown."""
-        session, frame, chosen = self.session, self.page.state.frame, self.range
-        if session is None or chosen is None:
-            return
-        first, last = session.start, session.stop - 1
-        low, high = np.clip(sorted(chosen.value), first, last).tolist()
-        if end == _ENDS[0]:
-            low, high = frame, (high if high > frame else last)
-        elif end == _ENDS[1]:
-            low, high = (low if low < frame else first), frame
-        else:
-            low, high = first, last
-        chosen.value = low, high
 
     def _name_range(self) -> None:
         """The slider itself shows no numbers: they stand in its label."""
@@ -454,7 +435,7 @@ def live_table(live: LiveSnapshot) -> str:
     )
 
 
-# ---- Takes: every tracking there was; brought back whole or in part
+# ---- Takes: every tracking there was, brought back
 
 
 _MOST = 40  # of the list; `handtrack takes` has all
@@ -470,43 +451,22 @@ class TakesPanel:
     numbers: tuple[str, ...] = ()
 
     def _build(self, numbers: tuple[str, ...]) -> None:
-        page, gui, state = self.page, self.page.gui, self.page.state
+        page, gui = self.page, self.page.gui
         with self.tab:
             self.folder = gui.add_folder("Takes", expand_by_default=False)
         with self.folder:
             self.list = gui.add_html("")
             self.chosen: viser.GuiDropdownHandle[str] = gui.add_dropdown("Take", numbers)
             self.back = page.button(
-                "Bring this take back", lambda: self._restore(None), "restore",
+                "Bring this take back", self._restore, "restore",
                 "It becomes the whole track again, but for accepted frames. Undo takes that back; nothing is ever overwritten.",
             )  # fmt: skip
-            last = max(state.stop - 1, state.start + 1)
-            self.span: viser.GuiMultiSliderHandle[int] = gui.add_multi_slider(
-                "Frames", state.start, last, 1, initial_value=(state.start, last), min_range=0
-            )
-            self.part = page.button(
-                "Bring these frames back", lambda: self._restore(self.frames), "arrows-horizontal",
-                "From this take; all others stay.",
-            )  # fmt: skip
-        self.span.on_update(lambda _: self._name_span())
-        self._name_span()
 
-    @property
-    def frames(self) -> tuple[int, int]:
-        """The chosen frames, first to last."""
-        state = self.page.state
-        first, last = np.clip(sorted(self.span.value), state.start, state.stop - 1).tolist()
-        return first, last
-
-    def _name_span(self) -> None:
-        first, last = self.frames
-        self.span.label = f"{first}\u2060…\u2060{last}"
-
-    def _restore(self, span: tuple[int, int] | None) -> None:
+    def _restore(self) -> None:
         chosen = str(self.page.said(self.chosen))
         if chosen.isdecimal():
             self.page.play(False)
-            self.page.engine.restore_take(int(chosen), span)
+            self.page.engine.restore_take(int(chosen))
 
     def show(self, work: WorkSnapshot) -> None:
         """Show the takes that there are."""
@@ -520,12 +480,6 @@ class TakesPanel:
             self.chosen.value = numbers[0]
         put(self.list, content=takes_table(work))
         self.numbers = numbers
-
-    def show_timeline(self, strip: TimelineSnapshot) -> None:
-        """Take the frames that there are."""
-        if self.folder is not None:
-            last = max(strip.start + len(strip.status) - 1, strip.start + 1)
-            put(self.span, min=strip.start, max=last)
 
 
 def takes_table(work: WorkSnapshot) -> str:

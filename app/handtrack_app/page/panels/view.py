@@ -257,24 +257,21 @@ def _activity(progress: ProgressSnapshot) -> str:
     )
 
 
-# ---- How each page is laid out, whatever others do: folded panels, light or dark, large text. The browser remembers
+# ---- How each page is laid out, whatever others do: folded panels, light or dark. The browser remembers
 # it
 
 
 KEPT_AS = "handtrack.room"  # in the browser's storage
-_LARGER = 1.25
-_LARGE = "document.documentElement.style.setProperty('--mantine-scale', '{}', 'important')"
-DARK, LIGHT, USUAL, LARGE = "dark", "light", "usual", "large"
+DARK, LIGHT = "dark", "light"
 WIDTH = 276
-"""of the panel, with usual text [px]: the scene keeps 70 % of a window of 1280 x 800"""
+"""of the panel [px]: the scene keeps 70 % of a window of 1280 x 800"""
 SYSTEM = """
 const key = "viser-user:handtrack.room";
 if (!localStorage.getItem(key)) localStorage.setItem(key, JSON.stringify({
-  folded: false, text: "usual", colours: matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"}));
+  folded: false, colours: matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"}));
 """
 """a browser that remembers nothing takes the system's colours"""
 _COLOURS: tuple[str, ...] = (DARK, LIGHT)
-_TEXTS: tuple[str, ...] = (USUAL, LARGE)
 
 
 @dataclass(frozen=True)
@@ -284,17 +281,13 @@ class Taste:
     folded: bool = False
     """the panel is hidden"""
     colours: str = DARK
-    text: str = USUAL
 
     @classmethod
     def read(cls, kept: str | None) -> Taste | None:
         """Return what a browser kept, None for nothing, or for what is none of ours."""
         try:
             values = json.loads(kept or "")
-            colours = LIGHT if values["colours"] == LIGHT else DARK
-            return cls(
-                values["folded"] is True, colours, LARGE if values["text"] == LARGE else USUAL
-            )
+            return cls(values["folded"] is True, LIGHT if values["colours"] == LIGHT else DARK)
         except (ValueError, KeyError, TypeError):
             return None
 
@@ -317,19 +310,14 @@ class Room:
 
     def __post_init__(self) -> None:
         """Add the widgets where the page builds now, and the keys."""
-        gui, own = self.page.gui, self.page.own
+        gui = self.page.gui
         with gui.add_folder("This page", expand_by_default=False, order=1e5):
             self.colours = gui.add_dropdown(
                 "Colours", _COLOURS, initial_value=DARK, hint="Light is for print and projectors."
             )  # fmt: skip
-            self.text = gui.add_dropdown(
-                "Text", _TEXTS, initial_value=USUAL, hint="Of all panels. Your browser remembers it."
-            )  # fmt: skip
-        own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
-        own(self.text, lambda client, chosen: self.change(client, text=chosen))
+        self.page.own(self.colours, lambda client, chosen: self.change(client, colours=chosen))
         self.page.key("Hide or show the panel", "T", self.fold, by_page=True)
         self.page.key("Light or dark", None, self._other_colours, by_page=True)
-        self.page.key("Large or usual text", None, self._other_text, by_page=True)
 
     def welcome(self, client: viser.ClientHandle) -> None:
         """Lay a page out as its browser remembers; else in the system's colours."""
@@ -357,10 +345,6 @@ class Room:
         now = self.tastes.get(client.client_id, Taste()).colours
         self.change(client, colours=LIGHT if now == DARK else DARK)
 
-    def _other_text(self, client: viser.ClientHandle) -> None:
-        now = self.tastes.get(client.client_id, Taste()).text
-        self.change(client, text=LARGE if now == USUAL else USUAL)
-
     def _apply(self, client: viser.ClientHandle, taste: Taste) -> None:
         with self._lock:
             self.tastes = self.page.present(self.tastes)
@@ -368,15 +352,10 @@ class Room:
             self.tastes[client.client_id] = taste
             gui = self.page.gui
             if taste.folded != before.folded:
-                internals.place_panel(client, gui, gui.main_panel, folded=taste.folded)
+                internals.fold_panel(client, gui, gui.main_panel, taste.folded)
             if taste.colours != before.colours:
                 colours(client.gui, taste.colours)
                 internals.show_value(client, self.colours, taste.colours)
-            if taste.text != before.text:
-                internals.show_value(client, self.text, taste.text)
-                factor = _LARGER if taste.text == LARGE else 1.0
-                internals.place_panel(client, gui, gui.main_panel, width=factor * WIDTH)
-                internals.run_javascript(client, _LARGE.format(factor))
 
 
 # ---- What a user does with a view through a camera: keys and buttons; and a line that says how the picture is seen
