@@ -196,7 +196,7 @@ class Workbench:
         subscribe(snapshots.GuessesSnapshot, stage.show_guesses, layout.guesses.show)
         subscribe(snapshots.CurvesSnapshot, layout.plots.show)
         subscribe(snapshots.CloseSnapshot, layout.review.show_pictures)
-        subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.show_score)
+        subscribe(snapshots.ScoreSnapshot, stage.show_score, layout.pose.show_score)
         subscribe(snapshots.WorkSnapshot, layout.show_work)
         subscribe(snapshots.LiveSnapshot, layout.live.show)
         subscribe(snapshots.TimelineSnapshot, self._show_span, layout.show_timeline)

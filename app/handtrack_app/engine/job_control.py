@@ -366,7 +366,7 @@ class JobControl:
 
     # ---- starting
 
-    @command(job=True, words="tracking of {frames}")
+    @command(job=True)
     def track(
         self,
         start: int,
@@ -410,7 +410,7 @@ class JobControl:
         work = partial(jobs.track, run=run, request=request, watch=self._watch)
         self.begin("tracking", work, request, run.session.live is not None)
 
-    @command(job=True, words="refining")
+    @command(job=True)
     def refine(self) -> None:
         """Optimise the tracked frames jointly; keyframes stay fixed. Where nothing but keyframes and pins has changed since, those
         that they touch.
@@ -429,7 +429,7 @@ class JobControl:
         )
         self.begin("refining", work, request)
 
-    @command(job=True, words="live tracking")
+    @command(job=True)
     def track_live(self) -> None:
         """Track what the cameras show from now on, from the pose shown, until it is cancelled."""
         self._store.write_what_rests(at_once=True)
@@ -443,7 +443,7 @@ class JobControl:
         endless = range(first, first + _ENDLESS)
         self._track(TrackingRequest(endless, first, document.shown, fit_size=False, refine=False))
 
-    @command(job=True, files=True, words="fitting the size")
+    @command(job=True, files=True)
     def fit_size(self) -> None:
         """Fit the hand's size to the frames near the first pose."""
         self._refuse()
@@ -454,7 +454,7 @@ class JobControl:
             )
         self.begin("sizing", partial(jobs.fit_size, run=self._document.run))
 
-    @command(job=True, files=True, words="taking the size")
+    @command(job=True, files=True)
     def take_size(self, first: int) -> None:
         """Take the size that was fitted after tracking, and track everything again from the pose at `first`."""
         self._store.write_what_rests(at_once=True)
@@ -470,7 +470,7 @@ class JobControl:
         anew = first == document.first_frame and first not in document.by_hand
         self.track(document.frames.start, document.frames.stop, first, anew)
 
-    @command(job=True, words="detecting the first pose")
+    @command(job=True)
     def find_hand(self, frame: int | None, fetch: bool = False) -> None:
         """Detect the hand without a first pose, in one frame, or in the surest of several (None). fetch: get the detector's networks
         before.

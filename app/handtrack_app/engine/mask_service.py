@@ -220,7 +220,7 @@ class MaskService(PreviewService):
 
     # ---- changing
 
-    @command(edits=True, latest=("camera", "values"), words="settings of masks")
+    @command(edits=True, latest=("camera", "values"))
     def set_masks(self, camera: str, values: dict[str, object]) -> None:
         """Change where the masks of a camera come from (`method`), settings of the method, or the region of interest (`roi`). camera:
         empty for all that have what it takes.
@@ -298,7 +298,7 @@ class MaskService(PreviewService):
             found = [name for name in found if name != "seeded"]
         return (*found, *([FILES] if isinstance(saved, str) else []), NO_MASKS)
 
-    @command(edits=True, words="a box for masks")
+    @command(edits=True)
     def mark_mask_box(
         self, camera: str, what: str, box: tuple[int, int, int, int], frame: int
     ) -> None:
@@ -319,18 +319,18 @@ class MaskService(PreviewService):
 
         self._do("Masks: box", edit)
 
-    @command(edits=True, words="settings of masks")
+    @command(edits=True)
     def restore_masks(self) -> None:
         """Go back to the masks as session.toml has them."""
         back = dict.fromkeys(self.document.unsaved_masks)
         self._do("Masks of session.toml", lambda: decide(masks=back))
 
-    @command(edits=True, files=True, words="saving settings of masks")
+    @command(edits=True, files=True)
     def save_masks(self) -> None:
         """Write where masks come from into session.toml."""
         self._save(saving.save_masks, "Masks' settings saved")
 
-    @command(edits=True, files=True, words="the mask of {camera}, frame {frame}")
+    @command(edits=True, files=True)
     def paint_mask(
         self,
         frame: int,
@@ -365,7 +365,7 @@ class MaskService(PreviewService):
 
         self._change(change)
 
-    @command(edits=True, files=True, words="the mask of {camera}, frame {frame}")
+    @command(edits=True, files=True)
     def drop_correction(self, frame: int, camera: str) -> None:
         """Forget what was painted over a camera's mask in a frame."""
 
@@ -390,7 +390,7 @@ class MaskService(PreviewService):
         correction = self.document.in_force(("correction", (camera, own_frame)))
         return correction is not None and not correction.carried
 
-    @command(job=True, files=True, words="carrying masks on")
+    @command(job=True, files=True)
     def carry_masks(self, frame: int, camera: str, before: int, behind: int) -> None:
         """Carry what was painted in a frame on to so many frames before and behind it. camera: empty for all."""
         document, store = self.document, self.store

@@ -65,7 +65,7 @@ class PosingService(Service):
 
     _pull: Pull | None = None
 
-    @command(edits=True, latest=("frame", "tag"), words="the pose of frame {frame}", at_once=drags)
+    @command(edits=True, latest=("frame", "tag"), at_once=drags)
     def set_pose(
         self,
         frame: int,
@@ -84,7 +84,7 @@ class PosingService(Service):
         if version >= self.document.version:
             self.opened.edit(frame, pose(self.document, frame, values), words, tag, is_stroke)
 
-    @command(edits=True, words="the pose of frame {frame}", at_once=looks_elsewhere)
+    @command(edits=True, at_once=looks_elsewhere)
     def take_pose(self, frame: int, source: str, version: int) -> None:
         """Set a frame's pose by hand to the one that shows there (`shown`: a keyframe), to `start` (the first-frame pose), `previous`
         (the frame before), or a pose of the library, for the fingers.
@@ -108,7 +108,6 @@ class PosingService(Service):
     @command(
         edits=True,
         latest=("frame", "hold", "tag"),
-        words="the pose of frame {frame}",
         at_once=drags,
     )
     def pull_place(
@@ -130,7 +129,7 @@ class PosingService(Service):
         edit = pose(document, frame, reached.tolist())
         self.opened.edit(frame, edit, f"Pull of {hold.words}", tag, True)
 
-    @command(edits=True, words="dropping the pose of frame {frame}", at_once=looks_elsewhere)
+    @command(edits=True, at_once=looks_elsewhere)
     def forget_pose(self, frame: int, version: int) -> None:
         """Drop what was set by hand at a frame; the tracked pose shows again."""
         known = self.document.clamped(frame) in self.document.by_hand
@@ -150,7 +149,6 @@ class PosingService(Service):
     @command(
         edits=True,
         latest=("frame", "camera", "tag"),
-        words="pins of frame {frame}",
         at_once=drags,
     )
     def set_pin(
@@ -181,7 +179,7 @@ class PosingService(Service):
         edit = self._led(self._pull, (*others, pin), by_images)
         self.opened.edit(frame, edit, f"Pin of {hold.words} in {camera}", tag, True)
 
-    @command(edits=True, words="pins of frame {frame}", at_once=looks_elsewhere)
+    @command(edits=True, at_once=looks_elsewhere)
     def drop_pins(
         self, frame: int, which: int | None, version: int, by_images: bool = True
     ) -> None:

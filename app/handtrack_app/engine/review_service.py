@@ -33,7 +33,7 @@ class ReviewService(Service):
     names: tuple[str, ...] = ()
     """of the parameters whose course is shown"""
 
-    @command(edits=True, words="accepting {frames}, or letting them go")
+    @command(edits=True)
     def accept(self, spans: tuple[tuple[int, int], ...], on: bool = True) -> None:
         """Accept frames, spans of first to last, as they are: neither tracking nor refining changes them; or let them go."""
         frames = {f for first, last in spans for f in range(first, last + 1)}
@@ -43,7 +43,7 @@ class ReviewService(Service):
             self.publish(pose_snapshot(self.document))
             self.opened.announce(timeline_snapshot(self.document))
 
-    @command(edits=True, words="the correction of cameras")
+    @command(edits=True)
     def correct_cameras(self, cameras: tuple[str, ...], on: bool = True) -> None:
         """Use cameras as the estimate of the whole recording found them, from now on; or as they were calibrated."""
         self.jobs.require_idle()

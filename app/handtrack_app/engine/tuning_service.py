@@ -48,7 +48,7 @@ class TuningService(Service):
         self._fitting = NewestFirst[Callable[[], None]](opened.post, "refitting")
         self._fitting.start()
 
-    @command(edits=True, files=True, words="saving settings")
+    @command(edits=True, files=True)
     def save_settings(self) -> None:
         """Write the settings that session.toml does not have into it."""
         self.jobs.require_idle()
@@ -61,7 +61,7 @@ class TuningService(Service):
         """Whether a changed setting or limit fits the frame shown anew at once."""
         self._refits = on
 
-    @command(edits=True, latest=("name",), words="the setting {name}")
+    @command(edits=True, latest=("name",))
     def set_setting(self, name: str, value: object, tag: str = "") -> None:
         """Change a setting by its dotted name. tag: several settings changed at one time have one."""
         document = self.document
@@ -73,7 +73,7 @@ class TuningService(Service):
             edits.is_slid(value),
         )
 
-    @command(edits=True, latest=("name",), words="the limits of {name}")
+    @command(edits=True, latest=("name",))
     def set_limits(self, name: str, interval: tuple[float, float] | None, tag: str = "") -> None:
         """Change the interval of a joint parameter [m, rad]; None restores the model's own."""
         self._change(
@@ -82,7 +82,7 @@ class TuningService(Service):
             interval is not None,
         )
 
-    @command(edits=True, latest=("name",), words="the shape's {name}")
+    @command(edits=True, latest=("name",))
     def set_shape(self, name: str, value: float, tag: str = "") -> None:
         """Set a number of the person's shape [% or mm, as `ShapeNumber` has it]."""
         self._change(lambda: edits.shape(self.document, name, value), tag or "Shape", True)

@@ -165,7 +165,6 @@ def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
         ("Ten frames back", "arrowleft", "shift", lambda: page.go_to(state.frame - _TEN)),
         ("First frame", "home", None, lambda: page.go_to(state.start)),
         ("Last frame", "end", None, lambda: page.go_to(state.stop - 1)),
-        ("Next low confidence or lost", "N", "shift", tracking.go_to_odd),
         (
             "Keep this pose: a keyframe",
             "M",

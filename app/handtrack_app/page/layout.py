@@ -33,7 +33,6 @@ from handtrack_app.protocol.snapshots import (
     Notice,
     PoseSnapshot,
     ProgressSnapshot,
-    ScoreSnapshot,
     SessionSnapshot,
     TimelineSnapshot,
     WorkSnapshot,
@@ -51,7 +50,7 @@ class PageLayout:
 
     def __init__(self, page: Page, stage: Stage, start_again: Callable[[], None]) -> None:
         """start_again: starts an engine that ended too often."""
-        self.page, self.names = page, stage.names
+        self.page = page
         gui = page.gui
         colours(gui)
         dress(page.server)
@@ -156,13 +155,7 @@ class PageLayout:
         self.timeline.show_pose(pose)
         self.review.show_frame()
         self.tracking.show_frame()
-        self.session.show_names(self.names)
         put(self.aside, visible=pose.origin == BEFORE)
-
-    def show_score(self, score: ScoreSnapshot) -> None:
-        """Show a pose's score in the panels."""
-        self.pose.show_score(score)
-        self.session.show_names(self.names)
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
         """Show the recording at a glance."""

@@ -32,9 +32,6 @@ class Rule:
     """later edits depend on it: it is repeated in its turn"""
     files: bool = False
     """it writes files of the session, which a live one does not have"""
-    words: str = ""
-    """what is named when it is lost; {argument} stands for a value, {frames} for spans, or for start and
-    stop"""
     parameters: tuple[str, ...] = ()
     at_once: Callable[..., None] | None = field(default=None, compare=False)
     """acts on the jobs as the call comes, before its turn: called with the JobControl and the call's arguments"""
@@ -48,14 +45,13 @@ def command(
     view: bool = False,
     is_ordered: bool = False,
     files: bool = False,
-    words: str = "",
     at_once: Callable[..., None] | None = None,
 ) -> Callable[[Method], Method]:
     """Mark a method that the page may call; see Rule."""
 
     def mark(method: Method) -> Method:
         parameters = tuple(inspect.signature(method).parameters)[1:]
-        method.rule = Rule(latest, edits, job, view, is_ordered, files, words, parameters, at_once)  # type: ignore[attr-defined]
+        method.rule = Rule(latest, edits, job, view, is_ordered, files, parameters, at_once)  # type: ignore[attr-defined]
         return method
 
     return mark
@@ -122,12 +118,14 @@ class Call:
     @property
     def words(self) -> str:
         """What it is about, to be named when it is lost."""
-        given = dict(self.arguments)
-        if "spans" in given:
-            given["frames"] = _frames(given["spans"])
-        elif "stop" in given:
-            given["frames"] = _frames([(given["start"], given["stop"] - 1)])
-        return self.rule.words.format_map(given) or self.name.replace("_", " ")
+        given, spans = self.arguments, self.arguments.get("spans", ())
+        if "stop" in given:
+            spans = [(given["start"], given["stop"] - 1)]
+        elif given.get("frame") is not None:
+            spans = [(given["frame"], given["frame"])]
+        about = [str(given[one]) for one in ("name", "camera", "number") if given.get(one)]
+        command = " ".join([self.name.replace("_", " "), *about])
+        return f"{command}, {_frames(spans)}" if spans else command
 
 
 def _frames(spans: Iterable[tuple[int, int]]) -> str:

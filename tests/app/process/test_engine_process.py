@@ -194,7 +194,7 @@ def test_c40_what_takes_too_much_memory_or_ends_every_engine_is_given_up_by_name
     engine.set_pose(3, values_with(0.3), 1)
     engine.set_setting("cloud.weight", 7.0)
     engine.set_pose(6, values_with(0.6), 2)
-    page.told("Given up: the setting cloud.weight.")
+    page.told("Given up: set setting cloud.weight.")
     eventually(lambda: page.saved == "saved", "all else")
     assert {"pose/3", "pose/6"} <= state_on_disk(tmp_path).keys()
 

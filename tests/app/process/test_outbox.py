@@ -80,7 +80,7 @@ def test_a_job_that_may_have_begun_is_given_up_and_one_that_waits_is_not():
     given_up = pipe.outbox.ended()
     pipe.put("refine")
     assert [one.name for one in given_up] == ["track"]
-    assert "tracking" in named(given_up)
+    assert "track, frames 0 to 4" in named(given_up)
     pipe.outbox.listen(is_anew=False)
     assert pipe.names == ["track", "refine"]
 

@@ -304,14 +304,14 @@ class CloudService(PreviewService):
 
     # ---- settings
 
-    @command(edits=True, latest=("values",), words="settings of clouds")
+    @command(edits=True, latest=("values",))
     def set_clouds(self, values: dict[str, object]) -> None:
         """Change settings of [clouds] by name; None: as it is usual, False: off."""
         names, slid = ", ".join(values), edits.is_slid(*values.values())
         now = self.document.clouds or CloudSettings()
         self._do(f"Clouds: {names}", lambda: edits.clouds(now.with_values(values)), names, slid)
 
-    @command(edits=True, latest=(), words="the colour of skin")
+    @command(edits=True, latest=())
     def sample_skin(
         self, frame: int, camera: str, box: tuple[int, int, int, int] | None, size: float
     ) -> None:
@@ -324,12 +324,12 @@ class CloudService(PreviewService):
 
         self._change(change)
 
-    @command(edits=True, words="settings of clouds")
+    @command(edits=True)
     def restore_clouds(self) -> None:
         """Go back to the settings of [clouds] as session.toml has them."""
         self._do("Filters of session.toml", lambda: edits.clouds(self.document.saved_clouds))
 
-    @command(edits=True, files=True, words="saving settings of clouds")
+    @command(edits=True, files=True)
     def save_clouds(self) -> None:
         """Write the settings of [clouds] into session.toml."""
         self._save(saving.save_clouds, "Clouds' settings saved")

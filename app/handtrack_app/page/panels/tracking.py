@@ -10,7 +10,6 @@ import numpy as np
 import viser
 
 from handtrack_app.page.page import Page, put
-from handtrack_app.protocol.palette import FOUND, STATUS
 from handtrack_app.protocol.snapshots import (
     COUNTED,
     NO_TIMELINE,
@@ -23,7 +22,6 @@ from handtrack_app.protocol.snapshots import (
 
 _SIZE = "model.fit_size"
 _AGAIN: tuple[str, ...] = ("from the first pose", "from this frame")
-_NAMED = 12  # frames that are named one by one
 
 
 @dataclass(frozen=True)
@@ -60,8 +58,6 @@ class TrackingPanel:
         page, gui = self.page, self.page.gui
         last = max(session.stop - 1, session.start + 1)
         with self.tab:
-            self.status = gui.add_html(_where(session))
-            self.bar = gui.add_progress_bar(0.0, visible=False)
             self.pause = page.button("Pause", self.pause_or_go_on, "player-pause", visible=False)
             self.cancel = page.button(
                 "Cancel", page.engine.cancel, "player-stop", color="red", visible=False
@@ -103,10 +99,6 @@ class TrackingPanel:
                 "The frames between the two kept ones around the frame shown (set by hand, or accepted): half from each, then "
                 "refined together where that is set.", visible=False,
             )  # fmt: skip
-            self.marked = gui.add_html("", visible=False)
-            self.odd = page.button(
-                "Next low confidence or lost", self.go_to_odd, "player-track-next", "Key: Shift N.", visible=False
-            )  # fmt: skip
             page.button(
                 "Save track", page.engine.save_track, "device-floppy", "Writes tracks/poses.npz into the session.",
                 visible=not session.live,
@@ -134,14 +126,10 @@ class TrackingPanel:
         self.starters += [onward, span]
 
     def show_timeline(self, strip: TimelineSnapshot) -> None:
-        """Say which frames are set by hand, and offer the way to those that are doubtful."""
+        """Offer what the frames that are tracked allow."""
         if self.session is None:
             return
         self.strip = strip
-        self.marked.content = keyframe_words(strip.by_hand, strip.found)
-        self.marked.visible = bool(strip.by_hand)
-        some = bool(len(odd_frames(strip)))
-        put(self.odd, visible=some)
         self._show_refine()
         self.show_frame()
 
@@ -160,13 +148,6 @@ class TrackingPanel:
         if ends is not None:
             put(self.between, label=f"Track between {ends[0]} and {ends[1]}")
         put(self.between, visible=ends is not None and self.progress.state == "idle")
-
-    def go_to_odd(self) -> None:
-        """Show the next frame that is doubtful or lost; after the last one the first again."""
-        frames = odd_frames(self.strip)
-        if frames:
-            here = self.page.state.frame
-            self.page.go_to(next((f for f in frames if f > here), frames[0]))
 
     def show_rerun(self, url: str) -> None:
         """Show where the residuals of what is tracked can be seen."""
@@ -258,9 +239,6 @@ class TrackingPanel:
             return
         self.progress = progress
         busy = progress.state in ("tracking", "paused", "preparing")
-        self.bar.visible = busy
-        self.bar.value = 100.0 * progress.done / progress.total if progress.total else 0.0
-        self.bar.animated = progress.state in ("preparing", "tracking")
         self.pause.visible = self.cancel.visible = busy
         self.follow.visible = busy or self.session.live
         put(self.follow, value=self.page.state.follow)
@@ -293,51 +271,6 @@ def nearest_posed(strip: TimelineSnapshot, first: int, last: int, frame: int) ->
     here = min(max(frame, first), last)
     posed = {*strip.by_hand, *(strip.start + np.flatnonzero(strip.status >= 0)).tolist()}  # fmt: skip
     return min((f for f in posed if first <= f <= last), key=lambda f: abs(f - here), default=here)
-
-
-def odd_frames(strip: TimelineSnapshot) -> list[int]:
-    """Return the frames that are doubtful or lost, but for those set right by hand."""
-    odd = (strip.start + np.flatnonzero(np.isin(strip.status, (1, 2)))).tolist()
-    by_hand = set(strip.by_hand)
-    return [frame for frame in odd if frame not in by_hand]
-
-
-def keyframe_words(given: tuple[int, ...], found: tuple[int, ...] = ()) -> str:
-    """Return what becomes of the frames whose pose was given: set by hand, or those of them found by a search."""
-    by_hand = tuple(frame for frame in given if frame not in found)
-    parts = [
-        f"<span style='color:{colour}'>◆</span> {_named(frames)} {word}"
-        for frames, (word, colour) in ((by_hand, STATUS[3]), (found, FOUND))
-        if frames
-    ]
-    it, each = ("it", "it") if len(given) == 1 else ("them", "each")
-    one = "it" if len(given) == 1 else "one"
-    return (
-        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4'>"
-        f"{'; '.join(parts)}. Tracking leaves {it}, and starts again from {each}. In the tab Pose, "
-        f"<i>Pose from: Tracked</i> lets {one} go.</div>"
-    )
-
-
-def _named(frames: tuple[int, ...]) -> str:
-    """Return the numbers of frames, in words where they are many."""
-    some = ", ".join(str(frame) for frame in frames[:_NAMED])
-    if len(frames) > _NAMED:
-        some += f" and {len(frames) - _NAMED} more"
-    return f"{'Frame' if len(frames) == 1 else 'Frames'} {some}"
-
-
-def _where(session: SessionSnapshot) -> str:
-    if session.live:
-        return (
-            "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4;opacity:.75'>Live. "
-            f"Pose the {session.kind}, or find it, "
-            "then track. Nothing is kept but what is recorded.</div>"
-        )
-    return (
-        "<div style='padding:.5em .9em .3em;font-size:.9em;line-height:1.4;opacity:.75'>Every tracked frame is kept in "
-        f"<span style='overflow-wrap:anywhere'>{html.escape(session.folder)}/tracks</span> as it comes.</div>"
-    )
 
 
 def progress_words(progress: ProgressSnapshot) -> str:

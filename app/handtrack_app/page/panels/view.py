@@ -15,7 +15,6 @@ from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import picture
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.tracking import progress_words
-from handtrack_app.page.scene.camera_view import CameraNames
 from handtrack_app.page.scene.looking import ALL, Looking, Through
 from handtrack_app.page.scene.stage import Stage
 from handtrack_app.protocol.palette import BRAND
@@ -43,10 +42,6 @@ _SAVED = {
     "unsaved": "<b class='handtrack-warning'>⚠ The last changes are not saved yet</b>",
     "kept nowhere": "<b class='handtrack-warning'>⚠ To look at: nothing is saved</b>",
 }
-_OVERLAPS = (
-    "<div style='padding:.1em .9em .2em;font-size:.9em' title='of {kind} and mask: their common area by that of both'>"
-    "<span style='opacity:.65'>overlap</span> {}</div>"
-)
 _PAINT_HINT = (
     "Residual: orange is silhouette without model, blue is model without silhouette; lines lead from where a joint was seen to where "
     "the model has it. Mask: what counts as {kind}; of what is purple nobody knows, and it counts for nothing."
@@ -70,7 +65,6 @@ class SessionPanel:
     others: viser.GuiButtonHandle = field(init=False)
     """leads to the start page"""
     built: bool = False
-    cameras: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         with self.tab:
@@ -88,11 +82,9 @@ class SessionPanel:
             return
         self.built = True
         page, gui, display = self.page, self.page.gui, self.page.state.display
-        cameras = self.cameras = tuple(card.name for card in session.cameras)
+        cameras = tuple(card.name for card in session.cameras)
         with self.tab:
-            self.sheet = page.picture()
-            self.played = gui.add_html("", visible=False)
-            self.overlaps = gui.add_html("", visible=False)
+            self.sheet = gui.add_html("", visible=False)
             self.mode = page.choice(
                 "Model style", _MODE_WORDS, partial(page.draw, "mode"),
                 "Surface: used for point-cloud fitting; during playback the ellipsoids are shown instead.",
@@ -151,29 +143,12 @@ class SessionPanel:
         """Show what the cameras see, side by side."""
         if not self.built:
             return
-        wanted, playing = self.page.state.display.images, self.page.state.playing
+        wanted = self.page.state.display.images
         if wanted and pictures.sheet is not None:
-            if playing:
-                shown = picture(pictures.sheet, "max-width:100%;display:block")
-                padding = "padding:0 var(--mantine-spacing-xs) .5em"
-                self.played.content = f"<div style='{padding}'>{shown}</div>"
-            else:
-                self.sheet.image = pictures.sheet
-        put(self.sheet, visible=wanted and not playing)
-        put(self.played, visible=wanted and playing)
-
-    def show_names(self, names: CameraNames) -> None:
-        """Show below the cameras' pictures how far the hand shown overlaps each mask, where that is known."""
-        if not self.built:
-            return
-        told = [names.of(camera) for camera in self.cameras]
-        words = " · ".join(html.escape(one) for one in told)
-        known = told != list(self.cameras)
-        known |= self.page.state.playing and self.overlaps.visible  # the line keeps its place
-        known &= self.page.state.display.images
-        put(self.overlaps, visible=known)
-        if known:
-            put(self.overlaps, content=self.page.words.of(_OVERLAPS).replace("{}", words))
+            shown = picture(pictures.sheet, "max-width:100%;display:block")
+            padding = "padding:0 var(--mantine-spacing-xs) .5em"
+            put(self.sheet, content=f"<div style='{padding}'>{shown}</div>")
+        put(self.sheet, visible=wanted)
 
     def _toggle(self, label: str, name: str, hint: str) -> None:
         page = self.page
