@@ -157,7 +157,6 @@ class Workbench:
     def redraw(self) -> None:
         """Apply changed display options."""
         self.stage.apply()
-        self.layout.session.show_display()
         for name, wanted in self.stage.wanted().items():
             if self._wanted.get(name) != wanted:
                 self._wanted[name] = wanted

@@ -188,11 +188,3 @@ def add_work_keys(page: Page, tracking: TrackingPanel) -> None:
     ]
     for words, key, modifier, act in entries:
         page.key(words, key, act, modifier)
-
-    def export(kind: str, client: viser.ClientHandle) -> None:
-        page.engine.export(kind, client.client_id)
-
-    page.key(
-        "Export angles and positions (CSV)", "O", partial(export, "csv"), "shift", by_page=True
-    )
-    page.key("Export everything (NPZ)", None, partial(export, "npz"), by_page=True)

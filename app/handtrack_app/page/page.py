@@ -46,8 +46,6 @@ class Display:
     cloud_colour: str = "residual"
     """`residual` (distance to the model), `own` or `plain`"""
     cloud_size_mm: float = 1.6
-    cloud_dropped: bool = False
-    """also the points that a filter dropped"""
     cloud_picture: str = "images"
     """`images`, `stereo` or `none`"""
     cloud_wide: bool = False

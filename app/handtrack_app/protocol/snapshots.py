@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handtrack.arrays import D2, D3, Array, B, Bytes, E, F, Floats, H, Ints, J, K, M, N, S, T, V, W
+from handtrack.arrays import D2, D3, Array, B, Bytes, E, F, Floats, H, Ints, J, K, N, S, T, V, W
 from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.diagnostics.review import ReviewInterval
 from handtrack.errors import not_enough_memory
@@ -524,8 +524,6 @@ class CloudSnapshot:
     """RGB"""
     residual_mm: Floats[N]
     """distance to the model's surface, negative inside; NaN where there is no such surface"""
-    dropped: Floats[M, D3]
-    """world [m] points that a filter dropped, thinned ones not among them"""
     measured: int
     left: int
     counts: tuple[FilterReport, ...] = ()
@@ -549,8 +547,6 @@ class CloudSelection:
     """What the page shows of point clouds; nothing else is computed."""
 
     points: bool = False
-    dropped: bool = False
-    """also the points that a filter dropped"""
     picture: str = "none"
     """`images`, `stereo` or `none`"""
     wide: bool = False

@@ -24,7 +24,6 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, N, W
-from handtrack.diagnostics.review import ReviewInterval, intervals_to_review
 from handtrack.errors import HandtrackError
 from handtrack.files.user_folder import user_data_folder
 from handtrack.geometry.camera import Camera
@@ -38,11 +37,10 @@ from handtrack.tracking.frame.result import FrameResult
 
 if TYPE_CHECKING:
     from rerun import FileSink, GrpcSink, RecordingStream
-    from rerun.blueprint import Blueprint, Spatial2DView, TimePanel
+    from rerun.blueprint import Blueprint, Spatial2DView
 
 _MOST_POINTS = 20_000  # of a cloud, evenly spread: enough to see it by
 _LONG_MM = 80.0  # a camera's picture stands so far before it
-_SHOWN = 20  # stretches of the queue
 
 
 def log_cameras(recording: RecordingStream, cameras: Sequence[Camera]) -> None:
@@ -95,29 +93,6 @@ def signed_colours(residual: Floats[*Axes]) -> Bytes[*Axes]:
     full = np.full_like(fade, 255)
     red, blue = np.where(value >= 0, full, fade), np.where(value <= 0, full, fade)
     return np.stack([red, fade, blue], axis=-1)
-
-
-def queue_text(queue: Sequence[ReviewInterval]) -> str:
-    """Return what is worth a look as Markdown, the worst first."""
-    if not queue:
-        return "No frame is lost or of low confidence."
-    rows = [f"| {s.first}–{s.last} | {s.worst} | {s.words} |" for s in queue[:_SHOWN]]
-    return "\n".join(["| frames | worst | why |", "|---|---|---|", *rows])
-
-
-def worst_first(queue: Sequence[ReviewInterval]) -> TimePanel:
-    """Return a time panel that opens on the worst frame: rerun takes no time to begin at, but a selection to play in."""
-    import rerun.blueprint as rrb
-    from rerun.blueprint.components import AbsoluteTimeRange
-    from rerun.encodings import TimeInt
-
-    if not queue:
-        return rrb.TimePanel(timeline="frame")
-    at = TimeInt(seq=queue[0].worst)
-    return rrb.TimePanel(
-        timeline="frame", time_selection=AbsoluteTimeRange(at, at),
-        loop_mode="selection", play_state="playing",
-    )  # fmt: skip
 
 
 LOOPBACK = "127.0.0.1"
@@ -316,7 +291,7 @@ class RerunStream:
             self._viewer.start()
             sinks.append(rr.GrpcSink(self._viewer.address))
         self._recording = rr.RecordingStream("handtrack", send_properties=False)
-        self._recording.set_sinks(*sinks, default_blueprint=_layout([]))
+        self._recording.set_sinks(*sinks, default_blueprint=_layout())
         log_cameras(self._recording, self._cameras)
         return self
 
@@ -352,7 +327,7 @@ class RerunStream:
         kinds = {kind for view in pictures for kind in view.dots}
         if not kinds <= self._kinds:
             self._kinds |= kinds
-            self._recording.send_blueprint(_layout([], self._kinds))
+            self._recording.send_blueprint(_layout(self._kinds))
         _log_pictures(self._recording, "cameras", pictures)
         _log_scalars(self._recording, "overlap", overlap)
 
@@ -384,13 +359,7 @@ class RerunStream:
         recording.reset_time()
 
     def __exit__(self, *_: object) -> None:
-        """Say what is worth a look, let the viewer open there, and end the recording; the viewer stays."""
-        import rerun as rr
-
-        queue = intervals_to_review([self.results[frame] for frame in sorted(self.results)])
-        text = rr.TextDocument(queue_text(queue), media_type=rr.MediaType.MARKDOWN)
-        self._recording.log("queue", text, static=True)
-        self._recording.send_blueprint(_layout(queue, self._kinds))
+        """End the recording; the viewer stays."""
         self._recording.flush(timeout_sec=_CLOSING_S)
         self._recording.disconnect()
 
@@ -440,7 +409,7 @@ def grey(picture: Array[H, W]) -> Bytes[H, W]:
     return np.rint(255 * np.clip(np.nan_to_num(picture), 0.0, 1.0)).astype(np.uint8)
 
 
-def _layout(queue: Sequence[ReviewInterval], kinds: Set[str] = frozenset()) -> Blueprint:
+def _layout(kinds: Set[str] = frozenset()) -> Blueprint:
     import rerun.blueprint as rrb
 
     dotted = [f"residual_{kind}" for kind in sorted(kinds)]
@@ -452,7 +421,6 @@ def _layout(queue: Sequence[ReviewInterval], kinds: Set[str] = frozenset()) -> B
                 rrb.Grid(*[_pictures_view(kind) for kind in shown]),
             ),
             rrb.Vertical(
-                rrb.TextDocumentView(origin="/queue", name="Worth a look"),
                 rrb.TimeSeriesView(origin="/energy", name="Energy by term"),
                 rrb.TimeSeriesView(origin="/overlap", name="Overlap by camera"),
                 rrb.TimeSeriesView(origin="/error", name="Error [mm]"),
@@ -461,7 +429,7 @@ def _layout(queue: Sequence[ReviewInterval], kinds: Set[str] = frozenset()) -> B
             ),
             column_shares=[3, 2],
         ),
-        worst_first(queue),
+        rrb.TimePanel(timeline="frame"),
     )
 
 

@@ -13,7 +13,7 @@ from handtrack.store.spans import Span
 from handtrack_app.engine.document_snapshots import timeline_change, timeline_snapshot
 from handtrack_app.engine.posing_service import LiveScore
 from handtrack_app.engine.posing_service import pose as pose_edit
-from handtrack_app.page.panels.plots import plot_data, range_and_speed, speed_of
+from handtrack_app.page.panels.plots import plot_data
 from handtrack_app.page.panels.pose import ink_on
 from handtrack_app.page.panels.tracking import nearest_posed
 from handtrack_app.page.time.lanes import Window, lanes_of, lanes_picture, whole
@@ -89,13 +89,6 @@ def test_words_on_a_colour_can_be_read(ground, ink):
     assert ink_on(ground) == ink
 
 
-def test_range_of_motion_and_speed():
-    values = np.array([0.0, 10.0, np.nan, 5.0, 5.0, 8.0])
-    assert range_and_speed(values, 10.0) == (0.0, 10.0, 100.0, 30.0)
-    assert_allclose(speed_of(values, 10.0), [100, 100, np.nan, 0, 15, 30])
-    assert range_and_speed(np.array([1.0, np.nan, 2.0]), 10.0) is None
-
-
 def _snapshot(count=300):
     values = np.linspace(0, 1, count)
     curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values - 0.1)  # fmt: skip
@@ -103,7 +96,7 @@ def _snapshot(count=300):
 
 
 def test_a_plot_has_track_band_and_truth_in_the_window_alone():
-    data = plot_data(snapshot := _snapshot(), snapshot.curves[0], Window(100, 199), False)
+    data = plot_data(snapshot := _snapshot(), snapshot.curves[0], Window(100, 199))
     assert (data["frame"][0], data["frame"][-1]) == (100, 199)
     assert_allclose(data["track"], np.rad2deg(np.linspace(0, 1, 300)[100:200]))
     assert_allclose(data["high"] - data["track"], np.rad2deg(0.1))

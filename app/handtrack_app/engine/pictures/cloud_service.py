@@ -51,11 +51,10 @@ from handtrack_app.protocol.snapshots import (
     SurfaceSnapshot,
 )
 
-_SHOWN, _DROPPED_SHOWN = 20_000, 8_000  # points sent to the page at most
+_SHOWN = 20_000  # points sent to the page at most
 _SPACING_M = 0.0035  # between vertices of the surface shown
 _BODY_SPACING_M = 0.015
 _LEAST_SLOPE = 0.3  # of the distance; deep inside it has none
-_THINNED = ("voxel", "most")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,15 +99,10 @@ class CloudRenderer:
         if measured is None:
             none, far = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
             words = "This frame has no cloud."
-            return CloudSnapshot(moment.frame, none, None, far, none, 0, 0, (), words)
+            return CloudSnapshot(moment.frame, none, None, far, 0, 0, (), words)
         kept = np.flatnonzero(fate == len(reports))
         shown = kept[random_part(len(kept), _SHOWN)]
         points = measured.points[shown]
-        dropped = np.zeros((0, 3))
-        if moment.wanted.dropped:
-            filters = [i for i, report in enumerate(reports) if report.name not in _THINNED]
-            lost = np.flatnonzero(np.isin(fate, filters))
-            dropped = measured.points[lost[random_part(len(lost), _DROPPED_SHOWN)]]
         words = ""
         if not len(kept):
             words = nothing_left(reports)
@@ -121,7 +115,6 @@ class CloudRenderer:
             points.astype(np.float32),
             None if measured.colors is None else measured.colors[shown],
             _residual_mm(moment, points).astype(np.float32),
-            dropped.astype(np.float32),
             len(measured),
             len(kept),
             reports,

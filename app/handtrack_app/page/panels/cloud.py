@@ -94,7 +94,6 @@ class CloudPanel:
             )  # fmt: skip
             size = gui.add_slider("Point mm", 0.4, 6.0, 0.2, display.cloud_size_mm)
             page.bind(size, partial(self._show, "cloud_size_mm"))
-            self._option("Dropped", "cloud_dropped", "Grey: what the filters dropped.")
             self.legend = gui.add_html(ramp_legend())
         with gui.add_folder("Crop") as crop:
             self._add(*CROP)

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from handtrack.arrays import F, Floats, N
+from handtrack.arrays import Floats, N
 from handtrack_app.page.html import text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.pose_words import groups_of, title_of, unit_of
@@ -25,46 +25,23 @@ _SIGMAS = 2.0
 _HEIGHT = 150  # [px]
 
 
-def range_and_speed(values: Floats[N], fps: float) -> tuple[float, float, float, float] | None:
-    """Return least and largest value, fastest and median speed a second; None where no two frames follow one another."""
-    known = values[np.isfinite(values)]
-    speed = np.abs(np.diff(values)) * fps
-    speed = speed[np.isfinite(speed)]
-    if not len(speed):
-        return None
-    return float(known.min()), float(known.max()), float(speed.max()), float(np.median(speed))
-
-
-def speed_of(values: Floats[F], fps: float) -> Floats[F]:
-    """Return the speed at each frame, a second: the mean of the known steps to it and from it."""
-    steps = np.diff(values) * fps
-    both = np.stack([np.r_[np.nan, steps], np.r_[steps, np.nan]])
-    known = np.isfinite(both)
-    total, count = np.where(known, both, 0.0).sum(axis=0), known.sum(axis=0)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
-
-
-def plot_data(
-    snapshot: CurvesSnapshot, curve: Curve, window: Window, speed: bool
-) -> dict[str, Floats[N]]:
+def plot_data(snapshot: CurvesSnapshot, curve: Curve, window: Window) -> dict[str, Floats[N]]:
     """Return what is plotted of a curve by the names of its lines: frames first, then what is known, in degrees or millimetres.
 
     Of frames that share a column of the plot the largest value counts. `low` and `high` bound the band.
     """
     unit, start = unit_of(curve.name), snapshot.start
-    lines = {"track": curve.values}
-    if not speed:
-        lines |= {
-            "low": curve.values - _SIGMAS * curve.std,
-            "high": curve.values + _SIGMAS * curve.std,
-        }
+    lines = {
+        "track": curve.values,
+        "low": curve.values - _SIGMAS * curve.std,
+        "high": curve.values + _SIGMAS * curve.std,
+    }
     if len(curve.truth):
         lines["truth"] = curve.truth
     edges = window.columns()
     found = {"frame": np.floor((edges[:-1] + edges[1:] - 1) / 2)}
     for name, values in lines.items():
-        shown = speed_of(values, snapshot.fps) if speed else values
-        shown = np.where(np.isfinite(shown), shown, np.nan) / unit
+        shown = np.where(np.isfinite(values), values, np.nan) / unit
         _, least, most = extremes(shown, start, window)
         found[name] = least if name == "low" else most
     return found
@@ -91,9 +68,6 @@ class PlotsPanel:
                 "For the part of the recording that the timeline shows. The ground truth "
                 "is plotted beside the track. Drag in a plot to zoom; double-click for all.",
             )  # fmt: skip
-            self.speed = page.check(
-                "Speed", False, lambda _: self.draw(), "Plot the angles' speed instead."
-            )
             self.note = gui.add_html("")
         page.words.on(self.note, content=text(_CHOOSE))
 
@@ -113,16 +87,17 @@ class PlotsPanel:
 
     def draw(self) -> None:
         """Plot what is chosen, if something changed."""
-        snapshot, window, speed = self.snapshot, self.window(), bool(self.speed.value)
-        if snapshot is None or (snapshot, window, speed) == self._drawn:
+        snapshot, window = self.snapshot, self.window()
+        if snapshot is None or (snapshot, window) == self._drawn:
             return
-        self._drawn = snapshot, window, speed
+        self._drawn = snapshot, window
         for plot in self.plots[len(snapshot.curves) :]:
             plot.remove()
         del self.plots[len(snapshot.curves) :]
         for n, curve in enumerate(snapshot.curves):
-            data = plot_data(snapshot, curve, window, speed)
-            title, series = _title(snapshot, curve, window, speed), _series(data)
+            data = plot_data(snapshot, curve, window)
+            sign = "mm" if curve.name.startswith("root_t") else "°"
+            title, series = f"{title_of(curve.name)} [{sign}]", _series(data)
             if n == len(self.plots):
                 with self.tab:
                     self.plots.append(self._add(data, series, title))
@@ -145,19 +120,6 @@ class PlotsPanel:
             tuple(data.values()), series, title=title, bands=_bands(data), height=_HEIGHT, axes=(axis, axis),
             scales={"x": uplot.Scale(time=False)}, legend=uplot.Legend(show=True), padding=(4, 12, 0, 0),
         )  # fmt: skip
-
-
-def _title(snapshot: CurvesSnapshot, curve: Curve, window: Window, speed: bool) -> str:
-    """Return what a plot shows, and its range or speeds."""
-    unit, sign = unit_of(curve.name), "mm" if curve.name.startswith("root_t") else "°"
-    first = max(window.first - snapshot.start, 0)
-    shown = curve.values[first : max(window.last + 1 - snapshot.start, 0)] / unit
-    known = range_and_speed(shown, snapshot.fps)
-    title = f"{title_of(curve.name)} [{sign}/s]" if speed else f"{title_of(curve.name)} [{sign}]"
-    if known is None:
-        return title
-    low, high, fastest, median = known
-    return f"{title}: {f'at most {fastest:.0f}, median {median:.0f}' if speed else f'{low:.0f} to {high:.0f}'}"
 
 
 def _series(data: dict[str, Floats[N]]) -> tuple[uplot.Series, ...]:

@@ -184,12 +184,6 @@ class SessionPanel:
         if self.page.state.look(client.client_id).through is not None:
             self._show_look(None, client)
 
-    def show_display(self) -> None:
-        """Show the display options in force."""
-        display = self.page.state.display
-        if self.built:
-            put(self.mode, value=_word_of(_MODE_WORDS, display.mode))
-
 
 def _word_of(words: dict[str, str], value: str) -> str:
     return next(word for word, own in words.items() if own == value)

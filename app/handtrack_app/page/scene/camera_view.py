@@ -158,31 +158,25 @@ class Moments:
 # ---- The cloud of the frame shown: points coloured by their distance to the model, by their own colour, or plain
 
 
-_PLAIN, _DROPPED = (225, 228, 232), (120, 124, 132)
+_PLAIN = (225, 228, 232)
 
 
 @dataclass
 class CloudView:
-    """Handles of the points that stay and of those that were dropped."""
+    """The points and the snapshot that they are of."""
 
     points: viser.PointCloudHandle
-    dropped: viser.PointCloudHandle
     cloud: CloudSnapshot | None = None
     lock: threading.Lock = field(default_factory=threading.Lock)
     """frames come on one thread, display options on others: the colours shown are of the latest of both"""
 
 
 def add_cloud(server: viser.ViserServer, name: str) -> CloudView:
-    """Add the two clouds, empty and hidden."""
+    """Add the cloud, empty and hidden."""
     none = np.zeros((0, 3), np.float32)
-    points, dropped = (
-        server.scene.add_point_cloud(
-            f"{name}/{part}", none, colour, point_size=0.0016, point_shape="circle",
-            precision="float32", point_shading="flat", visible=False,
-        )
-        for part, colour in (("points", _PLAIN), ("dropped", _DROPPED))
-    )  # fmt: skip
-    return CloudView(points, dropped)
+    return CloudView(server.scene.add_point_cloud(
+        f"{name}/points", none, _PLAIN, point_size=0.0016, point_shape="circle", precision="float32", point_shading="flat", visible=False,
+    ))  # fmt: skip
 
 
 def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> None:
@@ -192,8 +186,6 @@ def update_cloud(view: CloudView, cloud: CloudSnapshot, display: Display) -> Non
         if before is None or not np.array_equal(before.points, cloud.points):
             view.points.points = cloud.points
         view.points.colors = cloud_colours(cloud, display.cloud_colour)
-    if before is None or not np.array_equal(before.dropped, cloud.dropped):
-        view.dropped.points = cloud.dropped
 
 
 def show_cloud(view: CloudView, display: Display, moments: Moments, recolour: bool = False) -> None:
@@ -201,10 +193,7 @@ def show_cloud(view: CloudView, display: Display, moments: Moments, recolour: bo
     cloud = view.cloud
     known = cloud is not None and moments.fits(cloud.frame)
     put(view.points, visible=display.cloud and known)
-    put(view.dropped, visible=display.cloud and display.cloud_dropped and known)
-    size = 1e-3 * display.cloud_size_mm
-    if view.points.point_size != size:
-        view.points.point_size, view.dropped.point_size = size, 0.7 * size
+    put(view.points, point_size=1e-3 * display.cloud_size_mm)
     if recolour:
         with view.lock:
             if view.cloud is not None:

@@ -193,7 +193,7 @@ class Stage:
         display = self.page.state.display
         paint = "field" if display.field else display.paint
         cloud = CloudSelection(
-            display.cloud, display.cloud and display.cloud_dropped, display.cloud_picture,
+            display.cloud, display.cloud_picture,
             display.cloud_wide, display.stereo_pair,
         )  # fmt: skip
         return {
