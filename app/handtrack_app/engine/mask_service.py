@@ -28,7 +28,7 @@ from handtrack.session.sources.corrected_masks import encoded
 from handtrack.session.sources.views import View
 from handtrack_app.engine.document import source_of, usual_values
 from handtrack_app.engine.jobs import BackgroundJob
-from handtrack_app.engine.pictures.camera_pictures import CameraPictures, contact_sheet, shrunk
+from handtrack_app.engine.pictures.camera_pictures import CameraPictures, shrunk
 from handtrack_app.engine.service import PreviewService
 from handtrack_app.engine.store import edits, saving
 from handtrack_app.protocol.calls import command
@@ -69,9 +69,7 @@ def masks_picture(
             screens[view.name, "mask"] = large
         if on_all:
             small[view.name] = shrunk(large)
-    named = {f"{name}  {frame}": image for name, image in small.items()}
-    sheet = contact_sheet(named) if small else None
-    return MaskPicture(frame, small, sheet, screens, corrected, " ".join(wrong))
+    return MaskPicture(frame, small, screens, corrected, " ".join(wrong))
 
 
 def _painted(maker: CameraPictures, view: View, frame: int) -> Bytes[H, W, D3]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import cv2
 import viser
@@ -41,11 +41,20 @@ def table(rows: str) -> str:
     return f"<table class='handtrack-table'>{rows}</table>"
 
 
-def picture(image: Bytes[H, W, D3], style: str = "") -> str:
+def picture(image: Bytes[H, W, D3]) -> str:
     """Return a picture RGB, which a browser shows together with the words that come with it; viser's own widget loads it first."""
     packed = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 80))[1]
     data = base64.b64encode(packed.tobytes()).decode()
-    return f"<img alt='' decoding='sync' style='{style}' src='data:image/jpeg;base64,{data}'>"
+    return f"<img alt='' decoding='sync' src='data:image/jpeg;base64,{data}'>"
+
+
+def pictures(shown: Mapping[str, str], kind: str = "") -> str:
+    """Return pictures (HTML) side by side, each with its name below. kind: a class for the style sheet."""
+    figures = "".join(
+        f"<figure>{one}<figcaption>{html.escape(name)}</figcaption></figure>"
+        for name, one in shown.items()
+    )
+    return f"<div class='handtrack-pictures {kind}'>{figures}</div>"
 
 
 def card(name: str, lines: Iterable[str], picture: str = "", kind: str = "") -> str:
@@ -218,11 +227,10 @@ div:has(> .handtrack-card) + div { margin-top: -80px; position: relative; }
 div:has(> .handtrack-card) + div .mantine-Button-root { height: 76px !important; background: rgba(128, 128, 128, .08) !important; color: transparent !important;
   border: 1px solid rgba(128, 128, 128, .35) !important; }
 div:has(> .handtrack-card) + div .mantine-Button-root:hover { background: rgba(128, 160, 255, .18) !important; }
-.handtrack-thumbnails { display: flex; flex-wrap: wrap; gap: .5em; padding: .3em .9em; }
-.handtrack-thumbnails figure { margin: 0; font-size: 13px; }
-.handtrack-thumbnails img { height: 180px; border-radius: 4px; display: block; }
-.handtrack-picture figure { flex: 1 1 20em; }
-.handtrack-picture img { width: 100%; height: auto; }
+.handtrack-pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(7em, 1fr)); gap: .5em; padding: 0 var(--mantine-spacing-xs) .5em; }
+.handtrack-pictures.handtrack-picture { grid-template-columns: repeat(auto-fit, minmax(20em, 1fr)); padding-top: .5em; }
+.handtrack-pictures figure { margin: 0; font-size: 13px; }
+.handtrack-pictures img { width: 100%; max-height: 70vh; object-fit: contain; border-radius: 4px; display: block; }
 """
 _SCRIPT = """
 if (document.getElementById("handtrack-style") === null) {

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
 
-import numpy as np
 import viser
 
 from handtrack_app import viser_internals as internals
@@ -387,11 +386,6 @@ class Page:
                 internals.submit(self.gui, self._tried, client, partial(action, client, str(value)))
 
         self.own_widgets[internals.id_of(widget)] = call
-
-    def picture(self, visible: bool = True) -> viser.GuiImageHandle:
-        """Add a picture, blank until it comes."""
-        blank = np.full((8, 8, 3), 36, np.uint8)
-        return self.gui.add_image(blank, format="jpeg", jpeg_quality=80, visible=visible)
 
     def key(
         self, words: str, key: str | None, act: Callable[..., object], modifier: KeyModifier | None = None,

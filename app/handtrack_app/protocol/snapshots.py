@@ -76,8 +76,6 @@ class MaskPicture:
 
     frame: int
     small: dict[str, Bytes[H, W, D3]]
-    sheet: Bytes[H, W, D3] | None
-    """the small ones side by side"""
     screens: dict[tuple[str, str], Bytes[H, W, D3]]
     """large, by camera and `mask`"""
     corrected: dict[str, str]
@@ -387,8 +385,6 @@ class PictureSnapshot:
 
     frame: int
     thumbnails: dict[str, Bytes[H, W, D3]] = field(default_factory=dict)
-    sheet: Bytes[H, W, D3] | None = None
-    """the thumbnails side by side"""
     screens: dict[tuple[str, str], Bytes[H, W, D3]] = field(default_factory=dict)
     """large, by camera and what is painted over it"""
     version: int = 0
@@ -536,8 +532,8 @@ class CloudPicture:
     """The picture of the cloud panel."""
 
     frame: int
-    image: Bytes[H, W, D3]
-    """RGB"""
+    images: dict[str, Bytes[H, W, D3]]
+    """RGB, by what they show"""
     wide: bool
     words: str
 

@@ -25,7 +25,7 @@ from handtrack.session.session import Session
 from handtrack_app.door.access import LARGEST_FILE, Door, open_door, show_in_browser
 from handtrack_app.door.address import FIRST_PORT, choose_port, host_warning
 from handtrack_app.log import LOG_FILE, logging_to
-from handtrack_app.page.html import card, dress, escaped, picture, table, text
+from handtrack_app.page.html import card, dress, escaped, picture, pictures, table, text
 from handtrack_app.page.page import put, remembered
 from handtrack_app.page.panels.view import KEPT_AS, SYSTEM, Taste, colours
 from handtrack_app.start.found_files import CALIBRATIONS, VIDEOS, FoundFiles, find_files
@@ -394,8 +394,8 @@ class StartPage:
 
         def tell(line: str) -> None:
             began = progress.hear(line)
-            if pictures := previews(Path(seen.name)):
-                self._show_pictures(pictures)
+            if found := previews(Path(seen.name)):
+                self._show_pictures(found)
             elif began and out is not None:
                 self._draw(partial(self._show_joints, out))
             self.output.content = progress.words()
@@ -431,12 +431,8 @@ class StartPage:
         with suppress(HandtrackError, OSError):
             self._show_pictures(joints_found(out))
 
-    def _show_pictures(self, pictures: dict[str, Bytes[H, W, D3]]) -> None:
-        images = "".join(
-            f"<figure>{_picture(image)}<figcaption>{html.escape(name)}</figcaption></figure>"
-            for name, image in pictures.items()
-        )
-        self.pictures.content = f"<div class='handtrack-thumbnails'>{images}</div>"
+    def _show_pictures(self, made: dict[str, Bytes[H, W, D3]]) -> None:
+        self.pictures.content = pictures({name: _picture(one) for name, one in made.items()})
         put(self.pictures, visible=True)
 
     def _cancel(self) -> None:

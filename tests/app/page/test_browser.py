@@ -106,7 +106,7 @@ SAMPLE = """() => {
     ink.drawImage(image, 0, 0);
     return Math.round(ink.getImageData(12, 12, 1, 1).data[0] / 10);
   };
-  const sheet = [...document.querySelectorAll('img')].find((one) => one.naturalWidth === 620);
+  const sheet = document.querySelector('.handtrack-pictures img');
   return {card: card ? Number(card.textContent.slice(6)): null, word: card ? card.nextElementSibling.textContent : null,
           cursor: Number(lanes.querySelector('.mantine-Slider-thumb').getAttribute('aria-valuenow')),
           lanes: lanes.innerText, sheet: sheet ? grey(sheet): null};

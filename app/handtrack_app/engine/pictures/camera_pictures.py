@@ -33,8 +33,6 @@ from handtrack_app.protocol.palette import FILTERS, KEPT, REJECTS
 from handtrack_app.protocol.snapshots import PictureSnapshot, Snapshot
 
 _THUMBNAIL = 240  # [px] height of a frustum's image
-_GAP, _PAPER = 8, 36  # [px] between pictures of a contact sheet, and its grey, that of the page
-_SHEET = 620  # [px] width of a contact sheet
 _KEPT = 24  # undistorted images kept in memory
 _DARK, _LIGHT = 26, 150  # grey of a silhouette's background and hand, where a camera has no image
 
@@ -53,42 +51,13 @@ def shrunk(image: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
     height, width = image.shape[:2]
     if height <= _THUMBNAIL:
         return image
-    size = (round(width * _THUMBNAIL / height), _THUMBNAIL)
+    return as_wide(image, round(width * _THUMBNAIL / height))
+
+
+def as_wide(image: Bytes[H, W, D3], width: int) -> Bytes[H, W, D3]:
+    """Return an image of another width [px]."""
+    size = (width, max(round(width * image.shape[0] / image.shape[1]), 1))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)  # type: ignore[return-value]
-
-
-def contact_sheet(
-    pictures: dict[str, Bytes[H, W, D3]], width: int = _SHEET, columns: int = 2
-) -> Bytes[H, W, D3]:
-    """Return the pictures side by side in rows, each with its camera's name, as one picture RGB."""
-    columns = min(columns, max(len(pictures), 1))
-    cell = (width - _GAP * (columns - 1)) // columns
-    rows: list[Bytes] = []
-    row: list[Bytes] = []
-    named = list(pictures.items())
-    for i, (name, picture) in enumerate(named):
-        high = round(cell * picture.shape[0] / picture.shape[1])
-        small = np.asarray(
-            cv2.resize(picture, (cell, high), interpolation=cv2.INTER_AREA), np.uint8
-        )
-        for colour, thick in (((0, 0, 0), 5), ((255, 255, 255), 2)):
-            cv2.putText(
-                small, name, (10, high - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.75, colour, thick,
-                cv2.LINE_AA,
-            )  # fmt: skip
-        row.append(small)
-        if len(row) == columns or i == len(named) - 1:
-            rows.append(_padded(row, width, cell))
-            row = []
-    return np.concatenate(rows) if rows else np.full((8, width, 3), _DARK, np.uint8)
-
-
-def _padded(row: list[Bytes], width: int, cell: int) -> Bytes:
-    strip = np.full((max(p.shape[0] for p in row) + _GAP, width, 3), _PAPER, np.uint8)
-    for i, picture in enumerate(row):
-        left = i * (cell + _GAP)
-        strip[: picture.shape[0], left : left + cell] = picture
-    return strip
 
 
 def _depth(session: Session, name: str, frame: int) -> Array | None:
@@ -246,8 +215,7 @@ def _part(camera: Camera, flesh: PosedEllipsoids, aside: int | None) -> tuple[fl
 # ---- Pictures of clouds: camera images with each point in its filter's colour, and how a pair was matched
 
 
-NARROW_PX, WIDE_PX = 620, 1240  # width of a picture in its panel, and large
-_TALLEST = 0.6  # height of a large picture as a share of its width
+NARROW_PX, WIDE_PX = 310, 620  # width of a picture in its panel, and large
 _LINES = 12  # epipolar lines
 _MARGIN = 0.12  # around what was matched, as a share of its size
 _LINE = (86, 180, 233)
@@ -266,9 +234,8 @@ def points_picture(
     points: world [m]. fate: place of the filter in `names`, or their number for points that stay.
     """
     factor = width / image.shape[1]
-    size = (width, max(round(factor * image.shape[0]), 1))
-    picture = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-    picture = np.asarray(0.72 * picture, np.uint8)
+    picture = np.asarray(0.72 * as_wide(image, width), np.uint8)
+    size = picture.shape[1::-1]
     pixels = factor * (camera.project(points) + 0.5) if len(points) else np.zeros((0, 2))
     with np.errstate(invalid="ignore"):
         seen = ((pixels >= 0) & (pixels < size)).all(axis=1)
@@ -311,20 +278,6 @@ def stereo_pictures(view: StereoView) -> dict[str, Bytes[H, W, D3]]:
         "disparity": _coloured(np.where(kept, found, np.nan)),
         "thrown away": thrown,
     }
-
-
-def not_tall(picture: Bytes[H, W, D3]) -> Bytes[H, W, D3]:
-    """Return a picture of the same width, smaller and with margins where it would cover all the page."""
-    height, width = picture.shape[:2]
-    most = round(_TALLEST * width)
-    if height <= most:
-        return picture
-    across = round(width * most / height)
-    small = np.asarray(cv2.resize(picture, (across, most), interpolation=cv2.INTER_AREA), np.uint8)
-    left = (width - across) // 2
-    framed = np.full((most, width, 3), 36, np.uint8)
-    framed[:, left : left + across] = small
-    return framed
 
 
 def stereo_words(view: StereoView, pair: RectifiedPair) -> str:
@@ -470,8 +423,7 @@ class Painter:
             yield None
             small[name] = maker.thumbnail(name, frame, self._paint, flesh)
         if small:
-            sheet = contact_sheet({f"{name}  {frame}": image for name, image in small.items()})
-            yield PictureSnapshot(frame, small, sheet, large, document.version)
+            yield PictureSnapshot(frame, small, large, document.version)
 
     def _joints(self, camera: str, frame: int, bones: BonePoses) -> Floats[N, D2, D2]:
         """Return where a detector saw a camera's joints and where the model has them [px], of those that both have."""

@@ -33,8 +33,7 @@ from handtrack_app.engine.pictures.camera_pictures import (
     NARROW_PX,
     WIDE_PX,
     CameraPictures,
-    contact_sheet,
-    not_tall,
+    as_wide,
     points_picture,
     stereo_pictures,
     stereo_words,
@@ -128,20 +127,14 @@ class CloudRenderer:
             return None
         measured = measured or EMPTY
         names = tuple(report.name for report in reports)
-        width = WIDE_PX if moment.wanted.wide else NARROW_PX
         self._pictures.see(moment.session)
-        pictures = {name: self._pictures.plain(name, moment.frame) for name in _cameras(moment)}
-        columns = 2 if len(pictures) > 1 else 1
-        cell = (width - 8 * (columns - 1)) // columns
-        cells = {
+        return _picture(moment, {
             name: points_picture(
-                image, moment.session.rig[name].without_distortion(), measured.points, fate, names, cell
+                self._pictures.plain(name, moment.frame), moment.session.rig[name].without_distortion(), measured.points, fate,
+                names, _width(moment),
             )
-            for name, image in pictures.items()
-        }  # fmt: skip
-        if not cells:
-            return None
-        return _picture(moment, contact_sheet(cells, width, columns), "")
+            for name in _cameras(moment)
+        })  # fmt: skip
 
     def stereo(self, moment: RenderInput, pair: tuple[str, str]) -> CloudPicture | None:
         """Return how a pair is matched; None where it would be the picture of the last time."""
@@ -156,19 +149,16 @@ class CloudRenderer:
                 StereoMatcher(session.rig[pair[0]], session.rig[pair[1]], settings),
             )
         matcher = self._matcher[1]
-        width = WIDE_PX if moment.wanted.wide else NARROW_PX
         images = [session.image(name, frame) for name in pair]
         if images[0] is None or images[1] is None:
             missing = pair[0] if images[0] is None else pair[1]
-            blank = np.full((80, width, 3), 26, np.uint8)
-            return _picture(moment, blank, f"{missing} has no image here.")
+            return _picture(moment, {}, f"{missing} has no image here.")
         view = matcher.match(
             images[0], images[1], *(session.view(name).hand_pixels(frame) for name in pair)
         )
-        pictures = stereo_pictures(view)
-        tall = any(p.shape[0] > 1.2 * p.shape[1] for p in pictures.values())
-        sheet = contact_sheet(pictures, width, 4 if tall and moment.wanted.wide else 2)
-        return _picture(moment, sheet, stereo_words(view, matcher.pair))
+        made = stereo_pictures(view)
+        small = {name: as_wide(one, _width(moment)) for name, one in made.items()}
+        return _picture(moment, small, stereo_words(view, matcher.pair))
 
     def _is_painted(self, *made_from: object) -> bool:
         before, self._painted = self._painted, made_from
@@ -197,9 +187,12 @@ class CloudRenderer:
         return self._known[1:]
 
 
-def _picture(moment: RenderInput, sheet: Bytes, words: str) -> CloudPicture:
-    wide = moment.wanted.wide
-    return CloudPicture(moment.frame, not_tall(sheet) if wide else sheet, wide, words)
+def _width(moment: RenderInput) -> int:
+    return WIDE_PX if moment.wanted.wide else NARROW_PX
+
+
+def _picture(moment: RenderInput, images: dict[str, Bytes], words: str = "") -> CloudPicture:
+    return CloudPicture(moment.frame, images, moment.wanted.wide, words)
 
 
 def nothing_left(reports: tuple[FilterReport, ...]) -> str:

@@ -13,7 +13,7 @@ import viser
 from handtrack.capture.clouds.cloud_filters import FilterReport
 from handtrack.capture.clouds.skin_ellipse import SkinEllipse
 from handtrack.session.clouds_settings import CLOUD_SETTINGS
-from handtrack_app.page.html import chip, escaped, rgb
+from handtrack_app.page.html import chip, escaped, picture, pictures, rgb
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import Box, SavedSettings, SettingWidget
 from handtrack_app.protocol.palette import FILTERS, KEPT, RESIDUAL_MM, residual_colours
@@ -46,7 +46,7 @@ class CloudPanel:
     """`Stage.mark_box`"""
     card: CloudCard | None = None
     large: viser.PanelHandle | None = None
-    large_image: viser.GuiImageHandle | None = None
+    large_picture: viser.GuiHtmlHandle | None = None
     known: dict[str, SettingWidget] = field(default_factory=dict)
     """settings of [clouds]; 0 switches a filter off"""
     skin: SkinControls | None = None
@@ -76,7 +76,7 @@ class CloudPanel:
 
     def _build(self, card: CloudCard) -> None:
         page, gui, display = self.page, self.page.gui, self.page.state.display
-        self.picture = page.picture(visible=False)
+        self.picture = gui.add_html("", visible=False)
         self.said = gui.add_html("")
         self.counts = gui.add_html("")
         self.note = gui.add_html(_note(card))
@@ -178,26 +178,24 @@ class CloudPanel:
             self.counts.content = counts_table(cloud)
             self.legend.content = ramp_legend(cloud)
 
-    def show_picture(self, picture: CloudPicture) -> None:
+    def show_picture(self, cloud: CloudPicture) -> None:
         """Show the pictures of a frame's cloud."""
         if self.card is None:
             return
-        if picture.wide:
-            self._large().image = picture.image
-        else:
-            self.picture.image = picture.image
-        self.said.content = escaped(picture.words)
+        widget, kind = (self._large(), "handtrack-picture") if cloud.wide else (self.picture, "")
+        shown = {name: picture(one) for name, one in cloud.images.items()}
+        widget.content = pictures(shown, kind)
+        self.said.content = escaped(cloud.words)
         self._place_picture()
 
-    def _large(self) -> viser.GuiImageHandle:
-        if self.large_image is None:
+    def _large(self) -> viser.GuiHtmlHandle:
+        if self.large_picture is None:
             gui = self.page.gui
             self.large = gui.add_panel()
             with self.large.add_tab("Picture"):
-                gui.add_html("<div class='handtrack-picture'></div>")
-                self.large_image = self.page.picture()
+                self.large_picture = gui.add_html("")
             self.large.float(x=16, y=16, width=560)
-        return self.large_image
+        return self.large_picture
 
     def _place_picture(self) -> None:
         display = self.page.state.display

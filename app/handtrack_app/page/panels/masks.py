@@ -13,7 +13,7 @@ import viser
 
 from handtrack.setting import Setting
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.html import escaped, text
+from handtrack_app.page.html import escaped, picture, pictures, text
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.settings import SavedSettings, SettingWidget
 from handtrack_app.page.scene.stage import Stage
@@ -53,7 +53,7 @@ class MaskPanel:
         page, gui = self.page, self.page.gui
         names = tuple(camera.name for camera in card.cameras)
         possible = [n for n in METHOD_WORDS if any(n in camera.possible for camera in card.cameras)]
-        self.sheet = page.picture(visible=False)
+        self.sheet = gui.add_html("", visible=False)
         self.wrong = gui.add_html("")
         self.note = gui.add_html("")
         self.on = page.check(
@@ -147,15 +147,15 @@ class MaskPanel:
 
     # ---- snapshots
 
-    def show(self, picture: MaskPicture) -> None:
+    def show(self, masks: MaskPicture) -> None:
         """Show the masks of a frame."""
         if not self.built:
             return
-        if picture.sheet is not None and self.page.state.display.masks:
-            self.sheet.image = picture.sheet
-            put(self.sheet, visible=True)
-        self.wrong.content = escaped(picture.words)
-        self.correcting.say(picture.corrected)
+        if masks.small and self.page.state.display.masks:
+            named = {f"{name} {masks.frame}": picture(one) for name, one in masks.small.items()}
+            put(self.sheet, content=pictures(named), visible=True)
+        self.wrong.content = escaped(masks.words)
+        self.correcting.say(masks.corrected)
 
 
 # ---- The mask methods and their settings

@@ -12,7 +12,7 @@ from functools import partial
 import viser
 
 from handtrack_app import viser_internals as internals
-from handtrack_app.page.html import picture
+from handtrack_app.page.html import picture, pictures
 from handtrack_app.page.page import Page, put
 from handtrack_app.page.panels.tracking import progress_words
 from handtrack_app.page.scene.looking import ALL, Looking, Through
@@ -139,15 +139,14 @@ class SessionPanel:
         ):
             self.page.key(words, key, act, by_page=True)
 
-    def show_pictures(self, pictures: PictureSnapshot) -> None:
+    def show_pictures(self, made: PictureSnapshot) -> None:
         """Show what the cameras see, side by side."""
         if not self.built:
             return
         wanted = self.page.state.display.images
-        if wanted and pictures.sheet is not None:
-            shown = picture(pictures.sheet, "max-width:100%;display:block")
-            padding = "padding:0 var(--mantine-spacing-xs) .5em"
-            put(self.sheet, content=f"<div style='{padding}'>{shown}</div>")
+        if wanted and made.thumbnails:
+            named = {f"{name} {made.frame}": picture(one) for name, one in made.thumbnails.items()}
+            put(self.sheet, content=pictures(named))
         put(self.sheet, visible=wanted)
 
     def _toggle(self, label: str, name: str, hint: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import json
 import threading
 import time
@@ -18,6 +17,7 @@ import viser.transforms as vtf
 from handtrack.arrays import D3, Bytes, Floats, H, N, W
 from handtrack_app import viser_internals as internals
 from handtrack_app.page.html import picture as as_html
+from handtrack_app.page.html import pictures
 from handtrack_app.page.page import Look, Page, put
 from handtrack_app.page.scene.camera_view import CameraNames, Moments
 from handtrack_app.page.scene.viewpoint import Viewpoint, look_from
@@ -556,11 +556,6 @@ class CloseUps:
 
     def draw(self) -> None:
         """Show the pictures, with the cameras' names."""
-        shown = "".join(
-            f"<figure>{one}<figcaption>{html.escape(self.names.of(camera))}</figcaption></figure>"
-            for camera, one in self._pictures.items()
-        )
+        named = {self.names.of(camera): one for camera, one in self._pictures.items()}
         for _, widget in list(self._opened.values()):
-            put(
-                widget, content=f"<div class='handtrack-picture handtrack-thumbnails'>{shown}</div>"
-            )
+            put(widget, content=pictures(named, "handtrack-picture"))
