@@ -46,36 +46,27 @@ def ending_words(code: int, memory: int | None) -> str:
     return f"The engine was ended from outside ({name})."
 
 
-def again_notice(
-    how: str,
-    stopped_at: int | None,
-    job: str,
-    recording: str,
-    edits: str,
-    given_up: str,
-) -> Notice:
-    """Return what the user is told when the engine begins again.
-
-    stopped_at: the frame tracked last, if it tracked; job: what it was at; recording: the folder that running cameras were recorded
-    to; edits: what is not on disk yet, and made again; given_up: what is not.
-    """
+def again_notice(how: str, outbox: Outbox, given_up: list[Call]) -> Notice:
+    """Return what the user is told when the engine begins again. outbox: what is done again; given_up: what is not."""
+    edits, job = named(outbox.edits), outbox.job
     text = f"{how} It begins again from the disk."
     text += f" Not on disk yet, and done again now: {edits}." if edits else ""
-    text += f" Given up: {given_up}." if given_up else ""
-    if stopped_at is not None:
-        text += f" Tracking stopped at frame {stopped_at}; there, 'From here' (tab Track) goes on."
+    text += f" Given up: {named(given_up)}." if given_up else ""
+    if outbox.stopped_at is not None:
+        text += f" Tracking stopped at frame {outbox.stopped_at}; there, 'From here' (tab Track) goes on."
     elif job and job != "tracking":
         text += f" What ran was cut off ({job}); begin it again."
-    if recording:
-        text += f" The recording in {recording} was cut off: its videos are there, its session.toml is not."
+    if outbox.recording:
+        text += f" The recording in {outbox.recording} was cut off: its videos are there, its session.toml is not."
     return Notice("error", "The engine was ended", f"{text} Details: {ENGINE_LOG}")
 
 
-def down_notice(how: str, times: int, edits: str, given_up: str) -> Notice:
-    """Return what the user is told when the engine stays ended. edits: what is not on disk; given_up: what is not done again."""
+def down_notice(how: str, times: int, outbox: Outbox, given_up: list[Call]) -> Notice:
+    """Return what the user is told when the engine stays ended, after so many times within a minute."""
+    edits = named(outbox.edits)
     often = f" That was {times} times within a minute." if times > 1 else ""
     waits = f" Not on disk yet: {edits}; done again then." if edits else ""
-    lost = f" Given up: {given_up}." if given_up else ""
+    lost = f" Given up: {named(given_up)}." if given_up else ""
     return Notice(
         "error",
         "The engine stays ended",
@@ -238,16 +229,10 @@ class EngineProcess:
             return False  # that was told
         how = ending_words(code, self._plan.memory)
         if not self._is_down:
-            self._publish(
-                again_notice(
-                    how, outbox.stopped_at, outbox.job, outbox.recording, named(outbox.edits), named(given_up)
-                )
-            )  # fmt: skip
+            self._publish(again_notice(how, outbox, given_up))
             self._publish(ProgressSnapshot("opening", _AGAIN))
             return True
-        notice = down_notice(
-            how, len(self._ends) if often else 1, named(outbox.edits), named(given_up)
-        )
+        notice = down_notice(how, len(self._ends) if often else 1, outbox, given_up)
         if not self._shown.is_set():
             self._failure = HandtrackError(notice.text)
             self._shown.set()

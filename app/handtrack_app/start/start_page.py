@@ -212,7 +212,7 @@ class StartPage:
         folders = [path for path in inside if path.is_dir()]
         put(
             self.listed,
-            content=f"<div class='handtrack-queue'>{escaped(f'{folder}: {_counted(inside)}')}</div>",
+            content=f"<div class='handtrack-queue'>{escaped(str(folder))}</div>",
         )
         icon = viser.Icon
         rows: list[tuple[str, viser.IconName, Callable[[], None]]] = []
@@ -471,18 +471,6 @@ def _welcome(client: viser.ClientHandle) -> None:
 def _picture(image: Bytes[H, W, D3]) -> str:
     """Return a picture BGR as HTML, small."""
     return picture(small_picture(image)[..., ::-1])
-
-
-def _counted(inside: list[Path]) -> str:
-    """Return what lies in a folder, in words."""
-    suffixes = [path.suffix.lower() for path in inside if path.is_file()]
-    counts = (
-        (sum(path.is_dir() for path in inside), "folder"),
-        (sum(suffix in VIDEOS for suffix in suffixes), "video"),
-        (sum(suffix in CALIBRATIONS for suffix in suffixes), "possible calibration"),
-    )
-    words = [f"{n} {what}{'' if n == 1 else 's'}" for n, what in counts if n]
-    return ", ".join(words) or "nothing in it"
 
 
 def _cameras(found: FoundFiles) -> str:

@@ -373,19 +373,6 @@ _NEAR_AXIS_M = 0.004
 """so near to the axis the pointer tells no angle: a tremble would turn the hand over"""
 
 
-def moved_root(
-    root: Floats[D6], pivot: Floats[D3], turn: Floats[D3], move: Floats[D3]
-) -> dict[str, float]:
-    """Return root parameters by name [m, rad] after a turn about a point and a move.
-
-    pivot: world [m], it stays where it is in the turn. turn: rotation vector, world [rad]. move: world [m].
-    """
-    rotation = rotation_matrix(turn)
-    place = pivot + rotation @ (root[:3] - pivot) + move
-    turned = rotation_vector(rotation @ rotation_matrix(root[3:6]))
-    return dict(zip(ROOT, [*place.tolist(), *turned.tolist()], strict=True))
-
-
 @dataclass(frozen=True, eq=False)
 class WholeDrag:
     """A drag of the whole hand in a camera's picture, from where it began."""
@@ -405,9 +392,8 @@ class WholeDrag:
         place = self._as_deep(end, self.middle if self.turns else self.start)
         if place is None:
             return None
-        none = np.zeros(3)
         if not self.turns:
-            return moved_root(self.root, self.middle, none, place - self.start)
+            return self._edit(self.root[:3] + place - self.start, self.root[3:])
         axis = self.middle - self.card.centre
         axis = axis / np.linalg.norm(axis)
         before = self._as_deep(self.start, self.middle)
@@ -417,7 +403,12 @@ class WholeDrag:
         if min(np.linalg.norm(was), np.linalg.norm(now)) < _NEAR_AXIS_M:
             return None
         angle = np.arctan2(np.cross(was, now) @ axis, was @ now)
-        return moved_root(self.root, self.middle, axis * angle, none)
+        turn = rotation_matrix(axis * angle)
+        moved = self.middle + turn @ (self.root[:3] - self.middle)
+        return self._edit(moved, rotation_vector(turn @ rotation_matrix(self.root[3:])))
+
+    def _edit(self, place: Floats[D3], turn: Floats[D3]) -> dict[str, float]:
+        return dict(zip(ROOT, [*place.tolist(), *turn.tolist()], strict=True))
 
     def _as_deep(self, point: Floats[D3], other: Floats[D3]) -> Floats[D3] | None:
         """Return what the camera sees where it sees a point, as deep in its picture as another."""
