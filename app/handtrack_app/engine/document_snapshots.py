@@ -23,7 +23,6 @@ from handtrack.tracking.frame.result import FrameResult
 from handtrack_app.engine.document import Document, TrackedRows, WholeFrame
 from handtrack_app.engine.inverse_kinematics import stem_bones
 from handtrack_app.protocol.snapshots import (
-    AT_LIMITS,
     BEFORE,
     CLOUD,
     HAND_REACH_M,
@@ -228,7 +227,7 @@ def _given_error(document: Document, frame: int) -> float:
 
 
 def read_more(document: Document) -> bool:
-    """Read more tracked frames whole: their errors, what lies at limits, what moved; return whether some are to be read yet."""
+    """Read more tracked frames whole: their errors, what moved; return whether some are to be read yet."""
     return document.rows.read_more(document.results, lambda frame: _whole_frame(document, frame))
 
 
@@ -240,7 +239,7 @@ def _whole_frame(document: Document, frame: int) -> WholeFrame:
     if truth is not None and result.keypoints21 is not None:
         own, true = flexion_deg(np.stack([result.keypoints21, truth]))
         bent = np.deg2rad(true - own)
-    lanes = numbers_of(document.model, result, document.results.below(frame))
+    lanes = _moved(result, document.results.below(frame))
     return WholeFrame(error, result.parameters, result.parameter_std, bent, lanes)
 
 
@@ -309,7 +308,6 @@ def _is_told(document: Document, lane: str) -> bool:
 
 
 _MOST = 500  # of the queue: nobody looks at more in one go, and what is told does not grow with the recording
-_AT_LIMIT_RAD = 1e-3  # bounded steps end at a limit to rounding; a slider's step is 0.1°
 
 
 def queue(document: Document) -> tuple[ReviewInterval, ...]:
@@ -318,19 +316,12 @@ def queue(document: Document) -> tuple[ReviewInterval, ...]:
     return tuple(intervals_to_review(document.rows.heads(), done)[:_MOST])
 
 
-def numbers_of(
-    model: ArticulatedModel, result: FrameResult, below: FrameResult | None
-) -> dict[str, float]:
-    """Return how many joints of a frame lie at their limits, and how far the furthest is from where it lies below it [mm]."""
-    found, interval = dict[str, float](), model.limits.interval
-    if len(result.parameters) == len(interval):
-        low, high = interval[6:].T
-        near = np.abs(result.parameters[6:, None] - interval[6:]).min(axis=1) < _AT_LIMIT_RAD
-        found[AT_LIMITS] = float((near & (high - low > _AT_LIMIT_RAD)).sum())
-    if below is not None and below.joint_positions.shape == result.joint_positions.shape:
-        moves = np.linalg.norm(result.joint_positions - below.joint_positions, axis=1)
-        found[MOVED] = float(1e3 * moves.max())
-    return found
+def _moved(result: FrameResult, below: FrameResult | None) -> dict[str, float]:
+    """Return how far the furthest joint of a frame is from where it lies below it [mm], where it does."""
+    if below is None or below.joint_positions.shape != result.joint_positions.shape:
+        return {}
+    moves = np.linalg.norm(result.joint_positions - below.joint_positions, axis=1)
+    return {MOVED: float(1e3 * moves.max())}
 
 
 def pose_titles(model: ArticulatedModel) -> dict[str, str]:

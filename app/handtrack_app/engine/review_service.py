@@ -105,8 +105,7 @@ class ReviewService(Service):
                 if 0 <= row < count:
                     values[row], std[row] = pose[at], np.nan
             curves.append(Curve(name, values, std, truth))
-        fps = float(document.run.session.fps)
-        self.publish(CurvesSnapshot(rows.frames.start, fps, tuple(curves)))
+        self.publish(CurvesSnapshot(rows.frames.start, tuple(curves)))
 
 
 def close_pictures(

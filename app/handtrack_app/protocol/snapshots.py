@@ -103,7 +103,6 @@ class CurvesSnapshot:
     """Courses of joint parameters, from frame `start` on."""
 
     start: int
-    fps: float
     curves: tuple[Curve, ...]
 
 
@@ -118,8 +117,8 @@ class CloseSnapshot:
 # goes on
 
 
-PROBABILITY, VIEWS, AT_LIMITS, MOVED = "probably off", "views", "at limits", "changed mm"
-"""lanes: how probably a joint is 25 mm off; the views a frame's energy is of; joints at their limits; how far the take that
+PROBABILITY, VIEWS, MOVED = "probably off", "views", "changed mm"
+"""lanes: how probably a joint is 25 mm off; the views a frame's energy is of; how far the take that
 shows moved a joint from the one below it"""
 
 

@@ -92,7 +92,7 @@ def test_words_on_a_colour_can_be_read(ground, ink):
 def _snapshot(count=300):
     values = np.linspace(0, 1, count)
     curve = Curve("index_mcp_flex", values, np.full(count, 0.05), values - 0.1)  # fmt: skip
-    return CurvesSnapshot(0, 30.0, (curve,))
+    return CurvesSnapshot(0, (curve,))
 
 
 def test_a_plot_has_track_band_and_truth_in_the_window_alone():

@@ -14,7 +14,6 @@ from handtrack_app.page.html import chip
 from handtrack_app.page.panels.pose import status_of
 from handtrack_app.protocol.palette import FOUND, STATUS, TERMS
 from handtrack_app.protocol.snapshots import (
-    AT_LIMITS,
     MOVED,
     PROBABILITY,
     VIEWS,
@@ -118,9 +117,7 @@ _BADNESS = (
     2,
 )  # status, from what is drawn least to what is drawn above all
 _HEIGHTS = {-1: 3, 0: 7, 4: 7, _FOUND: 10, 3: 10, 1: 10, 2: 14}
-_DOUBT, _ACCEPTED, _GAP, _LIMIT, _CHANGED = (
-    "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9",
-)  # fmt: skip
+_DOUBT, _ACCEPTED, _GAP, _CHANGED = "#d55e00", "#009e73", "#e69f00", "#56b4e9"
 _TAKES = ("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#f0e442", "#0072b2")
 _FULL_MM = 20.0  # a change that is drawn in full colour: more than a finger is thick
 
@@ -363,16 +360,12 @@ def _take_lane(strip: TimelineSnapshot, window: Window) -> Lane | None:
 
 
 def _thin_lanes(strip: TimelineSnapshot, window: Window) -> list[Lane | None]:
-    views, found = strip.lanes.get(VIEWS), list[Lane | None]()
+    views, moved, found = strip.lanes.get(VIEWS), strip.lanes.get(MOVED), list[Lane | None]()
     if views is not None:
         missing = np.nanmax(views) - views
         found.append(_thin(strip, window, "views missing", missing, 1.0, _GAP, "{:.0f}", "Views that showed nothing of what is tracked."))  # fmt: skip
-    for word, label, full, colour, form, hint in (
-        (AT_LIMITS, "at limits", 6.0, _LIMIT, "{:.0f}", "How many joints stand at a limit."),
-        (MOVED, "changed", _FULL_MM, _CHANGED, "{:.1f} mm", "How far the furthest joint moved from the take below: what refining, or tracking again, changed."),
-    ):  # fmt: skip
-        if word in strip.lanes:
-            found.append(_thin(strip, window, label, strip.lanes[word], full, colour, form, hint))
+    if moved is not None:
+        found.append(_thin(strip, window, "changed", moved, _FULL_MM, _CHANGED, "{:.1f} mm", "How far the furthest joint moved from the take below: what refining, or tracking again, changed."))  # fmt: skip
     return found
 
 
