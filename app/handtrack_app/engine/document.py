@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -48,7 +48,7 @@ from handtrack.store.spans import Span
 from handtrack.store.store import Store
 from handtrack.tracking.frame.result import FrameResult, Status
 from handtrack.tracking.whole.refinement import Refinement
-from handtrack_app.protocol.snapshots import PROBABILITY, VIEWS, TakeCard
+from handtrack_app.protocol.snapshots import MOVED, PROBABILITY, VIEWS, TakeCard
 
 
 class TakeShelf:
@@ -148,10 +148,10 @@ class WholeFrame:
     values: Floats[S]
     """joint parameters [m, rad]"""
     std: Floats[S]
+    moved: float
+    """how far its furthest joint is from where it lies below it [mm]; NaN where it does not"""
     bent: Floats[K] | None = None
     """by how much the truth bends each joint of a hand more [rad]"""
-    lanes: Mapping[str, float] = field(default_factory=dict)
-    """numbers by the words of their lanes"""
 
 
 Read = Callable[[int], WholeFrame]
@@ -248,8 +248,7 @@ class TrackedRows:
             if frame in track:
                 row, whole = frame - self.frames.start, read(frame)
                 self.error_mm[row] = whole.error_mm
-                for word, number in whole.lanes.items():
-                    self._put(self.lanes, word, row, number)
+                self._put(self.lanes, MOVED, row, whole.moved)
                 if self.values.shape[1] != len(whole.values):
                     shape = len(self.frames), len(whole.values)
                     self.values, self.std = (np.full(shape, np.nan) for _ in range(2))

@@ -28,7 +28,6 @@ from handtrack_app.protocol.snapshots import (
     HAND_REACH_M,
     IMAGES,
     KEYPOINTS,
-    MOVED,
     PROBABILITY,
     SILHOUETTES,
     CameraCard,
@@ -239,8 +238,8 @@ def _whole_frame(document: Document, frame: int) -> WholeFrame:
     if truth is not None and result.keypoints21 is not None:
         own, true = flexion_deg(np.stack([result.keypoints21, truth]))
         bent = np.deg2rad(true - own)
-    lanes = _moved(result, document.results.below(frame))
-    return WholeFrame(error, result.parameters, result.parameter_std, bent, lanes)
+    moved = moved_mm(result, document.results.below(frame))
+    return WholeFrame(error, result.parameters, result.parameter_std, moved, bent)
 
 
 def _error_mm(document: Document, frame: int, bones: BonePoses) -> float:
@@ -316,12 +315,12 @@ def queue(document: Document) -> tuple[ReviewInterval, ...]:
     return tuple(intervals_to_review(document.rows.heads(), done)[:_MOST])
 
 
-def _moved(result: FrameResult, below: FrameResult | None) -> dict[str, float]:
-    """Return how far the furthest joint of a frame is from where it lies below it [mm], where it does."""
-    if below is None or below.joint_positions.shape != result.joint_positions.shape:
-        return {}
-    moves = np.linalg.norm(result.joint_positions - below.joint_positions, axis=1)
-    return {MOVED: float(1e3 * moves.max())}
+def moved_mm(result: FrameResult, before: FrameResult | None) -> float:
+    """Return how far the furthest joint of a frame is from where it was [mm]; NaN where that is not known."""
+    if before is None or before.joint_positions.shape != result.joint_positions.shape:
+        return float("nan")
+    moves = np.linalg.norm(result.joint_positions - before.joint_positions, axis=1)
+    return float(1e3 * moves.max())
 
 
 def pose_titles(model: ArticulatedModel) -> dict[str, str]:

@@ -36,6 +36,7 @@ from handtrack_app.engine import jobs
 from handtrack_app.engine.compile_watch import CompileWatch
 from handtrack_app.engine.document import Document
 from handtrack_app.engine.document_snapshots import (
+    moved_mm,
     pose_snapshot,
     session_snapshot,
     timeline_change,
@@ -207,38 +208,19 @@ def offer_words(run: TrackingRun, offered: HandScale | None) -> str:
     )
 
 
-@dataclass
-class Moved:
-    """How far refining moved frames."""
-
-    frames: int = 0
-    """that it returned"""
-    most_mm: dict[int, float] = field(default_factory=dict)
-    """of those that it moved by more than is told, their furthest joint"""
-
-    def note(self, before: FrameResult | None, after: FrameResult) -> None:
-        """Take a frame as it was and as it is."""
-        self.frames += 1
-        if before is not None:
-            moves = np.linalg.norm(after.joint_positions - before.joint_positions, axis=1)
-            if (most := 1e3 * float(moves.max())) > _TOLD_MM:
-                self.most_mm[after.frame] = most
-
-    @property
-    def words(self) -> str:
-        """What changed, in a sentence; empty where nothing was refined."""
-        if not self.frames:
-            return ""
-        if not self.most_mm:
-            return f"Refined together; no joint moved by more than {_TOLD_MM:g} mm."
-        worst = max(self.most_mm, key=lambda frame: self.most_mm[frame])
-        count = len(self.most_mm)
-        many = f"1 frame has a joint that moved by more than {_TOLD_MM:g} mm, frame"
-        if count > 1:
-            many = (
-                f"{count} frames have a joint that moved by more than {_TOLD_MM:g} mm, most frame"
-            )
-        return f"Refined together; {many} {worst} ({self.most_mm[worst]:.0f} mm)."
+def moved_words(moves: Mapping[int, float]) -> str:
+    """Return what refining changed, in a sentence; empty where nothing was refined. moves: of each frame's furthest joint [mm]."""
+    if not moves:
+        return ""
+    far = {frame: most for frame, most in moves.items() if most > _TOLD_MM}
+    if not far:
+        return f"Refined together; no joint moved by more than {_TOLD_MM:g} mm."
+    worst = max(far, key=lambda frame: far[frame])
+    have = "frame has" if len(far) == 1 else "frames have"
+    return (
+        f"Refined together; {len(far)} {have} a joint that moved by more than {_TOLD_MM:g} mm, most in frame {worst} "
+        f"({far[worst]:.0f} mm)."
+    )
 
 
 def end_words(
@@ -246,7 +228,7 @@ def end_words(
     end: JobEnded,
     document: Document,
     outcomes: Sequence[FrameHead],
-    moved: Moved,
+    moves: Mapping[int, float],
     live: LiveControl | None,
 ) -> Notice | None:
     """Return how a job went; None where there is nothing to say."""
@@ -262,7 +244,9 @@ def end_words(
         return Notice("done", "Cancelled", "") if cancelled else None
     if job.kind == "refining":
         return (
-            Notice("done", "Cancelled", "") if cancelled else Notice("done", "Refined", moved.words)
+            Notice("done", "Cancelled", "")
+            if cancelled
+            else Notice("done", "Refined", moved_words(moves))
         )
     if live is not None and job.total == 0:
         return Notice("done", "Tracking ended", live.words())
@@ -273,7 +257,7 @@ def end_words(
     took = time.monotonic() - job.began - job.waited
     text = summary(outcomes, job.total, len(job.frames) - job.total, took)
     title = "Cancelled" if cancelled else "Tracking finished"
-    return Notice("done", title, f"{text} {moved.words}".rstrip())
+    return Notice("done", title, f"{text} {moved_words(moves)}".rstrip())
 
 
 _SHOW_EVERY_S = 0.05  # while tracking, poses are shown at most this often
@@ -316,7 +300,7 @@ class JobControl:
         self._outcomes: dict[int, FrameHead] = {}
         """what is told of frames in the end; without their arrays, for there may be many"""
         self._latest: dict[int, FrameResult] = {}  # frames that may come again
-        self._moved = Moved()
+        self._moves: dict[int, float] = {}
         self._offered: SizeFitted | None = None  # fitted after tracking
         self._refined_with: RefinedWith | None = None  # the latest
         self._given = RefinedWith.of(document)  # when the pass began
@@ -511,7 +495,7 @@ class JobControl:
             raise HandtrackError(_BUSY)
         job = BackgroundJob(kind, work, self._post, request, is_live)
         self._job, self._outcomes, self._latest = job, {}, {}
-        self._moved, self._given = Moved(), RefinedWith.of(self._document)
+        self._moves, self._given = {}, RefinedWith.of(self._document)
         self._offered = None
         self._compiled_before = self._ticked = self._compiles.count
         job.start()
@@ -596,13 +580,13 @@ class JobControl:
     def _refined(self, job: BackgroundJob, done: FramesRefined) -> None:
         """Lay refined frames over those that were tracked, as a take of their own."""
         document = self._document
-        if not self._moved.frames:
+        if not self._moves:
             frames, first = document.frames, document.first_frame
             self._store.end_take(finished=True)
             params = document.start_params(first, anew=True)
             self._store.begin_take(frames, first, params, _fixed(job), True, done.refinement)
         for result in done.results:
-            self._moved.note(document.results.get(result.frame), result)
+            self._moves[result.frame] = moved_mm(result, document.results.get(result.frame))
             self._add(result)
         self._refined_with = replace(self._given, spans=document.state.spans)
         self._publish(timeline_change(document))
@@ -645,9 +629,9 @@ class JobControl:
         document.show(document.frame)
         self._publish(pose_snapshot(document))
         self._publish(timeline_snapshot(document))
-        if job.kind == "tracking" or self._moved.frames:
+        if job.kind == "tracking" or self._moves:
             self._store.end_take(finished=not end.cancelled and not end.error)
-        said = end_words(job, end, document, list(self._outcomes.values()), self._moved, self._live)
+        said = end_words(job, end, document, list(self._outcomes.values()), self._moves, self._live)
         if said is not None:
             self._publish(said)
         if self._offered is not None and not end.cancelled:
