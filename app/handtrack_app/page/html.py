@@ -41,11 +41,11 @@ def table(rows: str) -> str:
     return f"<table class='handtrack-table'>{rows}</table>"
 
 
-def picture(image: Bytes[H, W, D3]) -> str:
+def picture(image: Bytes[H, W, D3], name: str = "") -> str:
     """Return a picture RGB, which a browser shows together with the words that come with it; viser's own widget loads it first."""
     packed = cv2.imencode(".jpg", image[..., ::-1], (cv2.IMWRITE_JPEG_QUALITY, 80))[1]
     data = base64.b64encode(packed.tobytes()).decode()
-    return f"<img alt='' decoding='sync' src='data:image/jpeg;base64,{data}'>"
+    return f"<img alt='{html.escape(name)}' decoding='sync' src='data:image/jpeg;base64,{data}'>"
 
 
 def pictures(shown: Mapping[str, str], kind: str = "") -> str:

@@ -432,7 +432,7 @@ class StartPage:
             self._show_pictures(joints_found(out))
 
     def _show_pictures(self, made: dict[str, Bytes[H, W, D3]]) -> None:
-        self.pictures.content = pictures({name: _picture(one) for name, one in made.items()})
+        self.pictures.content = pictures({name: _picture(one, name) for name, one in made.items()})
         put(self.pictures, visible=True)
 
     def _cancel(self) -> None:
@@ -468,9 +468,9 @@ def _welcome(client: viser.ClientHandle) -> None:
     remembered(client, KEPT_AS, begin)
 
 
-def _picture(image: Bytes[H, W, D3]) -> str:
+def _picture(image: Bytes[H, W, D3], name: str = "") -> str:
     """Return a picture BGR as HTML, small."""
-    return picture(small_picture(image)[..., ::-1])
+    return picture(small_picture(image)[..., ::-1], name)
 
 
 def _cameras(found: FoundFiles) -> str:

@@ -183,7 +183,7 @@ class CloudPanel:
         if self.card is None:
             return
         widget, kind = (self._large(), "handtrack-picture") if cloud.wide else (self.picture, "")
-        shown = {name: picture(one) for name, one in cloud.images.items()}
+        shown = {name: picture(one, name) for name, one in cloud.images.items()}
         widget.content = pictures(shown, kind)
         self.said.content = escaped(cloud.words)
         self._place_picture()

@@ -152,7 +152,9 @@ class MaskPanel:
         if not self.built:
             return
         if masks.small and self.page.state.display.masks:
-            named = {f"{name} {masks.frame}": picture(one) for name, one in masks.small.items()}
+            named = {
+                f"{name} {masks.frame}": picture(one, name) for name, one in masks.small.items()
+            }
             put(self.sheet, content=pictures(named), visible=True)
         self.wrong.content = escaped(masks.words)
         self.correcting.say(masks.corrected)

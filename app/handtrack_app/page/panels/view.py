@@ -145,7 +145,9 @@ class SessionPanel:
             return
         wanted = self.page.state.display.images
         if wanted and made.thumbnails:
-            named = {f"{name} {made.frame}": picture(one) for name, one in made.thumbnails.items()}
+            named = {
+                f"{name} {made.frame}": picture(one, name) for name, one in made.thumbnails.items()
+            }
             put(self.sheet, content=pictures(named))
         put(self.sheet, visible=wanted)
 

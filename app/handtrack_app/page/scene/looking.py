@@ -543,7 +543,11 @@ class CloseUps:
 
     def show(self, images: dict[Picture, Bytes[H, W, D3]], frame: int) -> None:
         """Show the pictures of a frame that came."""
-        close = {camera: as_html(one) for (camera, paint), one in images.items() if paint == CLOSE}
+        close = {
+            camera: as_html(one, camera)
+            for (camera, paint), one in images.items()
+            if paint == CLOSE
+        }
         if close:
             self._pictures, self._frame = close, frame
             self.draw()
