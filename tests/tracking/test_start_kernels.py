@@ -21,7 +21,7 @@ from tests.tracking.start_reference import cloud_score, silhouette_score
 
 MODEL = load_model()
 PARAMS = MODEL.rest_params() + np.array([0.0, -0.09, 0.0, 0.4, -0.3, 0.2, *[0.1] * 20])
-SHAPE = hand_shapes(MODEL, ["curl"])[0]
+SHAPE = hand_shapes(MODEL, ("curl",))[0]
 TURNS = spread_rotations(5)
 SEEN = mask_views(MODEL, PARAMS, simulated_rig(3, (320, 240)).cameras).silhouettes
 JOINTS = MODEL.joint_positions(MODEL.bones(PARAMS))

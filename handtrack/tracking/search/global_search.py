@@ -477,6 +477,7 @@ LOST_HAND = Search(
         ),
         Round(enter=10, fits=(Fit(wide, 12),)),
         Round(enter=3, fits=(Fit(tracker),)),
+        Round((Propose(best_again),), adds=True, fits=(Fit(tracker_with_lost_fingers),)),
     ),
     measure="cost of the observation with short arms (4 mm), the same for all",
     factor=0.95,

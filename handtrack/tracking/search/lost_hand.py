@@ -46,18 +46,21 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     if objective is None:
         return solved
 
-    def solve(_model: ArticulatedModel, params: Floats, _fingers: bool) -> Solved:
+    alone = replace(task, previous=(), expected=None, belief=None, texture=None)
+    alone = replace(alone, control=replace(task.control, on_iteration=None))
+    plain = replace(alone, settings=task.settings.with_values({"tracker.escape": False}))
+
+    def solve(_model: ArticulatedModel, params: Floats, fingers: bool) -> Solved:
         """Solve the frame as the tracker does, by what is seen alone."""
-        alone = replace(
-            task, start=model.clipped(params), previous=(), expected=None, belief=None, texture=None
-        )
-        return solve_frame(replace(alone, control=replace(task.control, on_iteration=None)))
+        chosen = alone if fingers else plain
+        return solve_frame(replace(chosen, start=model.clipped(params)))
 
     here = shape_of(model, result.parameters, "last")
     objective = replace(
         objective,
         shapes=[_last_shape(task), *hand_shapes(model)],
         solve=solve,
+        looks_for_fingers=task.settings.tracker.escape,
         within=_where(task, lost=result.status == Status.LOST),
         control=task.control,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -71,7 +71,10 @@ class HandShape:
         return self.model.clipped(self.model.transform.solver_params(joint))
 
 
-def hand_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> list[HandShape]:
+@lru_cache(maxsize=4)
+def hand_shapes(
+    model: ArticulatedModel, postures: tuple[str, ...] = POSTURES
+) -> tuple[HandShape, ...]:
     """Return a shape for each posture, and with a forearm for each of some bends of the wrist."""
     bends = _WRIST_BENDS_DEG if model.has_forearm else (0.0,)
     shapes = []
@@ -81,7 +84,7 @@ def hand_shapes(model: ArticulatedModel, postures: Sequence[str] = POSTURES) -> 
             if model.has_forearm:
                 joint[model.parameter_names.index("wrist_flex")] = np.deg2rad(bend)
             shapes.append(shape_of(model, joint, posture))
-    return shapes
+    return tuple(shapes)
 
 
 def palm_middle(model: ArticulatedModel, params: Floats[P]) -> Floats[D3]:
