@@ -56,7 +56,7 @@ def test_a_take_of_another_model_is_brought_back_with_its_model(tmp_path):
     assert [(span.take, span.first, span.stop) for span in store.document.hidden] == [
         (1, 0, FRAMES)
     ]
-    store.do("Take restored", edits.restored(store.document, 1, None))
+    store.do("Take restored", edits.restored(store.document, 1))
     assert sorted(store.document.results) == list(range(FRAMES)) and not store.document.hidden
     store.undo()
     assert len(store.document.model.parameter_names) == 6 and store.document.hidden
