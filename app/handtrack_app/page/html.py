@@ -228,7 +228,7 @@ div:has(> .handtrack-card) + div .mantine-Button-root { height: 76px !important;
   border: 1px solid rgba(128, 128, 128, .35) !important; }
 div:has(> .handtrack-card) + div .mantine-Button-root:hover { background: rgba(128, 160, 255, .18) !important; }
 .handtrack-pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(7em, 1fr)); gap: .5em; padding: 0 var(--mantine-spacing-xs) .5em; }
-.handtrack-pictures.handtrack-picture { grid-template-columns: repeat(auto-fit, minmax(20em, 1fr)); padding-top: .5em; }
+.handtrack-pictures.handtrack-picture { grid-template-columns: repeat(auto-fit, minmax(15em, 1fr)); padding-top: .5em; text-align: center; }
 .handtrack-pictures figure { margin: 0; font-size: 13px; }
 .handtrack-pictures img { width: 100%; max-height: 70vh; object-fit: contain; border-radius: 4px; display: block; }
 """

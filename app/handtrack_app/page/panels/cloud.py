@@ -250,7 +250,7 @@ def _row(
     bar = f"linear-gradient(90deg,rgba(86,180,233,.35) {100 * after / most:.1f}%,rgba(128,128,128,.12) 0)"
     return (
         f"<tr title='{html.escape(text)}' style='background:{bar}'>"
-        f"<td style='white-space:nowrap;padding-left:.2em'>{dot}{html.escape(word)}</td>"
+        f"<td style='padding-left:.2em'>{dot}{html.escape(word)}</td>"
         f"<td style='text-align:right;white-space:nowrap;opacity:.75;padding-left:.4em'>{lost}</td>"
         f"<td style='text-align:right;white-space:nowrap;padding:0 .3em 0 .5em'>{_grouped(after)}</td></tr>"
     )
