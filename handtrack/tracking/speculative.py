@@ -1,6 +1,6 @@
 """Frame after frame, with searches beside: frames go on from the pose that stands, and are solved anew where a search
-finds a better one. While searches do find better ones, each frame takes all cores instead. What comes out is what stepping from
-frame to frame gives, to the byte.
+finds a better one. While searches find better ones, each frame is searched on all cores before the next. What comes out is what
+stepping from frame to frame gives, to the byte.
 """
 
 from __future__ import annotations
@@ -72,17 +72,14 @@ class SpeculativeExecution:
         self._state = state
         self._ahead: deque[_Frame] = deque()  # solved, not yet settled
         self._again: deque[int] = deque()  # to be solved anew
-        self._beside = thread_count() > 1 and control.on_iteration is None
-        # frames that may go ahead of a search; none after one that found a better pose
-        self._reach = FRAMES_AHEAD
+        beside = thread_count() > 1 and control.on_iteration is None
+        self._most = FRAMES_AHEAD if beside else 0
+        self._reach = self._most  # frames that may go ahead of a search
 
     def frames(self, numbers: Iterable[int]) -> Iterator[Stepped]:
         """Yield the state after each frame, and its result; ends early when `control.should_stop`."""
-        if not self._beside:
-            yield from self._one_by_one(numbers)
-            return
         # one core is left to the frames
-        pool, patience = workers(thread_count() - 1, "search"), sys.getswitchinterval()
+        pool, patience = workers(max(thread_count() - 1, 1), "search"), sys.getswitchinterval()
         sys.setswitchinterval(_SWITCH_S)
         try:
             yield from self._pursued(iter(numbers), pool)
@@ -90,13 +87,6 @@ class SpeculativeExecution:
             self._drop(self._ahead)
             pool.shutdown(cancel_futures=True)
             sys.setswitchinterval(patience)
-
-    def _one_by_one(self, numbers: Iterable[int]) -> Iterator[Stepped]:
-        for number in numbers:
-            stepped = self._stepped(number)
-            if stepped is None:
-                return
-            yield stepped
 
     def _stepped(self, number: int) -> Stepped | None:
         """Return a frame solved with its searches; None when stopped."""
@@ -217,9 +207,9 @@ class SpeculativeExecution:
         return after, result
 
     def _learn(self, is_better: bool) -> None:
-        """Go less far ahead of searches that find better poses, twice as far of each that finds none."""
+        """Let no frame go ahead after a search that found a better pose, and twice as many after each that found none."""
         if self._control.waits:
-            self._reach = 0 if is_better else min(2 * self._reach + 1, FRAMES_AHEAD)
+            self._reach = 0 if is_better else min(2 * self._reach + 1, self._most)
 
     def _report(self, reports: Iterable[SearchReport]) -> None:
         if self._control.on_search is not None:

@@ -8,19 +8,18 @@ from dataclasses import replace
 import numpy as np
 
 from handtrack.arrays import Floats
-from handtrack.model.articulated import ArticulatedModel
 from handtrack.tracking.frame.assessment import assess, is_where_joints_are
 from handtrack.tracking.frame.frame_result import Solved
 from handtrack.tracking.frame.frame_task import FrameTask
 from handtrack.tracking.frame.frame_terms import frame_terms
 from handtrack.tracking.frame.result import FrameResult, Status
+from handtrack.tracking.search.auto_start import fitting
 from handtrack.tracking.search.engine import Candidate, improved
 from handtrack.tracking.search.evidence.hand_shapes import (
     hand_shapes,
     palm_middle,
     shape_of,
 )
-from handtrack.tracking.search.frame_solve import solve_frame
 from handtrack.tracking.search.global_search import LOST_HAND, GlobalObjective
 from handtrack.tracking.search.policy import why_hand_may_be_lost
 
@@ -46,20 +45,11 @@ def with_hand_found(task: FrameTask, solved: Solved) -> Solved:
     if objective is None:
         return solved
 
-    alone = replace(task, previous=(), expected=None, belief=None, texture=None)
-    alone = replace(alone, control=replace(task.control, on_iteration=None))
-    plain = replace(alone, settings=task.settings.with_values({"tracker.escape": False}))
-
-    def solve(_model: ArticulatedModel, params: Floats, fingers: bool) -> Solved:
-        """Solve the frame as the tracker does, by what is seen alone."""
-        chosen = alone if fingers else plain
-        return solve_frame(replace(chosen, start=model.clipped(params)))
-
     here = shape_of(model, result.parameters, "last")
     objective = replace(
         objective,
         shapes=[_last_shape(task), *hand_shapes(model)],
-        solve=solve,
+        solve=fitting(task.settings, task.observation, replace(task.control, on_iteration=None)),
         looks_for_fingers=task.settings.tracker.escape,
         within=_where(task, lost=result.status == Status.LOST),
         control=task.control,
