@@ -1,5 +1,6 @@
 """First poses: init.json, joints in images, and what the program finds by itself."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from handtrack.session.first_pose.first_pose import FirstPose, read_first_pose, 
 from handtrack.session.first_pose.first_pose_search import find_first_poses
 from handtrack.session.run import poses_of_image_joints
 from handtrack.simulation.simulate import Simulation, simulate
+from handtrack.tracking.frame.result import Status
+from handtrack.tracking.search.engine import Candidate
 from tests.detector.fake_detector import FakeDetector
 from tests.session.small_session import add_joints, edit, keypoints, make_session, write_init
 
@@ -149,3 +152,21 @@ def test_a_hand_is_found_where_the_detector_sees_it(session, monkeypatch):
     )  # not asked
     (best,) = find_first_poses(run, frame)
     assert error_mm(best, points(session, frame)) < 8.0
+
+
+def test_a_pose_that_hardly_says_where_the_joints_are_ends_no_search(session, monkeypatch):
+    """Nothing else fits frame 0, where a camera sees no more than an arm; a later frame shows the hand."""
+    looked = []
+
+    def found_in(models, settings, seen, *_):
+        looked.append(seen.frame)
+        confidence, near = (0.003, 0.003) if seen.frame == 0 else (0.9, 0.95)
+        solved: Any = SimpleNamespace(result=SimpleNamespace(status=Status.TRACKED))
+        params = models[0].rest_params()
+        return [Candidate(models[0], params, solved=solved, confidence=confidence, p_in_basin=near)]
+
+    monkeypatch.setattr(first_pose_search, "auto_start", found_in)
+    best, *_ = find_first_poses(TrackingRun.open(session, use_init=False))
+    assert looked[0] == 0
+    assert len(looked) == 2
+    assert best.frame == looked[1]

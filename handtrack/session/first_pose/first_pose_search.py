@@ -35,6 +35,7 @@ _MOST_TRIED = 4  # frames in which a hand is looked for
 _MOST_OPENED = 40  # frames that are opened to see whether there is anything in them
 _USUAL = 0.02  # a size that differs by no more from the one in use is not worth a word
 _SEEN_PX = 200  # mask pixels, or points, that may be a hand
+_KNOWN = 0.5  # more likely than not its joints are within 12 mm
 _FEWEST_IN_ONE = 8  # joints of one image that may say how a hand or body is turned: palm or trunk, and two chains
 _SHOWN_BY = {
     "hand": "hand in silhouettes, cloud or joints",
@@ -61,7 +62,8 @@ def find_first_poses(
     searches = _MOST_TRIED + (not _is_size_known(run))
 
     def is_over(best: list[FirstPoseCandidate]) -> bool:
-        return stop() or bool(best and best[0].settled >= SURE)
+        sure = best and best[0].settled >= SURE and best[0].p_in_basin >= _KNOWN
+        return stop() or bool(sure)
 
     def surer(
         best: list[FirstPoseCandidate], seen: Observation, scale: HandScale, step: int
@@ -226,7 +228,7 @@ def _found(
 
 def _fits(best: Candidate) -> str:
     arm = "with a forearm" if best.model.has_forearm else "no forearm in view"
-    if best.p_in_basin < 0.5:
+    if best.p_in_basin < _KNOWN:
         arm += "; from here, its joints are not known to 12 mm"
     return arm if best.result.status == Status.TRACKED else f"{arm}; {best.result.note}"
 
