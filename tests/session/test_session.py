@@ -65,7 +65,9 @@ FULL = SessionFile(
     (
         CameraSettings("cam0", "cam0.mp4", SkinYCrCb(y_min=50), roi=(1, 2, 30, 40)),
         CameraSettings("cam1", "cam1/*.png", "masks/cam1/*.png"),
-        CameraSettings("kinect", masks=DepthRange(0.2, 0.9), depth="d/*.png", depth_scale_m=0.001),
+        CameraSettings(
+            "kinect", masks=DepthRange(near_m=0.2, far_m=0.9), depth="d/*.png", depth_scale_m=0.001
+        ),
         CameraSettings("drawn"),
     ),
     CloudSettings(stereo=(("cam0", "cam1"),), given={"crop_m": 0.1, "max_points": 2000}),

@@ -3,44 +3,42 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from handtrack.capture.images.openpose import LAYOUTS, is_body
 
 JOINTS: tuple[str, ...] = tuple(LAYOUTS["mediapipe21"].points)
 """our names, in the order of OpenPose, MediaPipe and COCO-WholeBody"""
-_FINGERS = {
-    "thumb": "thumb",
-    "index": "index",
-    "forefinger": "index",
-    "pointer": "index",
-    "middle": "middle",
-    "mid": "middle",
-    "ring": "ring",
-    "little": "little",
-    "pinky": "little",
-    "pinkie": "little",
-    "small": "little",
-}
+
+
+def _by_word(words: Mapping[str, str]) -> dict[str, str]:
+    """Return our name of each word that people write. words: those with one meaning, with commas between them, by our name."""
+    return {word: ours for ours, theirs in words.items() for word in theirs.split(", ")}
+
+
+_FINGERS = _by_word(
+    {
+        "thumb": "thumb",
+        "index": "index, forefinger, pointer",
+        "middle": "middle, mid",
+        "ring": "ring",
+        "little": "little, pinky, pinkie, small",
+    }
+)
 _WRIST = {"wrist", "root", "palmbase", "carpus"}
-_PARTS = {
-    "cmc": "cmc",
-    "tmc": "cmc",
-    "tm": "cmc",
-    "mcp": "mcp",
-    "mp": "mcp",
-    "knuckle": "mcp",
-    "knuckles": "mcp",
-    "pip": "pip",
-    "dip": "dip",
-    "ip": "ip",
-    "tip": "tip",
-    "end": "tip",
-    "fingertip": "tip",
-}
+_PARTS = _by_word(
+    {
+        "cmc": "cmc, tmc, tm",
+        "mcp": "mcp, mp, knuckle, knuckles",
+        "pip": "pip",
+        "dip": "dip",
+        "ip": "ip",
+        "tip": "tip, end, fingertip",
+    }
+)
 _BY_NUMBER = {"thumb": ("cmc", "mcp", "ip", "tip")}
 _USUAL = ("mcp", "pip", "dip", "tip")
-_SIDES = {"right": "right", "r": "right", "rh": "right", "left": "left", "l": "left", "lh": "left"}
+_SIDES = _by_word({"right": "right, r, rh", "left": "left, l, lh"})
 _FILLING = {
     "hand",
     "finger",
@@ -96,31 +94,19 @@ def _without_finger(word: str) -> Sequence[str]:
 
 # ---- bodies
 
-_MIDDLE = {
-    "nose": "nose",
-    "neck": "neck",
-    "head top": "head_top",
-    "top head": "head_top",
-    "top of head": "head_top",
-    "headtop": "head_top",
-    "vertex": "head_top",
-    "pelvis": "pelvis",
-    "hip": "pelvis",
-    "hips": "pelvis",
-    "mid hip": "pelvis",
-    "midhip": "pelvis",
-    "middle hip": "pelvis",
-    "hip center": "pelvis",
-    "chest": "chest",
-}
-_PAIRED = {
-    **{name: name for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")},
-    "toes": "toe",
-    "big toe": "toe",
-    "bigtoe": "toe",
-    "toe base": "toe",
-    "foot index": "toe",
-}
+_MIDDLE = _by_word(
+    {
+        "nose": "nose",
+        "neck": "neck",
+        "head_top": "head top, top head, top of head, headtop, vertex",
+        "pelvis": "pelvis, hip, hips, mid hip, midhip, middle hip, hip center",
+        "chest": "chest",
+    }
+)
+_PAIRED = _by_word(
+    {name: name for name in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")}
+    | {"toe": "toe, toes, big toe, bigtoe, toe base, foot index"}
+)
 _BODY_FILLING = {"joint", "keypoint", "kp", "point", "marker", "landmark", "pose", "body"}
 BODY_LAYOUTS = {name: layout for name, layout in LAYOUTS.items() if is_body(layout)}
 NAMED = "body22"

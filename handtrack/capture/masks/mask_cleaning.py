@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import cv2
@@ -9,19 +10,28 @@ import numpy as np
 from msgspec import Meta
 
 from handtrack.arrays import Bytes, H, W
+from handtrack.files.toml_table import at_least
 
 Roi = Annotated[tuple[int, int, int, int], Meta(description="4 whole numbers [x, y, w, h]")]
 """x, y, width, height [px]"""
 
 
-def clean(mask: Bytes[H, W], open_px: int, largest: bool, roi: Roi | None) -> Bytes[H, W]:
-    """Return the mask uint8 {0, 255} inside the region of interest, opened by a square,
-    largest piece only."""
-    if roi is not None:
-        mask = inside_roi(mask, roi)
-    if open_px > 1:
-        mask = opened(mask, open_px)
-    return largest_component(mask) if largest else mask
+@dataclass(frozen=True, kw_only=True)
+class Cleaning:
+    """What every mask method that decides pixel by pixel ends with."""
+
+    open_px: Annotated[int, at_least(0)] = 5
+    """side of the square of the opening [px]; 0 for none."""
+    largest: bool = True
+    """keep only the largest component."""
+
+    def cleaned(self, mask: Bytes[H, W], roi: Roi | None) -> Bytes[H, W]:
+        """Return the mask uint8 {0, 255} inside the region of interest, opened, largest piece only."""
+        if roi is not None:
+            mask = inside_roi(mask, roi)
+        if self.open_px > 1:
+            mask = opened(mask, self.open_px)
+        return largest_component(mask) if self.largest else mask
 
 
 def inside_roi(mask: Bytes[H, W], roi: Roi) -> Bytes[H, W]:

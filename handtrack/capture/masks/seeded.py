@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -57,8 +57,8 @@ _SPREAD = (0.25, 0.5, 0.25)
 class Seeded:
     """What looks like this recording's hand near where its joints, or a model, say that it is; unknown where that is not sure."""
 
-    name: ClassVar[str] = "seeded"
-    needs: ClassVar[str] = "images"
+    name = "seeded"
+    needs = "images"
 
     samples: Annotated[int, at_least(_LEAST_SAMPLES)] = 25
     """frames, evenly spaced over the recording, that teach what hand and background look like."""

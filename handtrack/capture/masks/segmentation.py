@@ -5,33 +5,30 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from msgspec import Meta
 
-from handtrack.arrays import D3, Array, Axes, Bytes, Floats, H, W, evenly_spread
+from handtrack.arrays import D3, Array, Axes, Bytes, H, W, evenly_spread
+from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.capture.images.frames import FrameSource
-from handtrack.capture.masks.mask_cleaning import Roi, clean
+from handtrack.capture.masks.mask_cleaning import Cleaning, Roi
 from handtrack.capture.masks.seeded import Seeded
 from handtrack.errors import HandtrackError
 from handtrack.files.toml_table import above, at_least, checked_table, read_table, required
-
-_LEAST_SPREAD = 0.003  # of r and g: about one step of 8 bit colour at medium brightness
-_TRIM = 3.0  # samples farther than this from the first fit are left out of the second
-
 
 Segmenter = Callable[[Array[H, W, *Axes]], Array[H, W]]
 """image BGR or depth → what is hand, as bool or a mask {0, 255}"""
 
 
 @dataclass(frozen=True)
-class SkinAdaptive:
+class SkinAdaptive(Cleaning):
     """Skin as an ellipse in the chromaticities r = R/(R+G+B), g = G/(R+G+B), fitted to a sample box."""
 
-    name: ClassVar[str] = "skin_adaptive"
-    needs: ClassVar[str] = "images"
+    name = "skin_adaptive"
+    needs = "images"
 
     sample: Roi
     """x, y, w, h [px]: a box that shows skin only, in the reference frame."""
@@ -41,10 +38,6 @@ class SkinAdaptive:
     """frame in which the sample lies."""
     y_min: Annotated[int, at_least(0)] = 40
     """least luminance; the chromaticity of dark pixels means nothing."""
-    open_px: Annotated[int, at_least(0)] = 5
-    """side of the square of the opening [px]; 0 for none."""
-    largest: bool = True
-    """keep only the largest component."""
 
     def __post_init__(self) -> None:
         x, y, width, height = self.sample
@@ -56,18 +49,8 @@ class SkinAdaptive:
     def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
         """Return what tells skin in a BGR image, fitted to the source's reference frame.
 
-        Raises HandtrackError when that frame is missing or the sample leaves the image.
+        Raises HandtrackError when that frame is missing, the sample leaves the image, or fewer than 20 of its pixels have a colour.
         """
-        mean, inverse = self._fit(source)
-
-        def segment(image: Array) -> Array:
-            distance2 = _squared_distance(_chromaticity(image), mean, inverse)
-            bright = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)[..., 0] >= self.y_min
-            return (distance2 <= self.size**2) & bright
-
-        return segment
-
-    def _fit(self, source: FrameSource) -> tuple[Floats, Floats]:
         image = source.read(self.reference)
         if image is None:
             raise HandtrackError(
@@ -75,34 +58,19 @@ class SkinAdaptive:
                 f"{self.reference}, which is missing; set `reference` to a frame that exists."
             )
         x, y, width, height = self.sample
-        if x < 0 or y < 0 or x + width > image.shape[1] or y + height > image.shape[0]:
+        if x + width > image.shape[1] or y + height > image.shape[0]:
             raise HandtrackError(
                 f"{source.where}: mask method skin_adaptive: sample = {list(self.sample)} leaves "
                 f"the image of {image.shape[1]} x {image.shape[0]}."
             )
-        colours = _chromaticity(image[y : y + height, x : x + width]).reshape(-1, 2)
-        mean, inverse = _ellipse(colours)
-        near = _squared_distance(colours, mean, inverse) <= _TRIM**2
-        return _ellipse(colours[near])
+        skin = fit_skin_ellipse(image[y : y + height, x : x + width, ::-1], size=self.size)
 
+        def segment(image: Array) -> Array:
+            away = skin.distance(image[..., ::-1].reshape(-1, 3)).reshape(image.shape[:2])
+            bright = cv2.cvtColor(image, cv2.COLOR_BGR2YCrCb)[..., 0] >= self.y_min
+            return (away <= skin.size) & bright
 
-def _chromaticity(image: Array) -> Array:
-    """Return r and g (..., 2) float32 of a BGR image; 0 where black."""
-    bgr = image.astype(np.float32)
-    total = np.maximum(bgr.sum(axis=-1, keepdims=True), 1.0)
-    return bgr[..., [2, 1]] / total
-
-
-def _squared_distance(colours: Array, mean: Floats, inverse: Floats) -> Array:
-    """Return the squared Mahalanobis distance (...) of colours (..., 2)."""
-    r, g = colours[..., 0] - mean[0], colours[..., 1] - mean[1]
-    return inverse[0, 0] * r * r + 2 * inverse[0, 1] * r * g + inverse[1, 1] * g * g
-
-
-def _ellipse(colours: Array) -> tuple[Floats, Floats]:
-    covariance = np.cov(colours.T.astype(float)) + _LEAST_SPREAD**2 * np.eye(2)
-    inverse = np.asarray(np.linalg.inv(covariance), dtype=float)
-    return colours.mean(axis=0, dtype=float), inverse
+        return segment
 
 
 _LEAST_FRAMES = 3
@@ -112,20 +80,16 @@ _ROWS_AT_ONCE = 64  # bounds the memory of the median
 
 
 @dataclass(frozen=True)
-class BackgroundMedian:
+class BackgroundMedian(Cleaning):
     """What is far from the recording's median image, in units of each pixel's own noise."""
 
-    name: ClassVar[str] = "background_median"
-    needs: ClassVar[str] = "images"
+    name = "background_median"
+    needs = "images"
 
     samples: Annotated[int, at_least(_LEAST_FRAMES)] = 25
     """frames, evenly spaced over the recording, whose median is the background."""
     threshold: Annotated[float, above(0, "standard deviations")] = 8.0
     """difference in the worst channel of Lab (8 bit), in robust standard deviations of the pixel."""
-    open_px: Annotated[int, at_least(0)] = 5
-    """side of the square of the opening [px]; 0 for none."""
-    largest: bool = True
-    """keep only the largest component."""
 
     def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
         """Return what tells in a BGR image what is no background.
@@ -148,14 +112,14 @@ class BackgroundMedian:
 
 
 @dataclass(frozen=True)
-class BackgroundMog2:
+class BackgroundMog2(Cleaning):
     """OpenCV's mixture of Gaussians (MOG2), learned from sampled frames once and then held fixed.
 
     So a frame's mask does not depend on which frames were looked at before it.
     """
 
-    name: ClassVar[str] = "background_mog2"
-    needs: ClassVar[str] = "images"
+    name = "background_mog2"
+    needs = "images"
 
     samples: Annotated[int, at_least(_LEAST_FRAMES)] = 100
     """frames, evenly spaced over the recording, that the mixture learns from."""
@@ -163,10 +127,6 @@ class BackgroundMog2:
     """squared distance, in variances, from which a pixel no longer belongs to the background."""
     shadows: bool = True
     """take darkened background for shadow, not for hand."""
-    open_px: Annotated[int, at_least(0)] = 5
-    """side of the square of the opening [px]; 0 for none."""
-    largest: bool = True
-    """keep only the largest component."""
 
     def learned(self, source: FrameSource, unit_m: float) -> Segmenter:
         """Return what tells in a BGR image what is no background.
@@ -212,11 +172,11 @@ _Range = Annotated[tuple[int, int], Meta(description="2 whole numbers [least, mo
 
 
 @dataclass(frozen=True)
-class SkinYCrCb:
+class SkinYCrCb(Cleaning):
     """Skin as a box in YCrCb (8 bit, OpenCV's conversion)."""
 
-    name: ClassVar[str] = "skin_ycrcb"
-    needs: ClassVar[str] = "images"
+    name = "skin_ycrcb"
+    needs = "images"
 
     y_min: Annotated[int, at_least(0)] = 40
     """least luminance."""
@@ -224,10 +184,6 @@ class SkinYCrCb:
     """closed range of Cr."""
     cb: _Range = (85, 125)
     """closed range of Cb."""
-    open_px: Annotated[int, at_least(0)] = 5
-    """side of the square of the opening [px]; 0 for none."""
-    largest: bool = True
-    """keep only the largest component."""
 
     def __post_init__(self) -> None:
         for key, (low, high) in (("cr", self.cr), ("cb", self.cb)):
@@ -247,21 +203,19 @@ class SkinYCrCb:
         return segment
 
 
-@dataclass(frozen=True)
-class DepthRange:
+@dataclass(frozen=True, kw_only=True)
+class DepthRange(Cleaning):
     """Whatever lies within a range of the camera's depth z."""
 
-    name: ClassVar[str] = "depth_range"
-    needs: ClassVar[str] = "depth"
+    name = "depth_range"
+    needs = "depth"
 
     near_m: Annotated[float, above(0, "m")]
     """nearest depth that counts [m]."""
     far_m: Annotated[float, above(0, "m")]
     """farthest depth that counts [m]."""
     open_px: Annotated[int, at_least(0)] = 0
-    """side of the square of the opening [px]; 0 for none."""
     largest: bool = False
-    """keep only the largest component."""
 
     def __post_init__(self) -> None:
         if self.far_m <= self.near_m:
@@ -291,7 +245,7 @@ def segmenter(
 
     def segment(image: Array) -> Bytes:
         mask = np.where(shows(image), 255, 0).astype(np.uint8)
-        return clean(mask, method.open_px, method.largest, roi)
+        return method.cleaned(mask, roi)
 
     return segment
 

@@ -18,41 +18,22 @@ _ROUGH = 1e-3  # how far a matrix of four written digits may be from a rotation
 _SKEW = 1e-9  # of the focal length: what rounding leaves
 _DIGITS = 13  # decimals that are the same whatever the form: 1e-13 rad are 3e-10 px at a focal length of 3000
 _MOST_NUMBERS = 64  # in one value of a camera
-PLAIN_MODELS = {
-    "",
-    "none",
-    "pinhole",
-    "perspective",
-    "standard",
-    "opencv",
-    "radtan",
-    "radialtangential",
-    "plumbbob",
-    "brown",
-    "brownconrady",
-    "pinholeradtan",
-    "rationalpolynomial",
-    "rational",
-    "regular",
-    "linear",
-    "fullopencv",
-    "simplepinhole",
-    "false",
+_IS_FISHEYE = {
+    name: fisheye
+    for fisheye, names in (
+        (
+            False,
+            ",none,pinhole,perspective,standard,opencv,radtan,radialtangential,plumbbob,brown,brownconrady,"
+            "pinholeradtan,rationalpolynomial,rational,regular,linear,fullopencv,simplepinhole,false",
+        ),
+        (
+            True,
+            "fisheye,opencvfisheye,equidistant,equi,pinholeequi,kannalabrandt,kannalabrandt4,kb,kb4,true",
+        ),
+    )
+    for name in names.split(",")
 }
-"""names of lenses that OpenCV's polynomial describes without loss, small and without punctuation"""
-FISHEYE_MODELS = {
-    "fisheye",
-    "opencvfisheye",
-    "equidistant",
-    "equi",
-    "pinholeequi",
-    "kannalabrandt",
-    "kannalabrandt4",
-    "kb",
-    "kb4",
-    "true",
-}
-"""the same of `cv2.fisheye`'s polynomial in the angle"""
+"""by names of lenses, small and without punctuation: those of OpenCV's polynomial, and of `cv2.fisheye`'s in the angle"""
 
 
 @array_dataclass
@@ -157,13 +138,13 @@ def is_fisheye(model: Any, where: str) -> bool:
     """
     words = str(model)
     plain = "".join(sign for sign in words.lower() if sign.isalnum())
-    if plain not in PLAIN_MODELS and plain not in FISHEYE_MODELS:
+    if plain not in _IS_FISHEYE:
         raise HandtrackError(
             f"{where}: the lens model '{words[:40]}' cannot be written without loss as k1 k2 p1 p2 k3 (k4 k5 k6), nor as "
             "cv2.fisheye's k1 k2 k3 k4, so it is refused. Calibrate with one of these models, or undistort the images and give "
             "their new matrix without distortion."
         )
-    return plain in FISHEYE_MODELS
+    return _IS_FISHEYE[plain]
 
 
 def numbers(value: Any, where: str, *shapes: tuple[int, ...], expected: str = "") -> Array[*Axes]:
