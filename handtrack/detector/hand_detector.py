@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -157,16 +156,6 @@ _OVERLAP = 0.3  # intersection over union, beyond which two boxes are of one pal
 _MOST_LOGIT = 100.0
 
 
-class Palm(NamedTuple):
-    """A palm in the unit square that the network saw."""
-
-    score: float
-    box: Floats[D4]
-    """centre x, y, width, height"""
-    points: Floats[D7, D2]
-    """wrist, knuckles of index, middle, ring and little finger, the thumb's base and knuckle"""
-
-
 @lru_cache(maxsize=1)
 def anchors() -> Floats[N, D2]:
     """Return the 2016 points of the unit square that the network's boxes are offset from: cells of two grids, row by row."""
@@ -178,8 +167,11 @@ def anchors() -> Floats[N, D2]:
     return np.concatenate(parts)
 
 
-def palms(numbers: Floats[N, K], logits: Floats[N], most: int) -> list[Palm]:
-    """Return up to `most` palms, the surest first.
+def palms(
+    numbers: Floats[N, K], logits: Floats[N], most: int
+) -> list[tuple[Floats[D4], Floats[D7, D2]]]:
+    """Return up to `most` palms in the unit square that the network saw, the surest first: each one's box (centre, width and height),
+    and wrist, knuckles of index, middle, ring and little finger, the thumb's base and knuckle.
 
     numbers: for each anchor box and seven points (18), in pixels of the network's image. Boxes that overlap are averaged, with
     their scores as weights, rather than dropped.
@@ -190,13 +182,13 @@ def palms(numbers: Floats[N, K], logits: Floats[N], most: int) -> list[Palm]:
     offsets = anchors()[sure]
     decoded[:, :2] += offsets
     decoded[:, 4:] += np.tile(offsets, 7)
-    found: list[Palm] = []
+    found: list[tuple[Floats, Floats]] = []
     while len(scores) and len(found) < most:
         best = int(scores.argmax())
         same = overlaps(decoded[:, :4], decoded[best, :4]) > _OVERLAP
         same[best] = True
         mean = np.average(decoded[same], axis=0, weights=scores[same])
-        found.append(Palm(float(scores[best]), mean[:4], mean[4:].reshape(7, 2)))
+        found.append((mean[:4], mean[4:].reshape(7, 2)))
         scores, decoded = scores[~same], decoded[~same]
     return found
 
@@ -261,10 +253,10 @@ class HandDetector:
             raise self._unexpected("palm") from None
         return [
             region_of_palm(
-                np.concatenate([square.to_image(palm.box[:2]), palm.box[2:] * square.side]),
-                square.to_image(palm.points),
+                np.concatenate([square.to_image(box[:2]), box[2:] * square.side]),
+                square.to_image(points),
             )
-            for palm in found
+            for box, points in found
         ]
 
     def hand(self, image: Array[H, W, D3], region: Region) -> DetectedHand | None:

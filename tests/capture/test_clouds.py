@@ -12,7 +12,7 @@ from handtrack.capture.clouds import cloud_files
 from handtrack.capture.clouds import cloud_filters as filters
 from handtrack.capture.clouds.cloud_files import read_cloud, read_ply, write_cloud
 from handtrack.capture.clouds.cloud_filters import CloudFilters
-from handtrack.capture.clouds.depth import DepthSettings, depth_cloud, surface_pixels
+from handtrack.capture.clouds.depth import depth_cloud, surface_pixels
 from handtrack.capture.clouds.skin_ellipse import fit_skin_ellipse
 from handtrack.geometry.rotation import rotation_matrix
 from tests.cameras import pinhole
@@ -198,7 +198,7 @@ def test_points_project_back_to_their_pixels(distortions):
     seen = camera(distortions)
     depth = np.full((120, 160), 0.5)
     depth[:, :40] = 0
-    cloud = depth_cloud(seen, depth, settings=DepthSettings(support=0))
+    cloud = depth_cloud(seen, depth, support=0)
     assert len(cloud) == 120 * 120
     assert np.allclose(seen.to_camera(cloud.points)[:, 2], 0.5)
     rows, columns = np.nonzero(depth)
@@ -208,7 +208,7 @@ def test_points_project_back_to_their_pixels(distortions):
 def test_what_is_no_measurement_is_left_out():
     depth = np.full((120, 160), 0.5)
     depth[0, 0], depth[0, 1], depth[0, 2], depth[0, 3] = 0, -1, np.nan, np.inf
-    cloud = depth_cloud(camera(), depth, settings=DepthSettings(support=0))
+    cloud = depth_cloud(camera(), depth, support=0)
     assert len(cloud) == 120 * 160 - 4
     assert np.isfinite(cloud.points).all()
     assert len(depth_cloud(camera(), np.zeros((120, 160)))) == 0
@@ -231,10 +231,10 @@ def test_grazing_surfaces_go():
     angle = np.radians(85)
     slope = np.tan(angle) / 300.0
     depth = 0.5 * np.exp(slope * np.arange(40))[None].repeat(50, axis=0)
-    settings = DepthSettings(grazing_deg=80, jump_share=0.0)
-    assert not surface_pixels(depth, 300.0, settings).any()
+    strict = {"grazing_deg": 80, "jump_share": 0.0}
+    assert not surface_pixels(depth, 300.0, **strict).any()
     flat = 0.5 * np.exp(np.tan(np.radians(60)) / 300.0 * np.arange(40))[None].repeat(50, axis=0)
-    assert surface_pixels(flat, 300.0, settings)[1:-1, 1:-1].all()
+    assert surface_pixels(flat, 300.0, **strict)[1:-1, 1:-1].all()
 
 
 def test_a_real_hand_before_a_body(data_dir):

@@ -37,7 +37,7 @@ def test_what_is_written_reads_back(tmp_path):
     xyz[4] = np.nan
     small = HandScale(0.8, {"thumb": 1.05})
     poses = [
-        FirstPose(3, {}, xyz, "openpose21"),
+        FirstPose(3, {}, xyz),
         FirstPose(2, {"root_tx": 0.1}),
         FirstPose(2, {"root_tx": 0.1}, scale=small),
     ]
@@ -91,9 +91,7 @@ def test_a_childs_hand_is_found_as_a_childs(tmp_path):
 
 def in_images(session, cameras, frame=0):
     truth = points(session, frame)
-    return FirstPose(
-        frame, {}, None, "openpose21", {c: session.rig[c].project(truth) for c in cameras}
-    )
+    return FirstPose(frame, pixels={c: session.rig[c].project(truth) for c in cameras})
 
 
 def test_joints_in_one_image_are_settled_by_the_silhouettes(session):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -14,41 +13,41 @@ from handtrack.geometry.camera import Camera
 _NEIGHBOURS = ((0, 1), (1, 1), (1, 0), (1, -1))  # each pair of neighbours once
 
 
-@dataclass(frozen=True)
-class DepthSettings:
-    """When neighbouring pixels of a depth image belong to one surface.
+def surface_pixels(
+    depth_m: Array[H, W],
+    focal_px: float,
+    grazing_deg: float = 80.0,
+    jump_share: float = 0.008,
+    support: int = 4,
+) -> Array[H, W]:
+    """Return where a depth image [m] shows a surface: where neighbouring pixels belong to one.
 
     Seen at the angle t from its normal, a surface changes by z / f tan t from pixel to pixel; the
     sensor's noise comes on top. A larger step is a jump. A pixel mixed of front and back (flying)
     hangs between two jumps, so that few neighbours support it.
-    """
 
-    grazing_deg: float = 80.0
-    """angle between viewing ray and surface normal from which on a surface does not count."""
-    jump_share: float = 0.008
-    """steps that noise may make, as a share of the depth: 4 mm at 0.5 m."""
-    support: int = 4
-    """neighbours of eight, on the same surface, that a pixel needs."""
-
-
-def surface_pixels(
-    depth_m: Array[H, W], focal_px: float, settings: DepthSettings = DepthSettings()
-) -> Array[H, W]:
-    """Return where a depth image [m] shows a surface.
-
-    0, negative and infinite depths are no measurement.
+    Parameters
+    ----------
+    depth_m
+        0, negative and infinite depths are no measurement
+    grazing_deg
+        angle between viewing ray and surface normal from which on a surface does not count
+    jump_share
+        steps that noise may make, as a share of the depth: 4 mm at 0.5 m
+    support
+        neighbours of eight, on the same surface, that a pixel needs
     """
     depth = np.where(np.isfinite(depth_m) & (depth_m > 0), depth_m, 0.0).astype(np.float32)
-    slope = np.float32(np.tan(np.radians(settings.grazing_deg)) / focal_px)
-    support = np.zeros(depth.shape, np.int8)
+    slope = np.float32(np.tan(np.radians(grazing_deg)) / focal_px)
+    supported = np.zeros(depth.shape, np.int8)
     for down, right in _NEIGHBOURS:
         here, there = _overlap(down, right)
         a, b = depth[here], depth[there]
-        limit = np.minimum(a, b) * (settings.jump_share + slope * np.hypot(down, right))
+        limit = np.minimum(a, b) * (jump_share + slope * np.hypot(down, right))
         together = (np.abs(a - b) <= limit) & (a > 0) & (b > 0)
-        support[here] += together
-        support[there] += together
-    return (support >= settings.support) & (depth > 0)
+        supported[here] += together
+        supported[there] += together
+    return (supported >= support) & (depth > 0)
 
 
 def depth_cloud(
@@ -56,16 +55,16 @@ def depth_cloud(
     depth_m: Array[H, W],
     mask: Array[H, W] | None = None,
     image: Bytes[H, W, D3] | None = None,
-    settings: DepthSettings = DepthSettings(),
+    support: int = 4,
 ) -> PointCloud:
     """Return the points of a depth image [m] in the world frame.
 
     Depth is z in the camera, as depth cameras give it; 0 is no measurement. mask: only
-    pixels > 0 are used. image: uint8 BGR in the same pixels, for colours. Raises HandtrackError when a size differs from the camera's.
+    pixels > 0 are used. image: uint8 BGR in the same pixels, for colours. support: see `surface_pixels`. Raises HandtrackError when a size differs from the camera's.
     """
     width, height = camera.size
     check_shape(depth_m, (height, width), f"depth of camera '{camera.name}'")
-    keep = surface_pixels(depth_m, float(camera.matrix[0, 0]), settings)
+    keep = surface_pixels(depth_m, float(camera.matrix[0, 0]), support=support)
     if mask is not None:
         check_shape(mask, (height, width), f"mask of camera '{camera.name}'")
         keep &= mask > 0

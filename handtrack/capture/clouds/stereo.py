@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from handtrack.arrays import D3, Array, Bytes, H, W
-from handtrack.capture.clouds.depth import DepthSettings, surface_pixels
+from handtrack.capture.clouds.depth import surface_pixels
 from handtrack.capture.clouds.disparity import (
     REJECTED,
     StereoSettings,
@@ -28,7 +28,7 @@ _COARSE = 4  # the range is narrowed on images smaller by that
 _COARSE_WINDOW_PX = 5
 _COARSE_LEAST = 40  # matches there, below which the whole range is searched
 _ROOM_M = 0.04  # a hand may reach that much nearer and farther than what the coarse match saw
-_SURFACE = DepthSettings(grazing_deg=75.0, jump_share=0.003, support=6)
+_SURFACE = 75.0, 0.003, 6  # grazing angle [°], share of jumps and support of `surface_pixels`
 _MARGIN_PX = 16  # around the masks, for the windows
 _ASTRAY = REJECTED.index("outside the other mask")
 
@@ -130,7 +130,7 @@ class StereoMatcher:
     def triangulate(self, view: StereoView) -> PointCloud:
         """Return the coloured points (N, 3), world [m], of a matched pair."""
         depth_m = self.pair.depth_of(view.disparity)
-        surface = surface_pixels(depth_m, float(self.pair.left.matrix[0, 0]), _SURFACE)
+        surface = surface_pixels(depth_m, float(self.pair.left.matrix[0, 0]), *_SURFACE)
         rows, columns = np.nonzero(surface)
         points = self.pair.points(columns, rows, view.disparity[rows, columns].astype(float))
         depth = (points - self.pair.left.centre) @ self.pair.left.rotation[2]

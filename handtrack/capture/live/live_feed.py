@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -199,7 +198,6 @@ class LiveFrame:
     """cameras that had not gone by then"""
 
 
-@dataclass
 class LiveFeed:
     """Cameras read beside. A frame is made when somebody asks for the next one: of each camera's newest image.
 
@@ -207,23 +205,19 @@ class LiveFeed:
     the newest by more than the tolerance is left out. Safe from several threads.
     """
 
-    cameras: Sequence[LiveCamera]
-    tolerance_s: float = 0.05
-    on_frame: Callable[[LiveFrame], None] | None = None
-    """is told of each frame made, in order"""
-    _changed: threading.Condition = field(default_factory=threading.Condition)
-    _making: threading.RLock = field(default_factory=threading.RLock)
-    _frames: OrderedDict[int, LiveFrame] = field(default_factory=OrderedDict)
-    _times: OrderedDict[int, float] = field(default_factory=OrderedDict)
-    _made: int = 0
-    zero_s: float = -1.0
-    """of the clock, when the first frame was taken; −1 before"""
-
-    def __post_init__(self) -> None:
-        self.counts = {camera.name: Counter[str]() for camera in self.cameras}
+    def __init__(self, cameras: Sequence[LiveCamera], tolerance_s: float = 0.05) -> None:
+        self.cameras, self._tolerance_s = cameras, tolerance_s
+        self.on_frame: Callable[[LiveFrame], None] | None = None
+        """is told of each frame made, in order"""
+        self.counts = {camera.name: Counter[str]() for camera in cameras}
         """what became of each one's images since counting began: `used`; `dropped`, which came while an earlier frame was still worked
         on; and `missing`, frames in which it had none within the tolerance
         """
+        self._changed, self._making = threading.Condition(), threading.RLock()
+        self._frames, self._times = dict[int, LiveFrame](), dict[int, float]()
+        self._made = 0
+        self._zero_s: float | None = None
+        """of the clock, when the first frame was taken"""
 
     def start(self) -> None:
         """Begin to read all cameras."""
@@ -288,14 +282,14 @@ class LiveFeed:
             with self._changed:
                 if not self._changed.wait_for(self._may_begin, timeout_s) or not self._waiting:
                     return None
-                self._changed.wait_for(self._is_complete, self.tolerance_s)
+                self._changed.wait_for(self._is_complete, self._tolerance_s)
                 taken = {camera.name: camera.take() for camera in self.cameras}
             timed = {name: image for name, image in taken.items() if image is not None}
             newest = max(time_s for time_s, _ in timed.values())
             images = {
                 name: image
                 for name, (time_s, image) in timed.items()
-                if newest - time_s <= self.tolerance_s
+                if newest - time_s <= self._tolerance_s
             }
             return self._add(images, newest, counts)
 
@@ -310,13 +304,13 @@ class LiveFeed:
         return all(camera.has_new or camera.gone for camera in self.cameras)
 
     def _add(self, images: Mapping[str, Array], clock_s: float, counts: bool) -> LiveFrame:
-        if self.zero_s < 0:
-            self.zero_s = clock_s
+        if self._zero_s is None:
+            self._zero_s = clock_s
         connected = tuple(camera.name for camera in self.cameras if not camera.gone)
         # two frames may not have one time
         last = next(reversed(self._times.values()), -1.0)
         made = LiveFrame(
-            self._made, max(clock_s - self.zero_s, last + 1e-6, 0.0), images, connected
+            self._made, max(clock_s - self._zero_s, last + 1e-6, 0.0), images, connected
         )
         for camera in self.cameras:
             with self._changed:
@@ -334,10 +328,10 @@ class LiveFeed:
         return made
 
 
-def _keep(kept: OrderedDict[int, _T], number: int, value: _T, most: int) -> None:
+def _keep(kept: dict[int, _T], number: int, value: _T, most: int) -> None:
     kept[number] = value
     while len(kept) > most:
-        kept.popitem(last=False)
+        del kept[next(iter(kept))]
 
 
 class LiveImages:

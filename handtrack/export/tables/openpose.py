@@ -10,40 +10,30 @@ from typing import Any
 import numpy as np
 
 from handtrack.arrays import D3, F, Floats, K
+from handtrack.capture.images.openpose import LAYOUTS
 from handtrack.errors import HandtrackError
 from handtrack.export.table import ResultsTable
 from handtrack.files.atomic import replace_text, replacing
 from handtrack.model.articulated import keypoint_names
 from handtrack.tracking.frame.tables.labelled import joint_confidence
 
-BODY_25 = (
-    "nose",
-    "neck",
-    "right_shoulder",
-    "right_elbow",
-    "right_wrist",
-    "left_shoulder",
-    "left_elbow",
-    "left_wrist",
-    "pelvis",
-    "right_hip",
-    "right_knee",
-    "right_ankle",
-    "left_hip",
-    "left_knee",
-    "left_ankle",
-    "right_eye",
-    "left_eye",
-    "right_ear",
-    "left_ear",
-    "left_toe",
-    "left_small_toe",
-    "left_heel",
-    "right_toe",
-    "right_small_toe",
-    "right_heel",
+
+def _detectors_points(layout: str, others: str) -> tuple[str, ...]:
+    """Return a detector's points in its order, by our joints' names; those that a model lacks have confidence 0.
+
+    others: of those that no model of ours has, in this order.
+    """
+    known, unknown = (
+        {row: name for name, row in LAYOUTS[layout].points.items()},
+        iter(others.split()),
+    )
+    return tuple(known.get(row) or next(unknown) for row in range(LAYOUTS[layout].count))
+
+
+BODY_25 = _detectors_points(
+    "body_25",
+    "right_eye left_eye right_ear left_ear left_small_toe left_heel right_small_toe right_heel",
 )
-"""OpenPose's points in its order, by our joints' names; those that a model lacks have confidence 0"""
 
 
 def write(path: Path, table: ResultsTable) -> list[Path]:
@@ -126,42 +116,12 @@ def _layout(table: ResultsTable) -> tuple[str, tuple[str, ...]]:
 # ---- MediaPipe's landmarks in space as JSON: hands of 21, bodies of 33; all frames in one file
 
 
-POSE_33 = (
-    "nose",
-    "left_eye_inner",
-    "left_eye",
-    "left_eye_outer",
-    "right_eye_inner",
-    "right_eye",
-    "right_eye_outer",
-    "left_ear",
-    "right_ear",
-    "mouth_left",
-    "mouth_right",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-    "left_pinky",
-    "right_pinky",
-    "left_index",
-    "right_index",
-    "left_thumb",
-    "right_thumb",
-    "left_hip",
-    "right_hip",
-    "left_knee",
-    "right_knee",
-    "left_ankle",
-    "right_ankle",
-    "left_heel",
-    "right_heel",
-    "left_toe",
-    "right_toe",
+POSE_33 = _detectors_points(
+    "mediapipe33",
+    "left_eye_inner left_eye left_eye_outer right_eye_inner right_eye right_eye_outer left_ear right_ear mouth_left mouth_right "
+    "left_thumb right_thumb left_heel right_heel",
 )
-"""MediaPipe's points of a body in its order (`left_toe` is its left_foot_index); those that a model lacks have visibility 0"""
+"""`left_toe` is its left_foot_index"""
 
 
 def write_mediapipe(path: Path, table: ResultsTable) -> list[Path]:

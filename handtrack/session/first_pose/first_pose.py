@@ -18,7 +18,7 @@ from handtrack.files.text_files import read_json
 from handtrack.model.articulated import HandScale
 from handtrack.model.model_file import scale_from, scale_table
 
-CONVENTIONS = ("openpose21",)
+_CONVENTION = "openpose21"
 _PARAMETERS_FORM = '{"frame": 0, "parameters": {"root_tx": 0.1, ...}}'
 _FORMS = (
     f"expected {_PARAMETERS_FORM} or "
@@ -42,8 +42,6 @@ class FirstPose:
     """joint parameters by name [m, rad]; missing ones are 0."""
     xyz: Floats[D21, D3] | None = None
     """world [m], NaN rows where unknown."""
-    convention: str | None = None
-    """order of the keypoints: openpose21."""
     pixels: Mapping[str, Floats[D21, D2]] = field(default_factory=dict)
     """by camera, in the image as it was taken [px], NaN rows where unknown."""
     scale: HandScale | None = None
@@ -88,14 +86,14 @@ def write_first_pose(path: Path, pose: FirstPose) -> None:
     data: dict[str, Any] = {"frame": pose.frame}
     if pose.pixels:
         rows_of = {name: _written(pixels) for name, pixels in pose.pixels.items()}
-        data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "px", "cameras": rows_of}
+        data |= {"convention": _CONVENTION, "unit": "px", "cameras": rows_of}
     elif pose.xyz is None:
         data["parameters"] = dict(pose.parameters)
         if pose.scale is not None:
             data["scale"] = scale_table(pose.scale)
     else:
         rows = _written(pose.xyz)
-        data |= {"convention": pose.convention or CONVENTIONS[0], "unit": "m", "xyz": rows}
+        data |= {"convention": _CONVENTION, "unit": "m", "xyz": rows}
     replace_text(Path(path), json.dumps(data, indent=1) + "\n")
 
 
@@ -120,7 +118,8 @@ def _parameters(given: Any, known: Sequence[str] | None, path: Path) -> dict[str
 
 
 def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
-    convention, unit = _convention(data, path), data.get("unit")
+    _check_convention(data, path)
+    unit = data.get("unit")
     if unit != "m":
         hint = '; divide the coordinates by 1000 and write "m"' if unit == "mm" else ""
         raise HandtrackError(f'{path}: unit = {json.dumps(unit)}; expected "m" (metres){hint}.')
@@ -141,21 +140,21 @@ def _keypoints(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
         raise HandtrackError(
             f"{path}: the keypoints span only {extent:g} m, too little for a hand; expected metres."
         )
-    return FirstPose(frame, {}, xyz, convention)
+    return FirstPose(frame, xyz=xyz)
 
 
-def _convention(data: dict[str, Any], path: Path) -> str:
+def _check_convention(data: dict[str, Any], path: Path) -> None:
     convention = data.get("convention")
-    if convention not in CONVENTIONS:
+    if convention != _CONVENTION:
         raise HandtrackError(
-            f"{path}: unknown convention {json.dumps(convention)}; known: {', '.join(CONVENTIONS)}."
+            f"{path}: unknown convention {json.dumps(convention)}; known: {_CONVENTION}."
         )
-    return str(convention)
 
 
 def _in_images(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
     """Return keypoints of one or more cameras' images."""
-    convention, cameras = _convention(data, path), data["cameras"]
+    _check_convention(data, path)
+    cameras = data["cameras"]
     if data.get("unit") != "px":
         raise HandtrackError(
             f'{path}: unit = {json.dumps(data.get("unit"))}; points in images are in pixels: expected "px".'
@@ -173,7 +172,7 @@ def _in_images(data: dict[str, Any], frame: int, path: Path) -> FirstPose:
         raise HandtrackError(
             f"{path}: no camera has more than {known} of 21 keypoints; expected at least {_FEWEST_IN_IMAGE} in one."
         )
-    return FirstPose(frame, {}, None, convention, pixels)
+    return FirstPose(frame, pixels=pixels)
 
 
 def _points(rows: Any, what: str, form: str, path: Path) -> Floats:

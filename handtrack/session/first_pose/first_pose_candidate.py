@@ -12,7 +12,7 @@ from handtrack.errors import unknown_name
 from handtrack.geometry.rotation import rotation_matrix, turned_by
 from handtrack.model.articulated import ArticulatedModel, keypoint_names
 from handtrack.observation.observation import ImageKeypoints, Observation
-from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.session import Session
 from handtrack.tracking.frame.settings import TrackerSettings
 from handtrack.tracking.search.auto_start import auto_start
@@ -146,7 +146,7 @@ def pose_in_space(
     if known is None:
         return None
     points = known.positions
-    given = FirstPose(frame, {}, points, CONVENTIONS[0]) if model.has_keypoints21 else None
+    given = FirstPose(frame, xyz=points) if model.has_keypoints21 else None
     cameras, count = len({joints.camera for joints in images}), known.count
     note = f"{cameras} cameras agree on {count} of {len(points)} joints"
     return FirstPoseCandidate(frame, fit_keypoints(model, known), 1.0, note, model, 0.0, given)

@@ -12,7 +12,7 @@ import numpy as np
 from handtrack.errors import HandtrackError
 from handtrack.model.articulated import HandScale
 from handtrack.observation.observation import Observation
-from handtrack.session.first_pose.first_pose import CONVENTIONS, FirstPose
+from handtrack.session.first_pose.first_pose import FirstPose
 from handtrack.session.first_pose.first_pose_candidate import (
     FirstPoseCandidate,
     differs,
@@ -165,7 +165,7 @@ def _of_size(row: FirstPoseCandidate, usual: float) -> FirstPoseCandidate:
     if abs(size - 1.0) <= _USUAL:
         return row
     joints = row.model.keypoints21(row.model.bones(row.params))
-    given = FirstPose(row.frame, {}, joints, CONVENTIONS[0])
+    given = FirstPose(row.frame, xyz=joints)
     return replace(row, given=given, note=f"{row.note}; {size:.2g} times the usual size")
 
 
