@@ -43,7 +43,7 @@ def test_a_box_is_decoded():
 
 def test_overlapping_boxes_are_averaged_by_their_scores():
     box = (0.0, 0.0, 0.5 * PALM_SIZE, 0.5 * PALM_SIZE)
-    ((found, points),) = palms(*outputs(at0=(1e-3, box), at2=(np.log(3.0), box)), most=2)
+    ((found, _),) = palms(*outputs(at0=(1e-3, box), at2=(np.log(3.0), box)), most=2)
     weights = np.array([1 / (1 + np.exp(-1e-3)), 0.75])
     across = weights @ np.array([0.5, 1.5]) / 24 / weights.sum()
     assert found == pytest.approx([across, 0.5 / 24, 0.5, 0.5])

@@ -15,7 +15,6 @@ from handtrack.simulation.motion_files.joint_tables import (
     matched_joints,
 )
 from handtrack.simulation.motion_files.read_motion import (
-    RawMotion,
     axis_words,
     in_metres,
     turned_upright,
@@ -230,8 +229,8 @@ def test_what_positions_mean_is_seen(case, tmp_path):
 def test_names_in_use_are_known(table):
     rows = TABLES[table]
     prefix = "mixamorig:" if table == "mixamo" else ""
-    found = matched_joints(BODY, [prefix + name for name in rows.values()], "it")
-    assert {ours: name.removeprefix(prefix) for ours, name in found.names.items()} == rows
+    found, _ = matched_joints(BODY, [prefix + name for name in rows.values()], "it")
+    assert {ours: name.removeprefix(prefix) for ours, name in found.items()} == rows
 
 
 @pytest.mark.parametrize("unit", ["metres", "centimetres", "millimetres", "inches"])
@@ -239,7 +238,7 @@ def test_the_unit_is_told_by_a_person_s_size(unit):
     unit_m = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}[unit]
     same = {name: name for name in names()}
     for scale in (0.8, 1.0, 1.2):  # statures of 1.4 to 2.1 m
-        raw = RawMotion("made", MotionClip(names(), scale * places() / unit_m, 25.0), None)
+        raw = MotionClip(names(), scale * places() / unit_m, 25.0)
         clip, found, (said,) = in_metres(raw, same, "body", None, "it")
         assert found == unit_m
         assert said.startswith(f"unit: {unit};")

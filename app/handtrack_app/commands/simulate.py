@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,19 +28,17 @@ from handtrack.simulation.motion import MOTIONS
 from handtrack.simulation.motion_files.clip import MotionClip
 from handtrack.simulation.motion_files.joint_tables import matched_joints, read_table
 from handtrack.simulation.motion_files.read_motion import (
-    RawMotion,
     axis_words,
     in_metres,
     read_motion,
     upright_axis,
 )
-from handtrack.simulation.own_motion import own_params
+from handtrack.simulation.retarget import own_params
 from handtrack.simulation.simulate import Simulation, simulate
 from handtrack_app.commands.terminal.output import (
     answer,
     check_new,
     new_folder,
-    note,
     output_file,
     progress_bar,
     say,
@@ -67,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         args.frames = _FRAMES if args.frames is None else args.frames
     else:
         raw = read_given(args, file)
-        args.model = model_of(args, raw, file)
+        args.model = model_of(args, raw[0].names, file)
         distance_m = _usual(args.model)[1]
     args.distance = distance_m if args.distance is None else args.distance
     _check(args, file is None)
@@ -165,14 +163,14 @@ def retarget(args: argparse.Namespace) -> int:
     else:
         check_new(args.out)
     raw = read_given(args, args.file)
-    name = model_of(args, raw, args.file)
+    name = model_of(args, raw[0].names, args.file)
     if "/" in name or name.endswith(".toml"):
         raise HandtrackError(
             f"--model {name}: expected the name of a model, such as body34 or hand26."
         )
     clip, unit_m = clip_of(args, raw, load_model(name, side=args.side), args.file)
     motion = fitted(
-        name, args.side, clip, args.scale, lambda model: own_params(model, raw.clip, unit_m)
+        name, args.side, clip, args.scale, lambda model: own_params(model, raw[0], unit_m)
     )
     if is_file:
         write_npz(args.out, result_of(motion, args.file.name))
@@ -208,46 +206,45 @@ _HAND_JOINTS = 12
 """of a hand's 21, from which on a file is a hand's where it is no body's"""
 
 
-def read_given(args: argparse.Namespace, path: Path) -> RawMotion:
+def read_given(args: argparse.Namespace, path: Path) -> tuple[MotionClip, float | None, str]:
     """Return what the file says, after `--skeleton`, `--motion-fps` and `--positions`. Raises HandtrackError."""
-    raw = read_motion(path, args.skeleton, args.motion_fps, args.positions)
-    note(*raw.notes)
-    return raw
+    return read_motion(path, args.skeleton, args.motion_fps, args.positions)
 
 
-def model_of(args: argparse.Namespace, raw: RawMotion, path: Path) -> str:
+def model_of(args: argparse.Namespace, names: Sequence[str], path: Path) -> str:
     """Return the model's name: the user's, else a body's or a hand's, whichever the file's names are of."""
     if args.model is not None:
         return args.model
     if args.names is not None:
         return "body34"
     try:
-        matched_joints(load_model("body34"), raw.clip.names, str(path))
+        matched_joints(load_model("body34"), names, str(path))
     except HandtrackError as unknown:
         try:
-            found = matched_joints(load_model("hand26"), raw.clip.names, str(path))
+            found, _ = matched_joints(load_model("hand26"), names, str(path))
         except HandtrackError:
             raise unknown from None
-        if len(found.names) < _HAND_JOINTS:
+        if len(found) < _HAND_JOINTS:
             raise unknown from None
         return "hand26"
     return "body34"
 
 
 def clip_of(
-    args: argparse.Namespace, raw: RawMotion, model: ArticulatedModel, path: Path
+    args: argparse.Namespace,
+    raw: tuple[MotionClip, float | None, str],
+    model: ArticulatedModel,
+    path: Path,
 ) -> tuple[MotionClip, float]:
     """Return the file's joints by the model's names [m], and the metres in its unit; say how. Raises HandtrackError."""
-    names = raw.clip.names
-    found = (
-        matched_joints(model, names, str(path))
+    theirs, unit_m, form = raw
+    names, words = (
+        matched_joints(model, theirs.names, str(path))
         if args.names is None
-        else read_table(args.names, model, names)
+        else read_table(args.names, model, theirs.names)
     )
-    say(
-        f"{path}: {raw.family}, {len(raw.clip.positions)} frames at {raw.clip.fps:.4g} a second; {found.words}"
-    )
-    clip, unit_m, notes = in_metres(raw, found.names, model.kind, args.unit_m, str(path))
+    say(f"{path}: {form}, {len(theirs.positions)} frames at {theirs.fps:.4g} a second; {words}")
+    clip, unit_m, notes = in_metres(theirs, names, model.kind, args.unit_m or unit_m, str(path))
     axis = upright_axis(clip)
     up = (
         []

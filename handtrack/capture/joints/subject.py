@@ -29,7 +29,14 @@ class Subject:
     """of that length, an adult's"""
     range_m: tuple[float, float]
     """of that length, a small child's to a large man's; less than a factor of ten, so that one unit fits at most"""
-    range_words: str
+
+    @property
+    def range_words(self) -> str:
+        """The same in words."""
+        low, high = (100 * length for length in self.range_m)
+        return f"{low:.0f} to {high:.0f} cm" + (
+            ", ankle to shoulder" if self.word == "body" else ""
+        )
 
     def fits(self, length_m: float) -> bool:
         """Return whether somebody may be so long."""
@@ -42,7 +49,6 @@ HAND = Subject(
     (("wrist", "middle_mcp", "middle_pip", "middle_dip", "middle_tip"),),
     0.18,
     (0.06, 0.25),
-    "6 to 25 cm",
 )
 # from ankle to shoulder along the bones is 0.78 of stature in body34 (de Leva 1996); statures of 0.75 to 2.2 m
 BODY = Subject(
@@ -51,7 +57,6 @@ BODY = Subject(
     tuple((f"{s}_ankle", f"{s}_knee", f"{s}_hip", f"{s}_shoulder") for s in ("left", "right")),
     1.36,
     (0.58, 1.72),
-    "58 to 172 cm, ankle to shoulder",
 )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -72,29 +71,10 @@ TABLES: dict[str, dict[str, str]] = {
 `vicon` are joint centres of plug-in gait; markers on the skin are no joints."""
 
 
-@dataclass(frozen=True)
-class MatchedJoints:
-    """What a file's joints are called here."""
-
-    table: str
-    names: Mapping[str, str]
-    """of the model's joints → the file's"""
-    unused: tuple[str, ...]
-    """of the file"""
-
-    @property
-    def words(self) -> str:
-        """How they were matched, in a sentence."""
-        left = (
-            f"; not used: {', '.join(self.unused[:12])}{' …' if len(self.unused) > 12 else ''}"
-            if self.unused
-            else ""
-        )
-        return f"{len(self.names)} joints by the names of {self.table}{left}."
-
-
-def matched_joints(model: ArticulatedModel, names: Sequence[str], where: str) -> MatchedJoints:
-    """Return the table that knows most of a file's joints. Raises HandtrackError where none knows enough of them."""
+def matched_joints(
+    model: ArticulatedModel, names: Sequence[str], where: str
+) -> tuple[dict[str, str], str]:
+    """Return the model's joints → those of a file, by the table that knows most of them, and how they were matched, in a sentence. Raises HandtrackError where none knows enough of them."""
     tables = {"handtrack": own_table(model), "common use": _common(model, names)}
     if model.kind == "body":
         tables |= TABLES
@@ -117,11 +97,13 @@ def matched_joints(model: ArticulatedModel, names: Sequence[str], where: str) ->
             f"{where}: joints of unknown names: {guesses(model, names)}. Write a table, a TOML file with lines such as "
             f'{model.joint_names[-2]} = "THEIR NAME", and give it with --names FILE.'
         )
-    return _matched(best, found[best], names)
+    return found[best], _words(best, found[best], names)
 
 
-def read_table(path: Path, model: ArticulatedModel, names: Sequence[str]) -> MatchedJoints:
-    """Return a user's table: TOML, our name = "theirs". Raises HandtrackError for names that are in neither."""
+def read_table(
+    path: Path, model: ArticulatedModel, names: Sequence[str]
+) -> tuple[dict[str, str], str]:
+    """Return the same of a user's table: TOML, our name = "theirs". Raises HandtrackError for names that are in neither."""
     rows = read_toml(path, "a table of joints")
     for ours, theirs in rows.items():
         if ours not in model.joint_names:
@@ -130,7 +112,7 @@ def read_table(path: Path, model: ArticulatedModel, names: Sequence[str]) -> Mat
             raise unknown_name("joint", str(theirs), names, f"the motion file ({path}: {ours})")
     if len(rows) < min(FEWEST, len(model.joint_names)):
         raise HandtrackError(f"{path}: {len(rows)} joints; expected {FEWEST} at least.")
-    return _matched(path.name, rows, names)
+    return rows, _words(path.name, rows, names)
 
 
 def guesses(model: ArticulatedModel, names: Sequence[str]) -> str:
@@ -177,9 +159,13 @@ def _common(model: ArticulatedModel, names: Sequence[str]) -> dict[str, str]:
     return max(sides.values(), key=len, default={})
 
 
-def _matched(table: str, rows: Mapping[str, str], names: Sequence[str]) -> MatchedJoints:
-    used = set(rows.values())
-    return MatchedJoints(table, dict(rows), tuple(name for name in names if name not in used))
+def _words(table: str, rows: Mapping[str, str], names: Sequence[str]) -> str:
+    """Return by which table how many joints were matched, and which of the file's were not."""
+    unused = [name for name in names if name not in rows.values()]
+    left = (
+        f"; not used: {', '.join(unused[:12])}{' …' if len(unused) > 12 else ''}" if unused else ""
+    )
+    return f"{len(rows)} joints by the names of {table}{left}."
 
 
 def _plain(name: str) -> str:

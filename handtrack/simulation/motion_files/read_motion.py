@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,21 +23,10 @@ _ALIKE = 1.55  # ratio to an adult's length: less than √2.54, half of what is 
 _AXES = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
-class RawMotion:
-    """Joint positions in a file's own unit."""
-
-    family: str
-    clip: MotionClip
-    unit_m: float | None
-    """metres in one unit, where the file says it"""
-    notes: tuple[str, ...] = ()
-
-
 def read_motion(
     path: Path, skeleton: Path | None = None, fps: float | None = None, positions: str | None = None
-) -> RawMotion:
-    """Return what a file says of where joints are.
+) -> tuple[MotionClip, float | None, str]:
+    """Return what a file says of where joints are, in its unit; metres in one unit, where it says that; and which form it has, in words.
 
     skeleton: the .asf of an .amc; without it, the only one beside it. fps: frames a second, where the file says none.
     positions: of a BVH, see `read_bvh`. Raises HandtrackError.
@@ -45,15 +34,15 @@ def read_motion(
     check_file(path, "a motion", LARGEST)
     suffix, start = path.suffix.lower(), first_bytes(path)
     if start.lstrip()[:9].upper() == b"HIERARCHY":
-        return RawMotion("BVH", _at(read_bvh(path, positions, 1.0), fps), None)
+        clip = read_bvh(path, positions, 1.0)
+        return replace(clip, fps=fps or clip.fps), None, "BVH"
     if suffix == ".amc":
         told = (
-            ""
+            "AMC"
             if fps
-            else f"AMC files do not say their rate: taken to be {FPS:g} frames a second, as of the CMU database (--fps)."
+            else "AMC (its rate, which it does not say, is that of the CMU database; --fps)"
         )
-        clip = read_asf_amc(skeleton or _skeleton_of(path), path, fps or FPS)
-        return RawMotion("AMC", clip, 1.0, (told,) if told else ())
+        return read_asf_amc(skeleton or _skeleton_of(path), path, fps or FPS), 1.0, told
     if suffix == ".asf":
         raise HandtrackError(
             f"{path} is a skeleton alone; give the motion, an .amc file, and this with --skeleton."
@@ -64,29 +53,27 @@ def read_motion(
         raise HandtrackError(
             f"{path}: it does not say how many frames a second there are; give it with --fps."
         )
-    clip = MotionClip(markers.names, markers.positions, rate)
-    return RawMotion("points in space", clip, markers.unit_m)
+    return MotionClip(markers.names, markers.positions, rate), markers.unit_m, "points in space"
 
 
 def in_metres(
-    raw: RawMotion, names: Mapping[str, str], kind: str, unit_m: float | None, where: str
+    clip: MotionClip, names: Mapping[str, str], kind: str, unit_m: float | None, where: str
 ) -> tuple[MotionClip, float, list[str]]:
     """Return a model's joints [m] in the file's axes, the metres in its unit, and what was assumed of that, in sentences.
 
-    names: the model's joints → the file's. kind: body or hand. unit_m: what the user says. Raises HandtrackError where the unit
+    clip: in the file's unit. names: the model's joints → the file's. kind: body or hand. unit_m: what the file or the user says. Raises HandtrackError where the unit
     cannot be told by a person's size.
     """
-    clip = raw.clip.renamed(names)
+    clip = clip.renamed(names)
     subject = BODY if kind == "body" else HAND
     length = _length(clip, subject.chains)
-    given = unit_m or raw.unit_m
-    if given is not None:
+    if unit_m is not None:
         notes = []
-        if length is not None and not subject.fits(length * given):
+        if length is not None and not subject.fits(length * unit_m):
             notes.append(
-                f"note: with {given:g} m a unit the {kind} is {100 * length * given:.3g} cm long; expected {subject.range_words}."
+                f"note: with {unit_m:g} m a unit the {kind} is {100 * length * unit_m:.3g} cm long; expected {subject.range_words}."
             )
-        return MotionClip(clip.names, clip.positions * given, clip.fps), given, notes
+        return MotionClip(clip.names, clip.positions * unit_m, clip.fps), unit_m, notes
     if length is None:
         raise HandtrackError(
             f"{where}: how many metres is one unit? The joints that would tell it are missing; say it with --unit-m, such as 0.01."
@@ -130,10 +117,6 @@ def turned_upright(positions: Floats[F, J, D3], axis: tuple[int, float]) -> Floa
     turn[1, axis[0]] = axis[1]
     turn[2] = np.cross(turn[0], turn[1])
     return np.asarray(np.einsum("ij,fkj->fki", turn, positions), dtype=float)
-
-
-def _at(clip: MotionClip, fps: float | None) -> MotionClip:
-    return clip if fps is None else replace(clip, fps=fps)
 
 
 def _of(clip: MotionClip, name: str) -> Floats[F, D3]:
