@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from handtrack.arrays import D3, Floats, N, P, array_dataclass
+from handtrack.arrays import D3, Floats, N, P
 from handtrack.bench.dense_rows_kernels import dense_rows
 from handtrack.bench.measuring import (
     Timing,
@@ -31,16 +31,8 @@ from handtrack.terms.clouds.cloud_distance import CloudDistanceTerm, prepare_clo
 POINTS, NOISE_M, SIGMA_M = 10_000, 0.0003, 0.0005
 
 
-@array_dataclass
-class CloudScene:
-    """A cloud of the model's own surface, and a start that is off."""
-
-    model: ArticulatedModel
-    surface: MetaballSurface
-    points: Floats[N, D3]
-    """world [m]"""
-    start: Floats[P]
-    """10 mm off, all angles off by 5° (standard deviation), within limits"""
+CloudScene = tuple[ArticulatedModel, MetaballSurface, Floats[N, D3], Floats[P]]
+"""a model, its surface, a cloud of that [m], and a start 10 mm and all angles 5° (standard deviation) off, within limits"""
 
 
 def cloud_scene(seed: int) -> CloudScene:
@@ -57,22 +49,20 @@ def cloud_scene(seed: int) -> CloudScene:
     start = truth.copy()
     start[:3] += 0.010 * way / np.linalg.norm(way)
     start[3:] += np.deg2rad(5.0) * rng.normal(size=len(truth) - 3)
-    return CloudScene(model, surface, points, model.clipped(start))
+    return model, surface, points, model.clipped(start)
 
 
 @alone
 def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
     """Return the time of a complete iteration: linearisation, bounded step, limits, accepted trial."""
-    scene = cloud_scene(1)
-    problem = Problem(
-        scene.model, [CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)]
-    )
+    model, surface, points, start = cloud_scene(1)
+    problem = Problem(model, [CloudDistanceTerm(prepare_cloud(points), surface, SIGMA_M)])
     ten = SolverSettings(iterations=10, cost_tolerance=0.0, step_tolerance=0.0)
 
     def solved() -> int:
-        return solve(problem, scene.start, ten).iterations
+        return solve(problem, start, ten).iterations
 
-    count, (rows, width) = solved(), (len(scene.points), len(scene.start))
+    count, (rows, width) = solved(), (len(points), len(start))
     ours, *blas = alternating_timings([solved, *normal_equations(rows, width)], 40)
     ours = Timing(ours.median / count, ours.least / count)
     words = f"BLAS float64 JᵀJ and Jᵀr of a formed {rows} × {width} Jacobian, the quicker of two layouts"
@@ -82,18 +72,17 @@ def cloud_lm_iteration_vs_blas() -> dict[str, Any]:
 @alone
 def cloud_iteration_vs_blas() -> dict[str, Any]:
     """Return ratio, ours_ms, reference_ms and what the reference is."""
-    scene = cloud_scene(1)
-    term = CloudDistanceTerm(prepare_cloud(scene.points), scene.surface, SIGMA_M)
-    problem = Problem(scene.model, [term])
+    scene = model, surface, points, start = cloud_scene(1)
+    problem = Problem(model, [CloudDistanceTerm(prepare_cloud(points), surface, SIGMA_M)])
 
     def step() -> Floats:
-        system = problem.linearize(scene.start)
-        return bounded_step(system.hessian, system.gradient, scene.start, problem.limits, 1e-2)[1]
+        system = problem.linearize(start)
+        return bounded_step(system.hessian, system.gradient, start, problem.limits, 1e-2)[1]
 
     def step_and_trial() -> float:
-        return problem.cost(scene.start + 0.1 * step())
+        return problem.cost(start + 0.1 * step())
 
-    jacobian = DenseCloud(scene).jacobian(scene.start)
+    jacobian = _dense(scene, start, True)[1]
     layouts = [np.ascontiguousarray(jacobian), np.asfortranarray(jacobian)]
 
     def blas(matrix: Floats) -> Callable[[], Any]:
@@ -112,7 +101,7 @@ def cloud_iteration_vs_blas() -> dict[str, Any]:
         "reference": (
             f"BLAS float64 JᵀJ of the formed {count} × {width} Jacobian, the quicker of two memory layouts; ours: "
             "kinematics, closest ellipsoids, distances, derivatives, sums, pull back and the bounded step, "
-            f"{len(scene.surface.ellipsoids)} ellipsoids"
+            f"{len(surface.ellipsoids)} ellipsoids"
         ),
     }
 
@@ -120,34 +109,31 @@ def cloud_iteration_vs_blas() -> dict[str, Any]:
 @alone
 def cloud_solve_vs_scipy() -> dict[str, Any]:
     """Return the time to come within 1e-6 of the converged cost, ours and scipy's; start and Jacobian are the same."""
-    scene = cloud_scene(1)
-    dense = DenseCloud(scene)
-    cloud = prepare_cloud(scene.points)
-    problem = Problem(scene.model, [CloudDistanceTerm(cloud, scene.surface, SIGMA_M)])
-    goal = (1.0 + 1e-6) * solve(problem, scene.start, SolverSettings(iterations=100)).cost
+    scene = model, surface, points, start = cloud_scene(1)
+    problem = Problem(model, [CloudDistanceTerm(prepare_cloud(points), surface, SIGMA_M)])
+    goal = (1.0 + 1e-6) * solve(problem, start, SolverSettings(iterations=100)).cost
 
     reached: list[int] = []
     solve(
         problem,
-        scene.start,
+        start,
         SolverSettings(iterations=100),
         on_iteration=lambda k, params, cost: reached.append(k) if cost <= goal else None,
     )
     enough = SolverSettings(iterations=reached[0])
 
     def ours() -> None:
-        cloud = prepare_cloud(scene.points)
-        problem = Problem(scene.model, [CloudDistanceTerm(cloud, scene.surface, SIGMA_M)])
-        solve(problem, scene.start, enough)
+        problem = Problem(model, [CloudDistanceTerm(prepare_cloud(points), surface, SIGMA_M)])
+        solve(problem, start, enough)
 
-    low, high = problem.bounds(scene.start).T
+    low, high = problem.bounds(start).T
 
     def scipy(method: str) -> tuple[float, int, bool]:
         calls = [0]
 
         def residual(params: Floats) -> Floats:
             calls[0] += 1
-            r = dense.residual(params)
+            r = _dense(scene, params)[0]
             if 0.5 * float(r @ r) <= goal:
                 raise _ReachedError
             return r
@@ -157,8 +143,8 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
         try:
             least_squares(
                 residual,
-                scene.start,
-                dense.jacobian,  # type: ignore[arg-type]
+                start,
+                lambda params: _dense(scene, params, True)[1],  # type: ignore[arg-type]
                 method=method,
                 x_scale="jac",
                 max_nfev=300,
@@ -195,23 +181,15 @@ def cloud_solve_vs_scipy() -> dict[str, Any]:
     }
 
 
-class DenseCloud:
-    """E1 as a general solver wants it: residuals (N,) and their Jacobian (N, P) at parameters (P,)."""
-
-    def __init__(self, scene: CloudScene) -> None:
-        self.scene = scene
-        self.points = np.ascontiguousarray(scene.points)
-
-    def residual(self, params: Floats[P]) -> Floats[N]:
-        return self._rows(params, False)[0]
-
-    def jacobian(self, params: Floats[P]) -> Floats[N, P]:
-        return self._rows(params, True)[1] @ self.scene.model.transform.matrix
-
-    def _rows(self, params: Floats, want_jacobian: bool) -> tuple[Floats, Floats]:
-        bones, twist, _ = self.scene.model.linearize(params)
-        posed = self.scene.surface.posed(bones)
-        return dense_rows(self.points, posed, SIGMA_M, bones.reference, twist, want_jacobian)
+def _dense(
+    scene: CloudScene, params: Floats[P], want_jacobian: bool = False
+) -> tuple[Floats[N], Floats[N, P]]:
+    """Return E1 as a general solver wants it: residuals and, if wanted, their Jacobian."""
+    model, surface, points, _ = scene
+    bones, twist, _ = model.linearize(params)
+    posed = surface.posed(bones)
+    residuals, rows = dense_rows(points, posed, SIGMA_M, bones.reference, twist, want_jacobian)
+    return residuals, rows @ model.transform.matrix if want_jacobian else rows
 
 
 class _ReachedError(Exception):

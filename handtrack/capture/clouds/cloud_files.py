@@ -7,7 +7,6 @@ points costs no more memory than the part of it that is kept.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -145,37 +144,29 @@ _COLOURS = (
 _LONGEST_HEADER = 64 * 1024
 
 
-class _Header(NamedTuple):
-    order: str
-    """numpy's sign for the byte order; empty for ascii."""
-    count: int
-    fields: list[tuple[str, str]]
-    start: int
-    """first byte after the header."""
-
-
 def read_ply(path: Path, most: int) -> tuple[Floats[N, D3], Array[N, D3] | None, int]:
     """Return points, colours uint8 RGB or None, and how many points the file has.
 
     Of more than `most` points, about that many are returned, evenly spread. Raises HandtrackError
     for what is no .ply, is cut off, or has no vertices with x, y, z.
     """
-    header = _header(path)
-    names = [name for name, _ in header.fields]
+    order, count, fields, start = _header(path)
+    names = [name for name, _ in fields]
     if not {"x", "y", "z"} <= set(names):
         raise HandtrackError(
             f"{path}: the vertices have no x, y, z; properties there: {', '.join(names) or 'none'}."
         )
     if len(set(names)) < len(names):
         raise HandtrackError(f"{path}: a vertex property is named twice: {', '.join(names)}.")
-    if header.count == 0:
+    if count == 0:
         return np.zeros((0, 3)), None, 0
-    if header.count > path.stat().st_size:  # do not believe any header
-        raise _cut_off(path, header.count, None)
-    picked = spread_part(header.count, most)
-    table = _ascii(path, header, picked) if not header.order else _binary(path, header, picked)
+    if count > path.stat().st_size:  # do not believe any header
+        raise _cut_off(path, count, None)
+    read = _binary if order else _ascii
+    kind = np.dtype([(name, order + kind) for name, kind in fields])
+    table = read(path, kind, count, start, spread_part(count, most))
     points = np.column_stack([table[axis] for axis in "xyz"]).astype(float)
-    return points, _colors(table, names), header.count
+    return points, _colors(table, names), count
 
 
 def spread_part(count: int, most: int) -> Array[M]:
@@ -189,7 +180,8 @@ def spread_part(count: int, most: int) -> Array[M]:
     return (edges[:-1] + inside * np.diff(edges)).astype(np.int64)
 
 
-def _header(path: Path) -> _Header:
+def _header(path: Path) -> tuple[str, int, list[tuple[str, str]], int]:
+    """Return numpy's sign for the byte order, empty for ascii; how many vertices there are; their properties; the first byte after the header."""
     try:
         with path.open("rb") as file:
             head = file.read(_LONGEST_HEADER)
@@ -223,43 +215,40 @@ def _header(path: Path) -> _Header:
         raise HandtrackError(
             f"{path}: expected the vertices first; elements there: {', '.join(elements) or 'none'}."
         )
-    return _Header(order, count, fields, start)
+    return order, count, fields, start
 
 
-def _binary(path: Path, header: _Header, picked: Array) -> Array:
-    kind = np.dtype([(name, header.order + kind) for name, kind in header.fields])
-    found = max(path.stat().st_size - header.start, 0) // kind.itemsize
-    if found < header.count:
-        raise _cut_off(path, header.count, found)
-    rows = np.memmap(path, kind, "r", offset=header.start, shape=(header.count,))
+def _binary(path: Path, kind: np.dtype, count: int, start: int, picked: Array) -> Array:
+    found = max(path.stat().st_size - start, 0) // kind.itemsize
+    if found < count:
+        raise _cut_off(path, count, found)
+    rows = np.memmap(path, kind, "r", offset=start, shape=(count,))
     return np.array(rows[picked])
 
 
-def _ascii(path: Path, header: _Header, picked: Array) -> Array:
-    kind = np.dtype([(name, kind) for name, kind in header.fields])
-    wanted = np.zeros(header.count, bool)
+def _ascii(path: Path, kind: np.dtype, count: int, start: int, picked: Array) -> Array:
+    wanted = np.zeros(count, bool)
     wanted[picked] = True
     rows: list[str] = []
     with path.open("rb") as file:
-        file.seek(header.start)
+        file.seek(start)
         seen = 0
         for line in file:
-            if seen == header.count:
+            if seen == count:
                 break
             if wanted[seen]:
                 rows.append(line.decode("ascii", errors="replace"))
             seen += 1
-    if seen < header.count:
-        raise _cut_off(path, header.count, seen)
+    if seen < count:
+        raise _cut_off(path, count, seen)
     try:
-        numbers = np.loadtxt(rows, dtype=float, ndmin=2, usecols=range(len(header.fields)))
+        numbers = np.loadtxt(rows, dtype=float, ndmin=2, usecols=range(len(kind.names or ())))
     except ValueError as error:
         raise HandtrackError(
             f"{path}: the points cannot be read: {str(error).rstrip('.')}. Expected numbers with spaces between them."
         ) from None
     table = np.empty(len(numbers), kind)
-    for i, (name, _) in enumerate(header.fields):
-        column = numbers[:, i]
+    for name, column in zip(kind.names or (), numbers.T, strict=True):
         if kind[name].kind in "iu":
             limits = np.iinfo(kind[name])
             column = np.clip(np.nan_to_num(column), limits.min, limits.max)

@@ -45,8 +45,6 @@ class HandSeeds:
     """bool: what shows how the hand looks in this image, if the joints are right."""
     before: Array[H, W]
     """bool: on the hand's side of the wrist, where what is no hand is no arm either."""
-    arm: Array[H, W]
-    """bool: behind the wrist, where nothing is said."""
     px_per_m: float
     """how large the hand is in the image."""
     line: tuple[float, float, float]
@@ -134,7 +132,7 @@ def _seeds(
     odds[before < 0] = np.maximum(odds[before < 0], 0)  # a wrist goes on as an arm, or not
     core &= before > 0
     line = a, b, c + _ARM_M * px_per_m
-    return HandSeeds(corner, odds, core, before > 0, before < -_ARM_M, px_per_m, line)
+    return HandSeeds(corner, odds, core, before > 0, px_per_m, line)
 
 
 def _along(wrist: Array, knuckles: Array) -> tuple[float, float, float]:

@@ -105,10 +105,9 @@ class SeededMasks:
         between = _between(part, seeds.px_per_m)
         part[between] = np.where(odds[between] > 0, 255, 0)
         part = _connected(part, seeds.core)
-        part[seeds.arm] = UNKNOWN_LEVEL
         mask = np.zeros(image.shape[:2], np.uint8)
-        mask[seeds.behind(mask.shape)] = UNKNOWN_LEVEL
         mask[seeds.part] = part
+        mask[seeds.behind(mask.shape)] = UNKNOWN_LEVEL
         return mask if self._roi is None else inside_roi(mask, self._roi)
 
     def _log_odds(self, part: _Part, taught: bool = True) -> Floats:

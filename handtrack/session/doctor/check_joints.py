@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,23 +28,11 @@ _MOST_LATE = 3  # frames
 _UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres", 0.0254: "inches"}
 
 
-class _Seen(NamedTuple):
-    """A camera, and where it saw joints (T, J, 2) in its image as taken [px]; NaN where unknown."""
-
-    camera: Camera
-    pixels: Floats[T, J, D2]
-
-
-@dataclass(frozen=True)
-class _Match:
-    """How joints fit together."""
-
-    points: Floats[N, D3]
-    """of all frames and joints, world [m]"""
-    off: float
-    """how far they are missed, as a share of the hand's extent in the images; median over points of the worst camera"""
-    px: float
-    """the same in pixels"""
+_Seen = tuple[Camera, Floats[T, J, D2]]
+"""a camera, and where it saw joints in its image as taken [px]; NaN where unknown"""
+_Match = tuple[float, float, Floats[N, D3]]
+"""how far joints miss each other, as a share of the hand's extent in the images, the median over points of the worst camera; the same
+in pixels; the points of all frames and joints, world [m]"""
 
 
 def check_joints(session: Session) -> Iterator[Finding]:
@@ -53,7 +40,7 @@ def check_joints(session: Session) -> Iterator[Finding]:
     names, seen = _seen_joints(session)
     if len(seen) < 2 or (found := _match(seen)) is None:
         return
-    if found.off > _MOST_OFF:
+    if found[0] > _MOST_OFF:
         yield warning(
             f"joints seen by cameras {_listed(seen)} do not meet in space by this calibration: they miss each other by {_words(found)}. "
             + (_what_would_fit(seen, found) or _NOTHING_FITS)
@@ -65,7 +52,7 @@ def check_joints(session: Session) -> Iterator[Finding]:
     else:
         odd = list(map(warning, _fingers_elsewhere(names, seen)))
         yield from odd or [ok(f"joints of {len(seen)} cameras meet in space to {_words(found)}.")]
-    yield from _check_size(session, names, found, len(seen[0].pixels))
+    yield from _check_size(session, names, found[2].reshape(len(seen[0][1]), len(names), 3))
 
 
 _NOTHING_FITS = "Was a camera moved, does a matrix belong to another image size, or do frames of equal number show different moments?"
@@ -93,7 +80,7 @@ def _seen_joints(session: Session) -> tuple[tuple[str, ...], list[_Seen]]:
             for name, pixel in row[view.name].items():
                 pixels[at, names.index(name)] = pixel
         if np.isfinite(pixels).any():
-            seen.append(_Seen(view.camera, pixels))
+            seen.append((view.camera, pixels))
     return names, seen
 
 
@@ -105,19 +92,19 @@ def _fingers_elsewhere(names: tuple[str, ...], seen: Sequence[_Seen]) -> Iterato
     for first in range(1, len(hand), 4):
         rows = indices(names, hand[first : first + 4])
         rest = [(one, _match([o for o in seen if o is not one], rows)) for one in seen]
-        known = sorted(((m, one) for one, m in rest if m), key=lambda pair: pair[0].off)
-        if len(known) < 2 or known[0][0].off > _MOST_OFF:
+        known = sorted(((m, *one) for one, m in rest if m), key=lambda found: found[0][0])
+        if len(known) < 2 or known[0][0][0] > _MOST_OFF:
             continue
-        others, one = known[0]
-        least = known[1][0].off  # without any other camera
-        if least <= _MOST_OFF and others.off > _BETTER * least:
+        others, camera, pixels = known[0]
+        least = known[1][0][0]  # without any other camera
+        if least <= _MOST_OFF and others[0] > _BETTER * least:
             continue
-        straight = one.camera.undistort_points(one.pixels[:, rows]).reshape(1, -1, 2)
-        missed = missed_px([one.camera], straight, others.points)
+        straight = camera.undistort_points(pixels[:, rows]).reshape(1, -1, 2)
+        missed = missed_px([camera], straight, others[2])
         px = float(np.median(missed[np.isfinite(missed)])) if np.isfinite(missed).any() else 0.0
-        if px > _MOST_OFF * _extent(one.pixels):
+        if px > _MOST_OFF * _extent(pixels):
             yield (
-                f"camera '{one.camera.name}' sees the joints of the {hand[first].split('_')[0]} {px:.0f} px (median) beside where all other cameras "
+                f"camera '{camera.name}' sees the joints of the {hand[first].split('_')[0]} {px:.0f} px (median) beside where all other cameras "
                 f"see them, which agree to {_words(others)}. Tracking mostly lets them go; is another hand or an object mistaken for the finger in "
                 "its images?"
             )
@@ -125,11 +112,11 @@ def _fingers_elsewhere(names: tuple[str, ...], seen: Sequence[_Seen]) -> Iterato
 
 def _match(seen: Sequence[_Seen], rows: Sequence[int] | None = None) -> _Match | None:
     """Return how joints, all or those of some rows, fit together; None where too few are seen by two cameras."""
-    extent = np.array([_extent(one.pixels) for one in seen])
+    extent = np.array([_extent(pixels) for _, pixels in seen])
     if rows is not None:
-        seen = [one._replace(pixels=one.pixels[:, rows]) for one in seen]
-    cameras = [one.camera for one in seen]
-    straight = np.stack([one.camera.undistort_points(one.pixels).reshape(-1, 2) for one in seen])
+        seen = [(camera, pixels[:, rows]) for camera, pixels in seen]
+    cameras = [camera for camera, _ in seen]
+    straight = np.stack([camera.undistort_points(at).reshape(-1, 2) for camera, at in seen])
     points = triangulated(cameras, straight)
     missed = missed_px(cameras, straight, points)
     both = np.isfinite(straight).all(axis=2).sum(axis=0) > 1
@@ -140,7 +127,7 @@ def _match(seen: Sequence[_Seen], rows: Sequence[int] | None = None) -> _Match |
         np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9) / extent[:, None], axis=0
     )
     px = np.nanmax(np.nan_to_num(missed[:, both], nan=-1.0, posinf=1e9), axis=0)
-    return _Match(points, float(np.median(worst)), float(np.median(px)))
+    return float(np.median(worst)), float(np.median(px)), points
 
 
 def _extent(pixels: Floats[T, J, D2]) -> float:
@@ -151,58 +138,52 @@ def _extent(pixels: Floats[T, J, D2]) -> float:
 
 def _what_would_fit(seen: Sequence[_Seen], found: _Match) -> str:
     """Return the mistake, of those often made, with which joints would meet best, as a question; empty for none."""
-    tried = [(words, match) for words, match in _mistakes(seen) if match is not None]
-    good = [
-        (match.off, words)
-        for words, match in tried
-        if match.off < min(_MOST_OFF, _BETTER * found.off)
-    ]
-    return min(good)[1] if good else ""
+    tried = ((match[0], words) for words, match in _mistakes(seen) if match is not None)
+    off, words = min(tried, default=(np.inf, ""))
+    return words if off < min(_MOST_OFF, _BETTER * found[0]) else ""
 
 
 def _mistakes(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
-    for words, cameras in often_mistaken([one.camera for one in seen]):
-        pairs = zip(seen, cameras, strict=True)
-        yield f"They would meet {words}", _match([o._replace(camera=c) for o, c in pairs])
-    for i, one in enumerate(seen):
+    for words, cameras in often_mistaken([camera for camera, _ in seen]):
+        exchanged = list(zip(cameras, [pixels for _, pixels in seen], strict=True))
+        yield f"They would meet {words}", _match(exchanged)
+    for i, (camera, pixels) in enumerate(seen):
         mirrored = list(seen)
-        width = one.camera.size[0]
-        mirrored[i] = one._replace(pixels=one.pixels * (-1, 1) + (width - 1, 0))
+        mirrored[i] = camera, pixels * (-1, 1) + (camera.size[0] - 1, 0)
         yield (
-            f"They would meet if the images of camera '{one.camera.name}' were mirrored: does its program flip them, as for a "
+            f"They would meet if the images of camera '{camera.name}' were mirrored: does its program flip them, as for a "
             "selfie?",
             _match(mirrored),
         )
-    yield from ((words, match) for _, words, match in _shifts(seen))
-    for i, one in enumerate(seen):
+    yield from _shifts(seen)
+    for i, (camera, pixels) in enumerate(seen):
         for factor in (2 / 3, 0.5, 0.75, 4 / 3, 1.5, 2.0):
             scaled = list(seen)
-            matrix = one.camera.matrix * np.array([[factor], [factor], [1.0]])
-            scaled[i] = one._replace(camera=replace(one.camera, matrix=matrix))
+            matrix = camera.matrix * np.array([[factor], [factor], [1.0]])
+            scaled[i] = replace(camera, matrix=matrix), pixels
             yield (
-                f"They would meet if the matrix of camera '{one.camera.name}' were {factor:.3g} times what it is: does it belong to "
+                f"They would meet if the matrix of camera '{camera.name}' were {factor:.3g} times what it is: does it belong to "
                 "images of another size? (`image_size` in session.toml scales it.)",
                 _match(scaled),
             )
 
 
-def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[int, str, _Match | None]]:
+def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[str, _Match | None]]:
     """Yield by how many frames a camera may be late, in words, and how joints fit together then."""
-    for i, one in enumerate(seen):
+    for i, (camera, pixels) in enumerate(seen):
         for shift in (*range(-_MOST_LATE, 0), *range(1, _MOST_LATE + 1)):
-            moved = np.full_like(one.pixels, np.nan)
+            moved = np.full_like(pixels, np.nan)
             if shift > 0:
-                moved[:-shift] = one.pixels[shift:]
+                moved[:-shift] = pixels[shift:]
             else:
-                moved[-shift:] = one.pixels[:shift]
+                moved[-shift:] = pixels[:shift]
             shifted = list(seen)
-            shifted[i] = one._replace(pixels=moved)
+            shifted[i] = camera, moved
             frames = (
                 f"{abs(shift)} frame{'s' * (abs(shift) > 1)} {'late' if shift > 0 else 'early'}"
             )
             yield (
-                shift,
-                f"They would agree with camera '{one.camera.name}' {frames}: set `lag_s` in session.toml.",
+                f"They would agree with camera '{camera.name}' {frames}: set `lag_s` in session.toml.",
                 _match(shifted),
             )
         if len(seen) == 2:
@@ -211,11 +192,9 @@ def _shifts(seen: Sequence[_Seen]) -> Iterator[tuple[int, str, _Match | None]]:
 
 def _late(seen: Sequence[_Seen], found: _Match) -> str:
     """Return that frames fit clearly better as another number; empty where they do not."""
-    good = [(m.off, words, m) for _, words, m in _shifts(seen) if m is not None]
-    if not good:
-        return ""
-    off, words, match = min(good, key=lambda one: one[0])
-    if off > _BETTER_LATE * found.off:
+    good = ((words, match) for words, match in _shifts(seen) if match is not None)
+    words, match = min(good, key=lambda one: one[1][0], default=("", found))
+    if not words or match[0] > _BETTER_LATE * found[0]:
         return ""
     return f"joints meet in space to {_words(found)}. {words.replace('They would meet', f'They would meet to {_words(match)}')}"
 
@@ -226,7 +205,7 @@ def joint_lines(session: Session) -> list[Floats[N, D3]]:
     hand = keypoint_names()
     if len(seen) < 2 or not set(hand) <= set(names) or (found := _match(seen)) is None:
         return []
-    xyz = found.points.reshape(len(seen[0].pixels), len(names), 3)
+    xyz = found[2].reshape(len(seen[0][1]), len(names), 3)
     xyz = xyz[:, indices(names, hand)]
     best = xyz[int(np.argmax(np.isfinite(xyz).all(axis=2).sum(axis=1)))]
     rows = [best[[0, *range(k, k + 4)]] for k in range(1, 21, 4)]
@@ -234,13 +213,13 @@ def joint_lines(session: Session) -> list[Floats[N, D3]]:
 
 
 def _check_size(
-    session: Session, names: tuple[str, ...], found: _Match, frames: int
+    session: Session, names: tuple[str, ...], xyz: Floats[T, J, D3]
 ) -> Iterator[Finding]:
     """Yield that the hand is none in size or is the other one."""
     hand = keypoint_names()
     if not set(hand) <= set(names):
         return
-    xyz = found.points.reshape(frames, len(names), 3)[:, indices(names, hand)]
+    xyz = xyz[:, indices(names, hand)]
     palms = np.linalg.norm(xyz[:, 9] - xyz[:, 0], axis=1)
     if not np.isfinite(palms).any():
         return
@@ -261,9 +240,9 @@ def _check_size(
 
 
 def _words(match: _Match) -> str:
-    px = "more than the image" if match.px > 1e5 else f"{match.px:.1f} px"
+    px = "more than the image" if match[1] > 1e5 else f"{match[1]:.1f} px"
     return f"{px} (median)"
 
 
 def _listed(seen: Sequence[_Seen]) -> str:
-    return ", ".join(f"'{one.camera.name}'" for one in seen)
+    return ", ".join(f"'{camera.name}'" for camera, _ in seen)

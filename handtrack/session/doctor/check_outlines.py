@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -42,15 +41,15 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
                 f"camera '{name}': in {len(there)} of the {len(frames)} frames looked at, its mask shows something that is hand in none of "
                 f"the other cameras (frames {listed(there)}). Tracking leaves such masks out. Is a shadow or another object taken for the hand there?"
             )
-    seen = [_Seen(view.camera, _outlines(view, frames, other[view.name])) for view in views]
+    seen = [(view.camera, _outlines(view, frames, other[view.name])) for view in views]
     pairs = list(combinations(seen, 2))
     apart = [_pixels_apart(a, b) for a, b in pairs]
     off = [
-        f"'{a.camera.name}' and '{b.camera.name}' by {px:.0f} px"
+        f"'{a[0].name}' and '{b[0].name}' by {px:.0f} px"
         for (a, b), px in zip(pairs, apart, strict=True)
         if px is not None and _is_off(px, a, b)
     ]
-    behind = [f"'{a.camera.name}' and '{b.camera.name}'" for a, b in pairs if _is_behind(a, b)]
+    behind = [f"'{a[0].name}' and '{b[0].name}'" for a, b in pairs if _is_behind(a, b)]
     meant = _what_would_fit(seen) if off or behind or all(px is None for px in apart) else ""
     if behind and not off:
         yield warning(
@@ -71,31 +70,22 @@ def check_outlines(session: Session, frames: Sequence[int] | None = None) -> Ite
         yield warning(f"silhouettes of no two cameras can be compared by this calibration. {meant}")
 
 
-class _Outline(NamedTuple):
-    pixels: Floats[N, D2]
-    """none where nothing is seen"""
-    is_whole: Array[N]
-    """whether the image or its region does not cut the hand off there"""
-
-
-class _Seen(NamedTuple):
-    """A camera, and its outlines in some frames; None where there is no mask."""
-
-    camera: Camera
-    outlines: list[_Outline | None]
+_Outline = tuple[Floats[N, D2], Array[N]]
+"""pixels, none where nothing is seen; whether the image or its region does not cut the hand off at each"""
+_Seen = tuple[Camera, list[_Outline | None]]
+"""a camera, and its outlines in some frames; None where there is no mask"""
 
 
 def _is_off(px: float, first: _Seen, second: _Seen) -> bool:
-    width = min(first.camera.size[0], second.camera.size[0])
+    width = min(first[0].size[0], second[0].size[0])
     return px > max(_MOST_OFF * width, _MOST_OFF_PX)
 
 
 def _what_would_fit(seen: Sequence[_Seen]) -> str:
     """Return mistakes that are often made and with which all silhouettes would fit together, as questions; empty for none."""
     found = []
-    for words, cameras in often_mistaken([one.camera for one in seen]):
-        pairs = zip(seen, cameras, strict=True)
-        fits = _fit([one._replace(camera=camera) for one, camera in pairs])
+    for words, cameras in often_mistaken([camera for camera, _ in seen]):
+        fits = _fit(list(zip(cameras, [outlines for _, outlines in seen], strict=True)))
         found += [f"They would fit {words}"] if fits else []
     return " ".join(found)
 
@@ -136,12 +126,12 @@ def _is_behind(first: _Seen, second: _Seen) -> bool:
     """Return whether lines of sight to the middles of two cameras' outlines meet behind a camera in most frames: what
     silhouettes of a pair that looks one way tell of its order.
     """
-    cameras = first.camera, second.camera
+    cameras = first[0], second[0]
     middles = np.array(
         [
-            [a.pixels.mean(axis=0), b.pixels.mean(axis=0)]
-            for a, b in zip(first.outlines, second.outlines, strict=True)
-            if a is not None and b is not None and len(a.pixels) and len(b.pixels)
+            [a[0].mean(axis=0), b[0].mean(axis=0)]
+            for a, b in zip(first[1], second[1], strict=True)
+            if a is not None and b is not None and len(a[0]) and len(b[0])
         ]
     )
     met = triangulated(cameras, middles.reshape(-1, 2, 2).swapaxes(0, 1))
@@ -152,9 +142,9 @@ def _is_behind(first: _Seen, second: _Seen) -> bool:
 
 def _pixels_apart(first: _Seen, second: _Seen) -> float | None:
     """Return how far two cameras' outlines miss common planes [px], the median over frames; None where too few can tell."""
-    cameras = (first.camera, second.camera)
+    cameras = first[0], second[0]
     missed = []
-    for a, b in zip(first.outlines, second.outlines, strict=True):
+    for a, b in zip(first[1], second[1], strict=True):
         if a is None or b is None:
             continue
         ends = _ends(a, *cameras), _ends(b, *cameras[::-1])
@@ -193,7 +183,7 @@ def _outline(mask: Bytes, unknown: int | None, view: View) -> _Outline:
     pixels = np.concatenate([o[:, 0].astype(float) for o in outlines] or [np.zeros((0, 2))])
     least = np.array([x, y]) + _BORDER_PX
     whole = ((pixels >= least) & (pixels < least + (width, height) - 2 * _BORDER_PX)).all(axis=1)
-    return _Outline(pixels, np.asarray(whole))
+    return pixels, np.asarray(whole)
 
 
 def _ends(outline: _Outline, camera: Camera, other: Camera) -> Floats:

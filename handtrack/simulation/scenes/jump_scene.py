@@ -40,14 +40,12 @@ class JumpScene:
 
     model: ArticulatedModel
     camera: Camera
-    truth: Floats[P]
     seen: ImageKeypoints
     priors: list[GaussianPrior]
     collision: CollisionTerm | None
     """the prior that parts do not pass through each other"""
     start: Floats[P]
-    """the minimum next to the truth"""
-    start_cost: float
+    """the minimum next to the true pose"""
     covariance: Floats[P, P]
     """there"""
 
@@ -148,11 +146,11 @@ def jump_scene(seed: int, collision: bool = True) -> JumpScene:
     seen = ImageKeypoints(camera, names, pixels, 1.0)
     priors, apart = body_priors(model), CollisionTerm.of(model) if collision else None
     empty = np.zeros((len(truth), len(truth)))
-    scene = JumpScene(model, camera, truth, seen, priors, apart, truth, 0.0, empty)
+    scene = JumpScene(model, camera, seen, priors, apart, truth, empty)
     found = scene.polished(truth[None])
     assert found.is_minimum[0], "descent from the truth ended in no minimum"
     spread, _ = covariance(found.normal[0])
-    return replace(scene, start=found.params[0], start_cost=float(found.cost[0]), covariance=spread)
+    return replace(scene, start=found.params[0], covariance=spread)
 
 
 def full_scene(collision: bool = True) -> JumpScene:

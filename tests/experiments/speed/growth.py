@@ -56,15 +56,15 @@ def cameras(rounds: int = 20) -> dict[str, Any]:
 @alone
 def points(rounds: int = 20) -> dict[str, Any]:
     """Return an iteration's time with 100,000 points, the reference being 10,000."""
-    scene = cloud_scene(1)
-    noise = 1e-3 * np.random.default_rng(2).normal(size=(10, *scene.points.shape))
-    clouds = (scene.points + noise).reshape(-1, 3), scene.points
+    model, surface, seen, start = cloud_scene(1)
+    noise = 1e-3 * np.random.default_rng(2).normal(size=(10, *seen.shape))
+    clouds = (seen + noise).reshape(-1, 3), seen
     problems = [
-        Problem(scene.model, [CloudDistanceTerm(prepare_cloud(cloud), scene.surface, SIGMA_M)])
+        Problem(model, [CloudDistanceTerm(prepare_cloud(cloud), surface, SIGMA_M)])
         for cloud in clouds
     ]
     ours, reference = alternating_timings(
-        [lambda p=problem: p.linearize(scene.start) for problem in problems], rounds
+        [lambda p=problem: p.linearize(start) for problem in problems], rounds
     )
     return ratio_figures(ours, [reference], "the same with 10,000 points")
 
