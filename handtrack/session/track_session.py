@@ -76,13 +76,6 @@ class Progress:
 
 
 @array_dataclass
-class ProvisionalFrame:
-    """A frame is solved; a search beside may still change it (not yielded: goes to `on_progress`)."""
-
-    result: FrameResult
-
-
-@array_dataclass
 class SizeFitted:
     """The size or forearm was found; frames from here on are of this run."""
 
@@ -104,7 +97,7 @@ class PassBegan:
 
 @array_dataclass
 class FrameTracked:
-    """A frame's result of the forward pass."""
+    """A frame's result of the forward pass; to `on_progress` it goes before a search beside may change it."""
 
     result: FrameResult
 
@@ -150,10 +143,10 @@ class Ended:
 
 
 Event = SizeFitted | PassBegan | FrameTracked | FramesRefined | Warned | Ended
-OnProgress = Callable[[Progress | ProvisionalFrame], None]
+OnProgress = Callable[[Progress | FrameTracked], None]
 
 
-def _unobserved(progress: Progress | ProvisionalFrame) -> None:
+def _unobserved(progress: Progress | FrameTracked) -> None:
     """Nobody looks."""
 
 
@@ -322,7 +315,7 @@ class _Tracking:
         self._interrupted = False
         self._control = replace(control, refines=False, should_stop=self._stops, on_step=self._step)
         self._control = replace(
-            self._control, on_provisional=lambda r: on_progress(ProvisionalFrame(r))
+            self._control, on_provisional=lambda r: on_progress(FrameTracked(r))
         )
         self._asked = control.should_stop
         self._recorded = run.session.live is None

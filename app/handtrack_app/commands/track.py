@@ -28,7 +28,6 @@ from handtrack.session.track_session import (
     FrameTracked,
     PassBegan,
     Progress,
-    ProvisionalFrame,
     SizeFitted,
     Warned,
     request_for,
@@ -279,9 +278,9 @@ class Progressing:
     def __exit__(self, *_: object) -> None:
         self._bars.close()
 
-    def show(self, progress: Progress | ProvisionalFrame) -> None:
+    def show(self, progress: Progress | FrameTracked) -> None:
         """Show how far a stage without frames is."""
-        if isinstance(progress, ProvisionalFrame):
+        if isinstance(progress, FrameTracked):
             return
         if progress.stage != self._stage:
             self._bars.close()

@@ -22,7 +22,6 @@ from handtrack.session.track_session import (
     FrameTracked,
     PassBegan,
     Progress,
-    ProvisionalFrame,
     SizeFitted,
     TrackingRequest,
     Warned,
@@ -508,7 +507,7 @@ class JobControl:
         if job is not self._job:
             return
         match event:
-            case ProvisionalFrame(result) | FrameTracked(result):
+            case FrameTracked(result):
                 self._tracked(result)
             case Progress(tracked=FrameResult() as result):
                 self._tried(result)

@@ -21,7 +21,6 @@ from handtrack.session.track_session import (
     FrameTracked,
     PassBegan,
     Progress,
-    ProvisionalFrame,
     SizeFitted,
     TrackingRequest,
     Warned,
@@ -51,7 +50,7 @@ Corrections = dict[tuple[str, int], Correction]
 """of masks, carried to the frames beside: as the session's state has them"""
 Work = Callable[["BackgroundJob"], None]
 """does a job; asks its `should_stop` between solver steps"""
-JobEvent = Event | ProvisionalFrame | Progress | FirstPoses | Corrections | JobEnded
+JobEvent = Event | Progress | FirstPoses | Corrections | JobEnded
 """`Progress` of a frame that is tracked to fit the size: nothing is kept of it"""
 Post = Callable[["BackgroundJob", JobEvent], None]
 """hands something that a job did over to the worker"""
@@ -173,8 +172,8 @@ def track(
 ) -> None:
     """Track frames (`track_session`)."""
 
-    def progressed(now: Progress | ProvisionalFrame) -> None:
-        if isinstance(now, ProvisionalFrame):
+    def progressed(now: Progress | FrameTracked) -> None:
+        if isinstance(now, FrameTracked):
             job.count(now.result.frame)
             job.report(now)
             return
@@ -213,7 +212,7 @@ def refine(
 ) -> None:
     """Refine tracked frames together; where keyframes have changed since, those alone that they affect (`refine_frames`)."""
 
-    def progressed(now: Progress | ProvisionalFrame) -> None:
+    def progressed(now: Progress | FrameTracked) -> None:
         if isinstance(now, Progress):
             job.show_progress(now.share, _REFINING)
 

@@ -15,7 +15,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from scipy.optimize import minimize
-from scipy.sparse import coo_matrix, csr_matrix, hstack
+from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from handtrack.arrays import D2, D3, D6, D9, Array, C, Floats, Ints, M, N, V
 from handtrack.geometry.rotation import left_jacobian, rotation_matrix, skew
@@ -81,37 +81,40 @@ def refine(
 
     free_lens: bool, which lens numbers are estimated.
     """
-    layout = _Layout(start, np.asarray(free_lens, dtype=bool), fixed_camera)
+    free_camera = np.arange(len(start.camera)) != fixed_camera
+    free = np.concatenate(
+        [np.ravel(free_lens), np.repeat(free_camera, 6), np.ones(start.view.size, bool)]
+    )
     scale = max(_ROBUST_SIGMAS * _spread(residuals(start, corners)), 0.3)
     state, good = start, False
     for _ in range(2):  # the second time with the scale of what is really left
-        state, good = _minimised(state, corners, layout, scale)
+        state, good = _minimised(state, corners, free, scale)
         scale = max(_ROBUST_SIGMAS * _spread(residuals(state, corners)), 0.05)
     left = residuals(state, corners)
-    lens_std, skews = _uncertainty(state, corners, layout, left, scale)
+    lens_std, skews = _uncertainty(state, corners, free, left, scale)
     return Refined(state, left, _spread(left), lens_std, skews, good)
 
 
 def _minimised(
-    state: RigState, corners: Corners, layout: _Layout, scale: float
+    state: RigState, corners: Corners, free: Array[N], scale: float
 ) -> tuple[RigState, bool]:
     """Return the state of least robust cost, and whether it was reached in time."""
 
-    squares = _jacobian(state, corners, layout).power(2).sum(axis=0)
+    squares = _jacobian(state, corners, free).power(2).sum(axis=0)
     size = np.sqrt(np.maximum(np.ravel(squares), 1e-30))  # makes all unknowns weigh alike
 
     def cost(scaled: Floats) -> float:
-        return _robust_cost(residuals(layout.state(scaled / size), corners), scale) / 2
+        return _robust_cost(residuals(_moved(state, free, scaled / size), corners), scale) / 2
 
     @lru_cache(maxsize=1)  # gradient and curvature are asked for at the same place
     def system(scaled: bytes) -> tuple[Floats, Floats]:
-        moved = layout.state(np.frombuffer(scaled) / size)
+        moved = _moved(state, free, np.frombuffer(scaled) / size)
         left = residuals(moved, corners).reshape(-1)
-        jacobian = _jacobian(moved, corners, layout).multiply(1 / size)
+        jacobian = _jacobian(moved, corners, free).multiply(1 / size)
         weighted = jacobian.multiply(_robust_weight(left, scale)[:, None])
         return -(weighted.T @ left), (weighted.T @ jacobian).toarray()
 
-    start = layout.vector(state) * size
+    start = _numbers(state)[free] * size
     length = np.sqrt(cost(start)) + 1e-9  # no gradient is much longer than the residuals are
     radii = {"initial_trust_radius": 1e3 * length, "max_trust_radius": 1e9 * length}
     found = minimize(
@@ -122,7 +125,7 @@ def _minimised(
         method="trust-exact",
         options={"gtol": 1e-6 * length, "maxiter": _STEPS, **radii},
     )
-    return layout.state(found.x / size), bool(found.success)
+    return _moved(state, free, found.x / size), bool(found.success)
 
 
 def _robust_cost(left: Floats, scale: float) -> float:
@@ -140,40 +143,17 @@ def _spread(left: Floats) -> float:
     return float(1.4826 * np.median(np.abs(left)))
 
 
-class _Layout:
-    """Where each estimated number stands in the solver's vector."""
-
-    def __init__(self, start: RigState, free_lens: Array, fixed_camera: int) -> None:
-        self._start = start
-        free_camera = np.ones_like(start.camera, dtype=bool)
-        free_camera[fixed_camera] = False
-        self._free = np.concatenate(
-            [free_lens.ravel(), free_camera.ravel(), np.ones(start.view.size, dtype=bool)]
-        )
-        self.column = np.where(self._free, np.cumsum(self._free) - 1, -1)
-        """of every number of the state, −1 where it is held fixed"""
-        self.count = int(self._free.sum())
-
-    def vector(self, state: RigState) -> Floats:
-        return _flat(state)[self._free]
-
-    def state(self, vector: Floats) -> RigState:
-        whole = _flat(self._start)
-        whole[self._free] = vector
-        return self.unflatten(whole)
-
-    def unflatten(self, whole: Floats) -> RigState:
-        lens, camera, view = self._start.lens, self._start.camera, self._start.view
-        first, second = lens.size, lens.size + camera.size
-        return RigState(
-            whole[:first].reshape(lens.shape),
-            whole[first:second].reshape(camera.shape),
-            whole[second:].reshape(view.shape),
-        )
-
-
-def _flat(state: RigState) -> Floats:
+def _numbers(state: RigState) -> Floats[N]:
     return np.concatenate([state.lens.ravel(), state.camera.ravel(), state.view.ravel()])
+
+
+def _moved(start: RigState, free: Array[N], values: Floats[M]) -> RigState:
+    """Return the state in which numbers that are free have other values."""
+    numbers = _numbers(start)
+    numbers[free] = values
+    first, second = start.lens.size, start.lens.size + start.camera.size
+    lens, camera, view = np.split(numbers, [first, second])
+    return RigState(lens.reshape(-1, 9), camera.reshape(-1, 6), view.reshape(-1, 6))
 
 
 def _projected(state: RigState, corners: Corners) -> tuple[Floats, Floats, Floats]:
@@ -190,8 +170,8 @@ def _projected(state: RigState, corners: Corners) -> tuple[Floats, Floats, Float
     return pixels, slopes, turned
 
 
-def _jacobian(state: RigState, corners: Corners, layout: _Layout) -> csr_matrix:
-    """Return d predicted pixel / d vector, (2M, count) sparse."""
+def _jacobian(state: RigState, corners: Corners, free: Array[N]) -> csr_matrix:
+    """Return d predicted pixel / d free numbers, (2M, count) sparse."""
     _, slopes, turned = _projected(state, corners)
     by_pose, by_lens = slopes[..., :6], slopes[..., 6:]
     by_world = by_pose[..., 3:] @ rotation_matrix(state.camera[:, :3])[corners.camera]
@@ -208,15 +188,14 @@ def _jacobian(state: RigState, corners: Corners, layout: _Layout) -> csr_matrix:
         ],
         axis=1,
     )
-    columns = np.broadcast_to(layout.column[numbers][:, None, :], blocks.shape)
+    columns = np.broadcast_to(numbers[:, None, :], blocks.shape)
     rows = np.broadcast_to(np.arange(2 * count).reshape(count, 2, 1), blocks.shape)
-    kept = columns >= 0
-    entries = (blocks[kept], (rows[kept], columns[kept]))
-    return csr_matrix(coo_matrix(entries, shape=(2 * count, layout.count)))
+    entries = (blocks.ravel(), (rows.ravel(), columns.ravel()))
+    return csc_matrix(entries, shape=(2 * count, len(free)))[:, free].tocsr()
 
 
 def _uncertainty(
-    state: RigState, corners: Corners, layout: _Layout, left: Floats, scale: float
+    state: RigState, corners: Corners, free: Array[N], left: Floats, scale: float
 ) -> tuple[Floats, Floats]:
     """Return the standard deviations of lenses, and the skews that would fit next.
 
@@ -228,19 +207,19 @@ def _uncertainty(
     mine = corners.camera[:, None] == np.arange(cameras)
     skew_columns = np.stack([mine * down, np.zeros((len(down), cameras))], axis=1)
     skew_columns = skew_columns.reshape(-1, cameras)
-    whole = csr_matrix(hstack([_jacobian(state, corners, layout), csr_matrix(skew_columns)]))
+    whole = csr_matrix(hstack([_jacobian(state, corners, free), csr_matrix(skew_columns)]))
     weight = _robust_weight(left.reshape(-1), scale)
     weighted = whole.multiply(weight[:, None])
     normal = (weighted.T @ whole).toarray()
     right = weighted.T @ left.reshape(-1)
-    n = layout.count
+    n = int(free.sum())
     diagonal = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     scaled = normal / np.outer(diagonal, diagonal)
     inverse = np.linalg.pinv(scaled[:n, :n], rcond=1e-13, hermitian=True)
-    variance = np.zeros(len(layout.column))
+    variance = np.zeros(len(free))
     spread = _spread(left) ** 2
-    variance[layout.column >= 0] = spread * np.diag(inverse) / diagonal[:n] ** 2
-    std = layout.unflatten(np.sqrt(np.maximum(variance, 0)))
+    variance[free] = spread * np.diag(inverse) / diagonal[:n] ** 2
+    std = np.sqrt(np.maximum(variance[: state.lens.size], 0)).reshape(-1, 9)
     # with skew freed: the Schur complement keeps the other numbers free to give way
     coupling = scaled[:n, n:]
     own = scaled[n:, n:] - coupling.T @ inverse @ coupling
@@ -249,4 +228,4 @@ def _uncertainty(
         right[n:] / diagonal[n:] - coupling.T @ inverse @ (right[:n] / diagonal[:n])
     )
     skews = np.stack([step, np.sqrt(np.maximum(spread * np.diag(own_inverse), 0))], -1)
-    return std.lens, skews / diagonal[n:, None]
+    return std, skews / diagonal[n:, None]

@@ -71,7 +71,6 @@ class _LensFit:
     distortions: Floats
     poses: tuple[Floats, ...]
     """T_camera_board of shared views, then of those for this camera alone."""
-    rms_px: float
     dropped: tuple[str, ...]
 
 
@@ -107,11 +106,12 @@ def calibrate_rig(
     rig = _rig(chosen, refined.state, T_new_world)
     boards = {f: np.asarray(T_new_world @ pose, float) for f, pose in T_world_board.items()}
     left = _per_view(used, refined)
+    alone = [_rms(np.concatenate(_misses(board, camera, fit))) for camera, fit in zip(chosen, fits)]
     report = CalibrationReport(
         board.text,
         refined.sigma_px,
         tuple(
-            camera_report(rig.cameras[c], cameras[c], used[c], left[c], fits[c].rms_px, refined, c)
+            camera_report(rig.cameras[c], cameras[c], used[c], left[c], alone[c], refined, c)
             for c in range(len(used))
         ),
         pair_reports(rig, used, disagreement),
@@ -162,7 +162,7 @@ def _fit_lens(
     if known is not None:
         return camera, _with_known_lens(board, camera, known)
     fit = _cv2_fit(board, camera, settings)
-    errors = _view_errors(board, camera, fit)
+    errors = np.array([_rms(off) for off in _misses(board, camera, fit)])
     limit = max(_WRONG_VIEW * float(np.median(errors)), _WRONG_VIEW_PX)
     good = errors <= limit
     if good.all() or good.sum() < _LEAST_VIEWS:
@@ -185,7 +185,7 @@ def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -
     flags = 0 if settings.k3 else cv2.CALIB_FIX_K3
     flags |= 0 if settings.tangential else cv2.CALIB_ZERO_TANGENT_DIST
     try:
-        rms, matrix, distortions, turns, shifts = cv2.calibrateCamera(
+        _, matrix, distortions, turns, shifts = cv2.calibrateCamera(
             points,
             pixels,
             camera.size,
@@ -204,7 +204,7 @@ def _cv2_fit(board: Board, camera: CameraViews, settings: CalibrationSettings) -
         _pose_matrix(np.concatenate([np.ravel(turn), np.ravel(shift)]).astype(float))
         for turn, shift in zip(turns, shifts)
     )
-    return _LensFit(np.array(matrix, dtype=float), found, poses, float(rms), ())
+    return _LensFit(np.array(matrix, dtype=float), found, poses, ())
 
 
 def _known_lens(camera: CameraViews, settings: CalibrationSettings) -> Camera | None:
@@ -227,21 +227,19 @@ def _with_known_lens(board: Board, camera: CameraViews, known: Camera) -> _LensF
     distortions[: min(5, len(known.distortions))] = known.distortions[:5]
     views = camera.views
     poses = tuple(pose_of_view(view, board, known.matrix, distortions) for view in views)
-    fit = _LensFit(np.array(known.matrix), distortions, poses, 0.0, ())
-    return replace(fit, rms_px=float(np.sqrt(np.mean(_view_errors(board, camera, fit) ** 2))))
+    return _LensFit(np.array(known.matrix), distortions, poses, ())
 
 
-def _view_errors(board: Board, camera: CameraViews, fit: _LensFit) -> Floats:
-    """Return the root mean square distance of each view's corners [px]."""
+def _misses(board: Board, camera: CameraViews, fit: _LensFit) -> list[Floats[N, D2]]:
+    """Return each view's corners, seen − predicted [px]."""
     found = []
     for view, pose in zip(camera.views, fit.poses):
         turn, _ = cv2.Rodrigues(pose[:3, :3])
         pixels, _ = cv2.projectPoints(
             board.points[view.ids], turn, pose[:3, 3], fit.matrix, fit.distortions
         )
-        off = view.pixels - np.array(pixels, dtype=float).reshape(-1, 2)
-        found.append(float(np.sqrt((off**2).sum(axis=1).mean())))
-    return np.array(found)
+        found.append(view.pixels - np.array(pixels, dtype=float).reshape(-1, 2))
+    return found
 
 
 def _free_lens(cameras: Sequence[CameraViews], settings: CalibrationSettings) -> Array:
