@@ -10,6 +10,7 @@ import numpy as np
 from handtrack.arrays import D2, D3, Floats, K
 from handtrack.detector.hand_detector import DetectedHand
 from handtrack.geometry.camera import Camera
+from handtrack.geometry.rotation import skew
 
 _AGREE = 0.1  # of the hand's square: pixels by which one hand may miss its epipolar lines, hidden fingers and time included
 _MOST_LOG_ODDS = 4.6  # of a side: no view is surer than 99 %
@@ -84,6 +85,5 @@ def _to_lines(
 def _fundamental(a: Camera, b: Camera) -> Floats[D3, D3]:
     """Return F with x_bᵀ F x_a = 0 for pixels of the two undistorted cameras."""
     rotation = b.rotation @ a.rotation.T
-    x, y, z = b.translation - rotation @ a.translation
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    cross = skew(b.translation - rotation @ a.translation)
     return np.linalg.inv(b.matrix).T @ cross @ rotation @ np.linalg.inv(a.matrix)

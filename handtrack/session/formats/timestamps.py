@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Mapping
+from dataclasses import field
 from pathlib import Path
 
 import numpy as np
@@ -25,15 +26,13 @@ class FrameTimes:
 
     fps: float
     """frames a second; the median rate when only times were given."""
-    frame: Floats[N] | None = None
-    """frames with a measured time, ascending."""
-    time_s: Floats[N] | None = None
+    frame: Floats[N] = field(default_factory=lambda: np.zeros(1))
+    """frames with a measured time, ascending; the first alone where there is but a rate."""
+    time_s: Floats[N] = field(default_factory=lambda: np.zeros(1))
     """[s], ascending."""
 
     def time_of(self, frame: int) -> float:
         """Return a frame's time [s]."""
-        if self.frame is None or self.time_s is None:
-            return frame / self.fps
         if frame < self.frame[0]:
             return float(self.time_s[0] + (frame - self.frame[0]) / self.fps)
         if frame > self.frame[-1]:
@@ -43,9 +42,7 @@ class FrameTimes:
     def nearest(self, time_s: float) -> int:
         """Return the frame whose time is nearest, the earlier of two; below 0 where time_s lies before them all."""
         frame, times = self.frame, self.time_s
-        if frame is None or times is None:
-            place = time_s * self.fps
-        elif time_s < times[0]:
+        if time_s < times[0]:
             place = frame[0] + (time_s - times[0]) * self.fps
         elif time_s > times[-1]:
             place = frame[-1] + (time_s - times[-1]) * self.fps
@@ -57,8 +54,6 @@ class FrameTimes:
 
     def later(self, by_s: float) -> FrameTimes:
         """Return the same frames at times that are later by some seconds; of a rate alone they begin there."""
-        if self.frame is None or self.time_s is None:
-            return FrameTimes(self.fps, np.zeros(1), np.array([by_s]))
         return FrameTimes(self.fps, self.frame, self.time_s + by_s)
 
 
